@@ -6,6 +6,7 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -141,30 +142,43 @@ def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None
     assert json.loads(out)["value"]["path"] == "/gcs/mission/state"
 
 
-def rates(line: dict[str, Any], channel: str) -> float:
-    return float(next((c["sent_hz"] for c in line["channels"] if c["channel"] == channel), 0.0))
+def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ctl) -> None:
+    def pose() -> dict[str, Any]:
+        channels = ctl("traffic ls -n uav1 --json").document["channels"]
+        return next(c for c in channels if c["channel"] == "nav/pose")
 
-
-def test_a_rate_limit_holds_within_a_second_and_ends_by_itself(lab: Lab, ctl: Ctl) -> None:
     # somebody must want the poses, or none are sent
     with lab.started("tree watch /uav1/nav/pose --json") as reader:
         try:
             assert reader.stdout is not None
-            for _ in range(8):  # the first values may be of a mirror that another command left
-                json.loads(reader.stdout.readline())
-            free = rates(ctl("traffic top -n uav1 --count 1 --json").lines[0], "nav/pose")
-            limits = ctl("traffic set '/uav1/nav/*' --rate 1hz --for 3s --json").document["limits"]
-            assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 1.0)]
-            lines = ctl("traffic top -n uav1 --count 6 --json").lines
+            json.loads(reader.stdout.readline())
+            limits = ctl("traffic set '/uav1/nav/*' --rate 0.2hz --json").document["limits"]
+            assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 0.2)]
+            began_s = time.monotonic()
+            before = now = pose()
+            while now["offered_frames"] < before["offered_frames"] + 12:
+                now = pose()
+            # counters and events alone: at rest a vehicle sends two unchanged poses a second, else up to ten
+            assert now["max_hz"] == 0.2
+            assert now["held_back"] >= before["held_back"] + 9
+            rates = ctl("traffic top -n uav1 --period 2 --count 1 --json").lines[0]["channels"]
+            rate = next(one for one in rates if one["channel"] == "nav/pose")
+            assert rate["offered_hz"] >= rate["held_back_hz"] > rate["sent_hz"]
+            due = (time.monotonic() - began_s) / 4.5  # a period may end half a beacon early
+            assert now["sent_frames"] <= before["sent_frames"] + 1 + due
+
+            limits = ctl("traffic set '/uav1/nav/*' --rate 0.2hz --for 1s --json").document["limits"]
+            assert [0 < one["remaining_s"] <= 1 for one in limits] == [True]
+            while (ended := pose())["max_hz"] is not None:
+                pass
+            while (now := pose())["sent_frames"] < ended["sent_frames"] + 6:
+                assert now["held_back"] == ended["held_back"]
         finally:
             reader.send_signal(signal.SIGINT)
             reader.communicate(timeout=10)
     assert reader.returncode == 130
-    assert free >= 3  # a vehicle at rest writes five poses a second
-    limited = [rates(line, "nav/pose") for line in lines]
-    # the first second after the command began before it, the next two are under the limit
-    assert limited[1] < 2.5, "two at the ends of a second are possible"
-    assert max(limited[-2:]) >= 2.5
+    assert ctl("tree get /uav1/net/limits --json").document["value"]["limits"] == []
+    assert ctl("traffic set 'nav/*' --rate 1hz -n uav1 --json").document["limits"]
     assert ctl("traffic set 'nav/*' --rate auto -n uav1 --json").document["limits"] == []
 
 
