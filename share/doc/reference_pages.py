@@ -2,18 +2,18 @@
 
 import inspect
 import re
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
-from struct_tables import cell, default, field_docs, unit, wire_type
+from struct_tables import cell, field_docs
 
 from swarmctl.terminal import documents
 from swarmware import errors
 from swarmware.model import resource, template
 from swarmware.model.config import NodeConfig
+from swarmware.service.config_keys import KeyDescription, described_keys, permitted, toml_type, without_none
 from swarmware.service.installed import find, installed
 from swarmware.types import registry
 
@@ -43,109 +43,23 @@ def head(*names: str) -> str:
     return row(*names) + "|---" * len(names) + "|\n"
 
 
-_TOML = {
-    msgspec.inspect.NoneType: "none",
-    msgspec.inspect.BoolType: "boolean",
-    msgspec.inspect.IntType: "integer",
-    msgspec.inspect.FloatType: "float",
-    msgspec.inspect.StrType: "string",
-    msgspec.inspect.EnumType: "string",
-    msgspec.inspect.LiteralType: "string",
-}
-
-
-def keys(cls: type[msgspec.Struct], prefix: str = "", value: Any = None) -> Iterator[Key]:
+def keys(cls: type[msgspec.Struct], prefix: str = "") -> Iterator[Key]:
     """Every key of a table of a configuration file, those of the tables inside it too."""
-    docs = field_docs(sys.modules[cls.__module__])
-    info = msgspec.inspect.type_info(cls)
-    assert isinstance(info, msgspec.inspect.StructType)
-    for field in info.fields:
-        kind, inner = _without_none(field.type), f"{prefix}{field.encode_name}"
-        if isinstance(kind, msgspec.inspect.StructType):
-            yield from keys(kind.cls, f"{inner}.")
-            continue
-        item = _item(kind)
-        meaning = docs.get((cls.__name__, field.name), "")
-        tables = isinstance(item, msgspec.inspect.StructType)
-        yield Key(
-            inner,
-            "array of tables" if tables else toml_type(kind),
-            "" if tables else unit(field.name, wire_type(kind)),
-            _default(field, tables=tables),
-            "" if tables else permitted(kind),
-            meaning,
-        )
-        if isinstance(item, msgspec.inspect.StructType):
-            yield from keys(item.cls, f"{inner}[].")
+    for one in described_keys(cls):
+        name = f"{prefix}{one.name}"
+        yield Key(name, one.type, one.unit, _default(one), one.limits, one.meaning)
+        if one.item is not None:
+            yield from keys(one.item, f"{name}[].")
 
 
-def _without_none(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
-    if isinstance(kind, msgspec.inspect.UnionType):
-        rest = [one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType)]
-        return rest[0] if len(rest) == 1 else kind
-    return kind
-
-
-def _item(kind: msgspec.inspect.Type) -> msgspec.inspect.Type | None:
-    return kind.item_type if isinstance(kind, msgspec.inspect.VarTupleType) else None
-
-
-def _default(field: msgspec.inspect.Field, *, tables: bool) -> str:
-    if field.required:
+def _default(one: KeyDescription) -> str:
+    if one.required:
         return "required"
-    if field.default is None:
+    if one.default is None:
         return "left out"
-    if tables:
-        return f"{len(field.default)} tables" if field.default else "`[]`"
-    return default(field)
-
-
-def toml_type(kind: msgspec.inspect.Type) -> str:
-    """Name of a type in a TOML file."""
-    match kind:
-        case msgspec.inspect.VarTupleType(item_type=item):
-            return f"array of {toml_type(item)}s"
-        case msgspec.inspect.TupleType(item_types=items):
-            return f"array of {len(items)} {toml_type(items[0])}s"
-        case msgspec.inspect.DictType():
-            return "tables"
-        case msgspec.inspect.UnionType(types=types):
-            return " or ".join(sorted({toml_type(one) for one in types} - {"none"}))
-    return _TOML[type(kind)]
-
-
-def permitted(kind: msgspec.inspect.Type) -> str:
-    """The permitted values of a key: an interval, a pattern, or the values themselves."""
-    match kind:
-        case msgspec.inspect.IntType() | msgspec.inspect.FloatType():
-            return _interval(kind)
-        case msgspec.inspect.StrType(pattern=str(pattern)):
-            return f"`{pattern}`"
-        case msgspec.inspect.LiteralType(values=values):
-            return ", ".join(f"`{value}`" if value else "empty" for value in values)
-        case msgspec.inspect.EnumType(cls=cls):
-            return ", ".join(f"`{one.value}`" for one in cls)
-        case msgspec.inspect.BoolType():
-            return "`true`, `false`"
-        case msgspec.inspect.VarTupleType(item_type=item) | msgspec.inspect.TupleType(item_types=(item, *_)):
-            found = permitted(item)
-            return f"each {found}" if found else ""
-    return ""
-
-
-def _interval(kind: msgspec.inspect.IntType | msgspec.inspect.FloatType) -> str:
-    low = f"[{_number(kind.ge)}" if kind.ge is not None else f"({_number(kind.gt)}"
-    high = f"{_number(kind.le)}]" if kind.le is not None else f"{_number(kind.lt)})"
-    if (low, high) == ("(", ")"):
-        return ""
-    return f"{'(−∞' if low == '(' else low}, {'∞)' if high == ')' else high}"
-
-
-def _number(bound: float | None) -> str:
-    if bound is None:
-        return ""
-    exact = int(bound) if bound == int(bound) else bound
-    return str(exact).replace("-", "−")
+    if one.item is not None and one.default:
+        return f"{len(one.default)} tables"
+    return f"`{msgspec.json.encode(one.default).decode()}`"
 
 
 def configuration() -> str:
@@ -188,7 +102,7 @@ def templates() -> str:
     assert isinstance(info, msgspec.inspect.StructType)
     fields = {field.name: field for field in info.fields}
     for name in template.Entry.__struct_fields__:
-        kind = _without_none(fields[name].type)
+        kind = without_none(fields[name].type)
         values = permitted(kind) or toml_type(kind)
         out.append(row(f"`{name}`", values, docs.get(("Resource", name), "")))
     out += ["\nThe kinds:\n\n", head("kind", "meaning")]

@@ -23,6 +23,7 @@ from swarmware.geometry.world import World
 from swarmware.mission.folder import Manifest
 from swarmware.model import config, document, template
 from swarmware.model.config import NodeConfig, share_dir
+from swarmware.model.stored_setting import SettingChange
 from swarmware.transport.appfile.entry import AppEntry, decode, encode
 from swarmware.transport.security import Keys, make_swarm
 
@@ -241,7 +242,7 @@ def test_an_application_file_that_nests_too_deep_is_no_application_file() -> Non
 
 def test_a_setting_that_is_infinite_is_kept_over_a_restart(tmp_path: Path) -> None:
     store = SettingsStore(tmp_path / "settings.toml")
-    store.put("config/limit", float("inf"), 0.0)
+    store.put("config/limit", SettingChange(utc_ns=1, by="", before=0.0, after=float("inf")))
     kept = SettingsStore(tmp_path / "settings.toml").get("config/limit")
     assert kept is not None
     assert kept.value == float("inf")

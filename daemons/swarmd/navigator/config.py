@@ -100,11 +100,11 @@ class AltitudeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """PID altitude hold: from height error in m to climb rate in m/s."""
 
     kp_1_s: Weight = 1.2
-    """Proportional gain; the setting `navigator/altitude_kp` replaces it."""
+    """Proportional gain: climb rate per metre of height error."""
     ki_1_s2: Weight = 0.15
-    """Integral gain; the setting `navigator/altitude_ki` replaces it."""
+    """Integral gain."""
     kd: Weight = 0.1
-    """Derivative gain; the setting `navigator/altitude_kd` replaces it."""
+    """Derivative gain: damping of the climb rate."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -2,31 +2,18 @@
 
 from typing import ClassVar, Final
 
-import msgspec
-
 from swarmd.navigator import config as settings
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.navigator import Controller, NavigatorCore
-from swarmd.navigator.inputs import Fresh, Inputs
+from swarmd.navigator.inputs import Inputs
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
+from swarmware.service.live_config import LiveConfig
 from swarmware.service.service import Service
-from swarmware.types.scalar import Float
 from swarmware.types.vehicle import NavStatus, Pose, Setpoint
-
-GAINS: Final = {
-    "heading_weight": ("dwa", "heading_weight"),
-    "distance_weight": ("dwa", "distance_weight"),
-    "velocity_weight": ("dwa", "velocity_weight"),
-    "altitude_kp": ("altitude", "kp_1_s"),
-    "altitude_ki": ("altitude", "ki_1_s2"),
-    "altitude_kd": ("altitude", "kd"),
-    "position_kp": ("air", "kp_1_s"),
-}
-"""Parameter `config/navigator/<name>`: table and key of the configuration that it overrides."""
 
 _SETTINGS_EVERY: Final = 10
 """Control steps between two checks of the parameters."""
@@ -37,7 +24,15 @@ class Navigator(Service):
 
     name = "navigator"
     Config: ClassVar = settings.Config
-    live_settings: ClassVar = {f"{table}.{key}": f"navigator/{name}" for name, (table, key) in GAINS.items()}
+    live_settings: ClassVar = {
+        "dwa.heading_weight": "navigator/heading_weight",
+        "dwa.distance_weight": "navigator/distance_weight",
+        "dwa.velocity_weight": "navigator/velocity_weight",
+        "altitude.kp_1_s": "navigator/altitude_kp",
+        "altitude.ki_1_s2": "navigator/altitude_ki",
+        "altitude.kd": "navigator/altitude_kd",
+        "air.kp_1_s": "navigator/position_kp",
+    }
     config: settings.Config
 
     def __init__(self, module: Module, config: settings.Config) -> None:
@@ -46,9 +41,7 @@ class Navigator(Service):
         world = load(paths.world(node.share_path, config.world), World)
         self._core = NavigatorCore(config, module.platform, world.origin, controller(node.kind, config))
         self._inputs = Inputs(module)
-        self._gains = {
-            name: Fresh(module.reader(paths.setting(f"navigator/{name}"), Float)) for name in GAINS
-        }
+        self._live = LiveConfig(module, config, self.live_settings)
         self._poses = module.writer(
             "nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity"
         )
@@ -61,16 +54,12 @@ class Navigator(Service):
 
     async def run(self) -> None:
         """Runs the control loop until the service ends."""
-        module, navigator, current = self.module, self._core, self.config
+        module, navigator = self.module, self._core
         ticker = module.every(navigator.period_s(), stage=2)
         async for tick in ticker:
             now_ns = module.now_ns()
-            if tick % _SETTINGS_EVERY == 0:
-                news = {name: new.value for name, board in self._gains.items() if (new := board.take())}
-                changed = with_gains(current, news)
-                if changed != current:
-                    current = changed
-                    navigator.set_config(current)
+            if tick % _SETTINGS_EVERY == 0 and (changed := self._live.take()) is not None:
+                navigator.set_config(changed)
             self._inputs.feed(navigator, now_ns)
             step = navigator.step(now_ns)
             self._setpoints.write(step.setpoint, now_ns)
@@ -93,12 +82,3 @@ def controller(kind: PlatformKind, config: settings.Config) -> Controller:
     from swarmd.navigator.core.ground_controller import GroundController
 
     return GroundController(config)
-
-
-def with_gains(config: settings.Config, gains: dict[str, float]) -> settings.Config:
-    """The configuration with some gains overridden."""
-    for name, value in gains.items():
-        table, key = GAINS[name]
-        part = msgspec.structs.replace(getattr(config, table), **{key: value})
-        config = msgspec.structs.replace(config, **{table: part})
-    return config

@@ -31,6 +31,7 @@ from swarmware.types.tree import (
     TreeGet,
     TreeList,
     TreeListing,
+    TreeReset,
     TreeSet,
     TreeSetDone,
     TreeUndo,
@@ -46,7 +47,7 @@ DEMAND_S: Final = 1.0
 
 
 class OperatorApi:
-    """Serves `sys/tree/get`, `set`, `undo`, `list` and `type`."""
+    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `list` and `type`."""
 
     def __init__(
         self,
@@ -78,6 +79,7 @@ class OperatorApi:
         serve("sys/tree/get", TreeGet, self._get, reply=TreeValue)
         serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
         serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
+        serve("sys/tree/reset", TreeReset, self._reset, reply=TreeSetDone)
         serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
         serve("sys/tree/type", TypeRequest, self._type, reply=TypeDescription)
 
@@ -148,6 +150,13 @@ class OperatorApi:
         resource = self._view.own_leaf(local).resource
         return await self._change_here(resource, meta, partial(self._undo_here, resource))
 
+    async def _reset(self, request: TreeReset, meta: Meta) -> TreeSetDone:
+        platform, local = self._split(request.path)
+        if platform != self._module.platform:
+            return await self._change_there(platform, "reset", TreeReset(local), request.path, meta)
+        resource = self._view.own_leaf(local).resource
+        return await self._change_here(resource, meta, partial(self._reset_here, resource))
+
     async def _change_there(
         self, platform: str, verb: str, request: msgspec.Struct, path: str, meta: Meta
     ) -> TreeSetDone:
@@ -163,7 +172,7 @@ class OperatorApi:
         )
 
     async def _change_here(
-        self, resource: Resource, meta: Meta, change: Callable[[str], Awaitable[TreeSetDone]]
+        self, resource: Resource, meta: Meta, change: Callable[[str, str], Awaitable[TreeSetDone]]
     ) -> TreeSetDone:
         """Make a change and record it, also one that is refused. Raises: Denied, as `change`."""
         shown = names.join(self._module.platform, resource.path)
@@ -171,7 +180,7 @@ class OperatorApi:
         try:
             verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL
             self._access.check(meta.sender, verb, resource.path)
-            done = await change(shown)
+            done = await change(shown, by)
         except SwarmError as error:
             self._changes.write(TreeChange(shown, by, before, "", str(error)))
             raise
@@ -189,7 +198,9 @@ class OperatorApi:
         known = (name for name in self._view.platforms() if names.hardware_id(name) == meta.sender_hw)
         return f"?@{next(known, f'{meta.sender_hw:08x}')}"
 
-    async def _set_here(self, resource: Resource, field: str, request: TreeSet, shown: str) -> TreeSetDone:
+    async def _set_here(
+        self, resource: Resource, field: str, request: TreeSet, shown: str, by: str
+    ) -> TreeSetDone:
         check_settable(resource, shown)
         plain = unpacked(request.value, shown)
         frame = self._view.own_frame(resource)
@@ -199,7 +210,7 @@ class OperatorApi:
             plain = with_field(present, field, plain, shown)
         value = typed(resource, plain, f"{shown}.{field}" if field else shown, cls)
         if resource.kind is Kind.SETTING:
-            version = await self._settings.set(resource, value, shown, request.version)
+            version = await self._settings.set(resource, value, shown, by, request.version)
             return TreeSetDone(shown, version, resource.type, registry.encode(value))
         if request.version is not None and (frame is None or frame.sequence != request.version):
             have = "no value" if frame is None else f"version {frame.sequence}"
@@ -221,8 +232,12 @@ class OperatorApi:
             raise NoAnswer(f"{shown}: {outcome}")
         return TreeSetDone(shown, 0, resource.type, registry.encode(value))
 
-    async def _undo_here(self, resource: Resource, shown: str) -> TreeSetDone:
-        value, version = await self._settings.undo(resource, shown)
+    async def _undo_here(self, resource: Resource, shown: str, by: str) -> TreeSetDone:
+        value, version = await self._settings.undo(resource, shown, by)
+        return TreeSetDone(shown, version, resource.type, registry.encode(value))
+
+    async def _reset_here(self, resource: Resource, shown: str, by: str) -> TreeSetDone:
+        value, version = await self._settings.reset(resource, shown, by)
         return TreeSetDone(shown, version, resource.type, registry.encode(value))
 
     # -- list

@@ -9,6 +9,7 @@ from typing import Final
 
 from swarmd.tree import config as own
 from swarmd.tree.boundary import Boundary
+from swarmd.tree.config_api import ConfigApi
 from swarmd.tree.core.action import (
     Action,
     PruneMirrors,
@@ -33,6 +34,7 @@ from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmware.errors import ConfigError
 from swarmware.model import template
 from swarmware.model.resource import Resource
+from swarmware.model.stored_setting import FILE
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -71,7 +73,7 @@ class Tree(Service):
         self._driver = self.drive(self._tree, self._perform, settled=self._settled, boundary=self._of_action)
         self._stepped = asyncio.Event()
         """Set after each step of the core."""
-        self._settings = Settings(module, SettingsStore(node.config.data_path / "settings.toml"))
+        self._settings = Settings(module, SettingsStore(node.config.data_path / FILE))
         self._structure = 0
         """Digest of the structure whose settings are published."""
         self._mirrors = MirrorWriter(node)
@@ -92,6 +94,7 @@ class Tree(Service):
             changes,
             config.answer_s,
         )
+        self._config_api = ConfigApi(module, self._settings)
         self._report = TreeReport(module, self._tree, self._exchange, self._mirrors, self._boundary)
         self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
         self._mission: BoardReader[MissionState] = module.reader("mission/state", MissionState)
@@ -114,6 +117,7 @@ class Tree(Service):
             self._take_applications()
             self._exchange.serve()
             self._operator_api.serve()
+            self._config_api.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")
                 group.create_task(self._follow_applications(changed), name="tree:apps")
@@ -144,6 +148,8 @@ class Tree(Service):
 
     def _take_applications(self) -> None:
         table = self.module.node.applications.table
+        with self._boundary("settings of the applications"):
+            self._settings.on_applications(table)
         with self._boundary("applications of the node"):
             self._driver.feed(
                 self._tree.on_applications(

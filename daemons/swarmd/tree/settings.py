@@ -1,24 +1,28 @@
-"""Settings as resources: one board each, with the stored value or the default."""
+"""Settings as resources: one board each, with the stored value, else that of its file, else the default."""
 
 import asyncio
 import logging
-from collections.abc import Iterable
-from typing import Final
+from collections.abc import Callable, Iterable
+from typing import Any, Final
 
 import msgspec
 
 from swarmd.tree.core.value import typed
 from swarmd.tree.store import SettingsStore
 from swarmware.errors import Conflict, InvalidInput, NotFound, SwarmError
+from swarmware.model import paths
+from swarmware.model.clock import utc_ns
 from swarmware.model.resource import Kind, Plain, Resource
+from swarmware.model.stored_setting import LiveValue, SettingChange
 from swarmware.module.module import Module
 from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
+from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types import registry
 
 log = logging.getLogger("swarm.tree")
 
 NEVER_SET: Final = 0
-"""Version of a setting with its default value."""
+"""Version of a setting that was never changed."""
 
 
 class Settings:
@@ -29,6 +33,10 @@ class Settings:
         self._store = store
         self._boards: dict[str, BoardWriter[msgspec.Struct]] = {}
         self._refused: dict[str, Resource] = {}
+        self._files: dict[str, Plain] = {}
+        """Values of the files that the owners have read, by path."""
+        self._joined: dict[str, int] = {}
+        """Instant at which each application with settings has joined."""
         self._writing = asyncio.Lock()
 
     def publish(self, resources: Iterable[Resource]) -> None:
@@ -56,14 +64,53 @@ class Settings:
         )
         board.write(value)
 
+    def on_applications(self, table: Iterable[AppEntry]) -> None:
+        """Take the values of files from applications that have joined, and write their settings again.
+
+        An application takes only what was written after it has joined: its file may have changed before.
+        """
+        for entry in table:
+            if not entry.live or self._joined.get(entry.id) == entry.started_ns:
+                continue
+            self._joined[entry.id] = entry.started_ns
+            for key, name in entry.live.items():
+                path = paths.setting(name)
+                if (value := _configured(entry.config, key)) is not None:
+                    self._files[path] = value
+                if board := self._boards.get(path):
+                    board.write(self._value(board.resource))
+
     def _value(self, resource: Resource) -> msgspec.Struct:
         kept = self._store.get(resource.path)
-        if kept is not None:
+        if kept is not None and kept.value is not None:
             try:
                 return typed(resource, kept.value, resource.path)
             except SwarmError as error:
-                log.warning("stored setting is invalid, the default applies: %s", error)
+                log.warning("stored setting is invalid, the file or the default applies: %s", error)
+        return self._own_value(resource)
+
+    def _own_value(self, resource: Resource) -> msgspec.Struct:
+        """The value without an override: that of the owner's file, else the default."""
+        if (value := self._files.get(resource.path)) is not None:
+            # the owner has checked it by its own limits, and it is in force there
+            free = msgspec.structs.replace(resource, range=None, choices=())
+            try:
+                return typed(free, value, resource.path)
+            except SwarmError as error:
+                log.warning("setting %s: value of its file: %s", resource.path, error)
         return typed(resource, resource.default, resource.path)
+
+    def live_values(self) -> dict[str, LiveValue]:
+        """The settings in force, by path."""
+        return {
+            path: LiveValue(board.resource, _plain(self._value(board.resource)), self._store.get(path))
+            for path, board in self._boards.items()
+        }
+
+    def changes(self, matches: Callable[[str], bool]) -> list[tuple[str, SettingChange]]:
+        """The stored changes of the settings whose path matches, the newest first."""
+        found = [(path, one) for path, kept in self._store if matches(path) for one in kept.history]
+        return sorted(found, key=lambda item: item[1].utc_ns, reverse=True)
 
     def version(self, local: str) -> int | None:
         """Number of changes of a setting; None for another resource."""
@@ -73,31 +120,29 @@ class Settings:
         return kept.version if kept is not None else NEVER_SET
 
     async def set(
-        self, resource: Resource, value: msgspec.Struct, shown: str, expected: int | None = None
+        self, resource: Resource, value: msgspec.Struct, shown: str, by: str, expected: int | None = None
     ) -> int:
         """Store and publish a value; returns its version. `expected`: version before the change.
 
         Raises: Conflict if it has another version, SwarmError if it cannot be stored; nothing has
         changed then.
         """
-        async with self._writing:
-            board = self._boards.get(resource.path)
-            if board is None or board.resource != resource:
-                raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} has the reason")
-            present = self.version(resource.path)
-            if expected is not None and expected != present:
-                raise Conflict(f"{shown}: has version {present} now; expected {expected}")
-            before = registry.encode(self._value(resource))
-            former: Plain = msgspec.msgpack.decode(before)[0]
-            plain: Plain = msgspec.msgpack.decode(registry.encode(value))[0]
-            try:
-                kept = await asyncio.to_thread(self._store.put, resource.path, plain, former)
-            except OSError as error:
-                raise SwarmError(f"{shown}: cannot be stored: {error}; the old value stays") from error
-            board.write(value)
-            return kept.version
+        return await self._change(resource, value, shown, by, expected)
 
-    async def undo(self, resource: Resource, shown: str) -> tuple[msgspec.Struct, int]:
+    async def reset(self, resource: Resource, shown: str, by: str) -> tuple[msgspec.Struct, int]:
+        """Remove the override; returns the value of the file, else the default, and its version.
+
+        Raises: InvalidInput if it is not a setting; as `set`.
+        """
+        if resource.kind is not Kind.SETTING:
+            raise InvalidInput(f"{shown}: a {resource.kind} has no default; expected a setting")
+        value = self._own_value(resource)
+        kept = self._store.get(resource.path)
+        if kept is None or kept.value is None:
+            return value, NEVER_SET if kept is None else kept.version
+        return value, await self._change(resource, value, shown, by, kept.version, overrides=False)
+
+    async def undo(self, resource: Resource, shown: str, by: str) -> tuple[msgspec.Struct, int]:
         """Restore the value before the last change; returns the value and its version.
 
         Raises: NotFound if it was never changed, InvalidInput if it is not a setting; as `set`.
@@ -105,13 +150,62 @@ class Settings:
         if resource.kind is not Kind.SETTING:
             raise InvalidInput(f"{shown}: a {resource.kind} keeps no former value; expected a setting")
         kept = self._store.get(resource.path)
-        if kept is None or kept.before is None:
+        last = kept.history[-1] if kept is not None and kept.history else None
+        before = last.before if last is not None else kept.before if kept is not None else None
+        if kept is None or before is None:
             raise NotFound(f"{shown}: was not changed; nothing to undo")
-        value = typed(resource, kept.before, shown)
-        return value, await self.set(resource, value, shown, kept.version)
+        overrides = last is None or last.overrode
+        value = typed(resource, before, shown) if overrides else self._own_value(resource)
+        return value, await self._change(resource, value, shown, by, kept.version, overrides=overrides)
+
+    async def _change(
+        self,
+        resource: Resource,
+        value: msgspec.Struct,
+        shown: str,
+        by: str,
+        expected: int | None,
+        *,
+        overrides: bool = True,
+    ) -> int:
+        async with self._writing:
+            board = self._boards.get(resource.path)
+            if board is None or board.resource != resource:
+                raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} has the reason")
+            present = self.version(resource.path)
+            if expected is not None and expected != present:
+                raise Conflict(f"{shown}: has version {present} now; expected {expected}")
+            kept = self._store.get(resource.path)
+            change = SettingChange(
+                utc_ns=utc_ns(),
+                by=by,
+                before=_plain(self._value(resource)),
+                after=_plain(value),
+                overrode=kept is not None and kept.value is not None,
+                overrides=overrides,
+            )
+            try:
+                stored = await asyncio.to_thread(self._store.put, resource.path, change)
+            except OSError as error:
+                raise SwarmError(f"{shown}: cannot be stored: {error}; the old value stays") from error
+            board.write(value)
+            return stored.version
 
     def close(self) -> None:
         """Stop writing; the values stay readable until the node ends."""
         for board in self._boards.values():
             board.close(unlink=False)
         self._boards.clear()
+
+
+def _plain(value: msgspec.Struct) -> Plain:
+    plain: Plain = msgspec.msgpack.decode(registry.encode(value))[0]
+    return plain
+
+
+def _configured(config: dict[str, Any], key: str) -> Plain | None:
+    """The plain value of a dotted key; None: there is none."""
+    found: Any = config
+    for part in key.split("."):
+        found = found.get(part) if isinstance(found, dict) else None
+    return found if isinstance(found, bool | int | float | str) else None

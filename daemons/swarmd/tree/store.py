@@ -1,28 +1,18 @@
 """Storage of the settings that were changed, in one file."""
 
 import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import tomli_w
 
 from swarmware.errors import ConfigError
-from swarmware.model import document
 from swarmware.model.clock import utc_ns
-from swarmware.model.resource import Plain
+from swarmware.model.stored_setting import HISTORY_LIMIT, SettingChange, StoredSetting, read_settings
 from swarmware.runtime.filewriter import replace_file
 
 log = logging.getLogger("swarm.tree")
-
-
-class StoredSetting(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A setting that was changed."""
-
-    value: Plain
-    version: int
-    """Number of its changes."""
-    before: Plain | None = None
-    """Value before the last change, for one undo."""
 
 
 class SettingsStore:
@@ -35,11 +25,10 @@ class SettingsStore:
 
     def _load(self) -> None:
         try:
-            raw = document.toml(document.read(self._path), str(self._path), finite=False)
-            self._kept = msgspec.convert(raw, dict[str, StoredSetting])
+            self._kept = read_settings(self._path)
         except FileNotFoundError:
             return
-        except (OSError, ConfigError, msgspec.ValidationError) as error:
+        except (OSError, ConfigError) as error:
             aside = self._path.with_suffix(f".broken-{utc_ns()}")
             try:
                 self._path.rename(aside)
@@ -47,17 +36,24 @@ class SettingsStore:
                 aside = self._path
             log.error("%s: cannot be used (%s); kept as %s, defaults are in force", self._path, error, aside)
 
+    def __iter__(self) -> Iterator[tuple[str, StoredSetting]]:
+        return iter(sorted(self._kept.items()))
+
     def get(self, path: str) -> StoredSetting | None:
-        """The stored setting; None: the default applies."""
+        """The stored setting; None: it was never changed."""
         return self._kept.get(path)
 
-    def put(self, path: str, value: Plain, before: Plain) -> StoredSetting:
-        """Store a new value on the disk.
+    def put(self, path: str, change: SettingChange) -> StoredSetting:
+        """Store a change on the disk.
 
         Raises: OSError if it cannot be written; nothing has changed then.
         """
         old = self._kept.get(path)
-        kept = StoredSetting(value=value, version=(old.version if old else 0) + 1, before=before)
+        kept = StoredSetting(
+            value=change.after if change.overrides else None,
+            version=(old.version if old else 0) + 1,
+            history=(*(old.history if old else ()), change)[-HISTORY_LIMIT:],
+        )
         fresh = {**self._kept, path: kept}
         self._save(fresh)
         self._kept = fresh

@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Literal, NamedTuple, Protocol, Self, TypeVar, overload
@@ -75,16 +75,18 @@ class Module:
         node: Node | None = None,
         instance: int | None = None,
         config: msgspec.Struct | None = None,
+        live_settings: Mapping[str, str] | None = None,
         config_dir: Path | str | None = None,
     ) -> None:
         self.name = names.check_application(name)
         self.config: Any = config
-        """Effective configuration of the service; None for a module without one."""
+        """Configuration of the service by its file; None for a module without one."""
         self.log = logging.getLogger(f"swarm.{name}")
         self.lateness = Lateness()
         """Lateness of this module's tickers."""
         self._given_node = node
         self._given_instance = instance
+        self._live_settings = live_settings
         self._config_dir = config_dir
         self._membership: _Membership | None = None
         self._writers: list[BoardWriter[Any]] = []
@@ -95,7 +97,13 @@ class Module:
     async def __aenter__(self) -> Self:
         node = Node.attach(self._config_dir) if self._given_node is None else self._given_node.share()
         try:
-            participant = NodeParticipant(self.name, node, instance=self._given_instance, config=self.config)
+            participant = NodeParticipant(
+                self.name,
+                node,
+                instance=self._given_instance,
+                config=self.config,
+                live_settings=self._live_settings,
+            )
         except BaseException:
             node.close()
             raise

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from typing import Final, Literal
 
 import msgspec
@@ -28,7 +29,15 @@ class NodeParticipant:
     Raises: Conflict when the instance runs already.
     """
 
-    def __init__(self, name: str, node: Node, *, instance: int | None, config: msgspec.Struct | None) -> None:
+    def __init__(
+        self,
+        name: str,
+        node: Node,
+        *,
+        instance: int | None,
+        config: msgspec.Struct | None,
+        live_settings: Mapping[str, str] | None = None,
+    ) -> None:
         self.name = name
         self.node = node
         self._file = AppFile(
@@ -38,6 +47,7 @@ class NodeParticipant:
             started_ns=node.clock.now_ns(),
             instance=instance,
             config=msgspec.to_builtins(config) if config is not None else None,
+            live=live_settings,
             announce=node.announce_apps,
         )
         self.remote_clocks = RemoteClocks(node)

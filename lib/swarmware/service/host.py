@@ -5,13 +5,17 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, Self
 
 import msgspec
 
 from swarmware.errors import NotFound, SwarmError
+from swarmware.model.config import load_service
 from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.service.installed import find
+from swarmware.service.live_config import overridden
 from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
 from swarmware.types.system import AppState
@@ -33,6 +37,24 @@ class PreparedService(msgspec.Struct, frozen=True):
 
     cls: type[Service]
     config: msgspec.Struct
+    config_dir: Path | None = None
+    """Folder of its file, which is read again at each further start; None: the configuration stays."""
+
+    @classmethod
+    def of(cls, name: str, config_dir: Path) -> Self:
+        """The service of this name.
+
+        Raises: NotFound for a name that is not installed, ConfigError when its file is invalid.
+        """
+        found = find(name)
+        return cls(found, load_service(config_dir, name, found.Config), config_dir)
+
+    def reloaded(self) -> PreparedService:
+        """The service with the present content of its file. Raises: ConfigError."""
+        if self.config_dir is None:
+            return self
+        config = load_service(self.config_dir, self.name, self.cls.Config)
+        return PreparedService(self.cls, config, self.config_dir)
 
     @property
     def name(self) -> str:
@@ -134,11 +156,16 @@ class ServiceHost:
             )
             log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, policy.restarts)
             await asyncio.sleep(pause_s)
+            try:
+                item = item.reloaded()
+            except SwarmError as error:  # a mistake in the file does not stop a vehicle that moves
+                log.error("%s: starts with its former configuration: %s", item.name, error)
 
     async def _run_once(self, item: PreparedService, restarts: int) -> None:
-        async with Module(item.name, node=self.node, config=item.config) as module:
+        live = item.cls.live_settings
+        async with Module(item.name, node=self.node, config=item.config, live_settings=live) as module:
             module.keep_boards()  # readable while the service restarts; `stop` undoes this
-            service = item.cls(module, item.config)
+            service = item.cls(module, overridden(item.config, live, self.node.config.data_path))
             reporter = self._reporters[item.name] = Reporter.open(module, restarts)
             self._running[item.name] = service
             task = asyncio.create_task(service.run(), name=f"run:{item.name}")

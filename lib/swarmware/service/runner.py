@@ -21,7 +21,6 @@ from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
 from swarmware.service.guard_watchdog import GuardWatchdog
 from swarmware.service.host import PreparedService, ServiceHost
-from swarmware.service.installed import find
 from swarmware.service.notify import Notifier
 from swarmware.service.reason import reason
 from swarmware.service.starting import GUARD
@@ -43,7 +42,7 @@ def run_services(config_dir: Path, names: list[str]) -> int:
     """
     node_config = config.load_node(config_dir)
     with garbage.frozen():
-        prepared = [_prepare(config_dir, name) for name in names]
+        prepared = [PreparedService.of(name, config_dir) for name in names]
     _log_to_stderr(node_config.log_level, node_config.platform)
     _open_many_files(len(names))
     try:
@@ -78,11 +77,6 @@ def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> 
         log.error("%s", text)
     else:
         loop.default_exception_handler(context)
-
-
-def _prepare(config_dir: Path, name: str) -> PreparedService:
-    cls = find(name)
-    return PreparedService(cls, config.load_service(config_dir, name, cls.Config))
 
 
 async def _run(config_dir: Path, prepared: list[PreparedService]) -> int:

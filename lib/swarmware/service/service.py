@@ -30,7 +30,10 @@ class Service(ABC):
     Config: ClassVar[type[msgspec.Struct]] = NoSettings
     """Settings, read from services/<name>.toml."""
     live_settings: ClassVar[Mapping[str, str]] = {}
-    """Keys of the file, such as `altitude.kp_1_s`, and the keys of the live settings that override them."""
+    """Keys of the file, such as `altitude.kp_1_s`, and the keys of the live settings that override them.
+
+    `config` has the overrides in force at the start, a LiveConfig those that come later.
+    """
     stop_s: ClassVar[float] = 2.0
     """Time that `stop` may take."""
 

@@ -98,7 +98,7 @@ class _Describer:
             self._names[cls] = name
             if len(self._names) > STRUCTS_LIMIT:
                 return "Any"
-            docs = _field_docs(cls)
+            docs = field_docs(cls)
             array = isinstance(info, msgspec.inspect.NamedTupleType) or getattr(info, "array_like", False)
             fields = [self._field(field, docs) for field in info.fields[:FIELDS_LIMIT]]
             if (tag := getattr(info, "tag", None)) is not None:
@@ -189,7 +189,7 @@ def _line(text: str) -> str:
     return " ".join(text.partition("\n\n")[0].split())[:TEXT_LIMIT]
 
 
-def _field_docs(cls: type) -> dict[str, str]:
+def field_docs(cls: type) -> dict[str, str]:
     """The docstrings below the fields of a class and of those that it inherits from."""
     import ast
     import textwrap

@@ -96,8 +96,15 @@ class TreeUndo(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class TreeReset(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/reset`: remove the override of a setting; its file or default applies."""
+
+    path: str
+
+
+@register
 class TreeSetDone(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Answer of `sys/tree/set` and `sys/tree/undo`."""
+    """Answer of `sys/tree/set`, `sys/tree/undo` and `sys/tree/reset`."""
 
     path: str
     version: int

@@ -348,6 +348,26 @@ def test_a_service_is_restarted_by_the_guard_and_runs_again(ctl: Ctl) -> None:
     assert ctl("app restart gps -n uav1 --yes").code == 6
 
 
+def test_a_changed_file_is_in_force_after_a_restart_unless_a_live_setting_overrides_it(
+    ctl: Ctl, lab: Lab
+) -> None:
+    file = Path(lab.node("uav1")["folder"]) / "etc/services/navigator.toml"
+    before = file.read_text() if file.exists() else ""
+    path = "/uav1/config/navigator/altitude_kd"
+    try:
+        file.write_text(f"{before}\n[altitude]\nkd = 0.3\n")
+        assert ctl(f"tree get {path}").out == "0.1\n"
+        assert ctl("app restart navigator -n uav1 --yes").code == 0
+        assert ctl(f"tree get {path}").out == "0.3\n"
+        assert ctl("config set navigator/altitude_kd 0.5 -n uav1").code == 0
+        assert ctl("app restart navigator tree -n uav1 --yes").code == 0
+        assert ctl(f"tree get {path}").out == "0.5\n"
+        assert ctl("config undo navigator/altitude_kd -n uav1").code == 0
+        assert ctl(f"tree get {path}").out == "0.3\n"
+    finally:
+        file.write_text(before)
+
+
 def test_live_settings_go_from_one_vehicle_to_another_by_a_file(ctl: Ctl, tmp_path: Path) -> None:
     assert ctl("config set navigator/altitude_ki 0.25 -n uav1").code == 0
     assert ctl(f"config dump {tmp_path}/gains.toml -n uav1").code == 0

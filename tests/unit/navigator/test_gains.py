@@ -6,13 +6,17 @@ import pytest
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
-from swarmd.navigator.service import GAINS, controller, with_gains
+from swarmd.navigator.service import Navigator, controller
+from swarmware.model.config import parse
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.model.template import load
+from swarmware.service.live_config import value_at, with_value
 
 TEMPLATES = Path(__file__).parents[3] / "share/swarm/templates"
 PREFIX = "config/navigator/"
+KEYS = {f"config/{name}": key for key, name in Navigator.live_settings.items()}
+"""Keys of the file, by the paths of their settings."""
 
 
 @pytest.mark.parametrize("name", ["ugv", "multirotor"])
@@ -22,30 +26,23 @@ def test_each_setting_of_a_template_is_a_gain_with_the_same_default(name: str) -
     ]
     assert settings
     for resource in settings:
-        table, key = GAINS[resource.path.removeprefix(PREFIX)]
-        assert getattr(getattr(Config(), table), key) == resource.default
+        key = KEYS[resource.path]
+        assert value_at(Config(), key) == resource.default
         assert resource.writable
+        assert resource.range is not None
+        for bound in resource.range:  # the service takes each value that the tree takes
+            assert value_at(parse(f"{key} = {bound}", Config, "bound"), key) == bound
 
 
 def test_every_gain_is_a_setting_of_some_template() -> None:
-    offered = {
-        r.path.removeprefix(PREFIX) for name in ("ugv", "multirotor") for r in load(name, TEMPLATES).resources
-    }
-    assert set(GAINS) <= offered
-
-
-def test_gains_replace_only_what_they_name() -> None:
-    changed = with_gains(Config(), {"altitude_kp": 3.0, "heading_weight": 0.5})
-    assert changed.altitude.kp_1_s == 3.0
-    assert changed.dwa.heading_weight == 0.5
-    assert changed.altitude.ki_1_s2 == Config().altitude.ki_1_s2
-    assert with_gains(Config(), {}) == Config()
+    offered = {r.path for name in ("ugv", "multirotor") for r in load(name, TEMPLATES).resources}
+    assert set(KEYS) <= offered
 
 
 def test_new_gains_work_at_once() -> None:
     hover = AltitudeHold(Config().altitude)
     before = hover.climb_m_s(1.0, 0.0, 0.0, 9.0, -9.0, 0.0)
-    hover.set_gains(with_gains(Config(), {"altitude_kp": 2.4}).altitude)
+    hover.set_gains(with_value(Config(), "altitude.kp_1_s", 2.4).altitude)
     assert hover.climb_m_s(1.0, 0.0, 0.0, 9.0, -9.0, 0.0) == pytest.approx(2 * before)
 
 

@@ -5,9 +5,13 @@ import logging
 from pathlib import Path
 from typing import ClassVar
 
+import msgspec
 import pytest
 
 from swarmware.errors import Conflict, NotFound
+from swarmware.model import paths
+from swarmware.model.config import load
+from swarmware.model.stored_setting import FILE
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.node.node import Node
@@ -15,7 +19,7 @@ from swarmware.service import host as host_module
 from swarmware.service.host import PreparedService, ServiceEnded, ServiceHost
 from swarmware.service.service import NoSettings, Service
 from swarmware.testing.tmpnode import tmp_node
-from swarmware.types.scalar import Int
+from swarmware.types.scalar import Float, Int
 from swarmware.types.system import AppStatus
 
 PAUSES_S = (0.0, 0.001, 0.002)
@@ -138,6 +142,56 @@ async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
         assert (await until(status, 1)).restarts == 1
         with pytest.raises(NotFound, match="'nosuch': not in this process; expected one of steady"):
             host.restart("nosuch")
+        await over(running)
+
+
+class Tuned(Service):
+    """Reports the gain that it starts with."""
+
+    class Gains(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        gain: float = 1.0
+
+    name = "tuned"
+    Config = Gains
+    live_settings: ClassVar = {"gain": "tuned/gain"}
+
+    async def run(self) -> None:
+        self.module.writer("test/gain", Float).write(Float(self.config.gain))
+        await asyncio.Event().wait()
+
+
+async def test_a_restarted_service_reads_its_file_again_and_keeps_its_overrides(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with tmp_node(tmp_path, services={"tuned": {"gain": 1.5}}) as node, Module("m", node=node) as m:
+        file = paths.service_config(node.config_dir, "tuned")
+        gain = m.reader("test/gain", Float)
+        prepared = PreparedService(Tuned, load(file, Tuned.Gains), node.config_dir)
+        host = ServiceHost(node, [prepared, PreparedService(Other, NoSettings())])
+        running = asyncio.create_task(host.run())
+        await host.started()
+        assert await gain.changed(10) == Float(1.5)
+
+        async def restarted() -> float:
+            host.restart("tuned")
+            return (await gain.changed(10)).value
+
+        file.write_text("gain = 2.5")
+        assert await restarted() == 2.5
+        stored = node.config.data_path / FILE
+        stored.parent.mkdir()
+        stored.write_text('["config/tuned/gain"]\nvalue = 4.0\nversion = 1\n')
+        file.write_text("gain = 3.5")
+        assert await restarted() == 4.0, "the override stays"
+        node.table.refresh()
+        entry = node.table.named("tuned")
+        assert entry is not None
+        assert entry.config == {"gain": 3.5}, "the value of the file, for when the override is removed"
+        stored.unlink()
+        file.write_text("gian = 5.5")
+        assert await restarted() == 3.5
+        assert "tuned: starts with its former configuration" in caplog.text
+        assert "did you mean gain?" in caplog.text
         await over(running)
 
 

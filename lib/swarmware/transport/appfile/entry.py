@@ -48,7 +48,9 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     types: dict[str, str] = {}
     """Descriptions of the payload types that it defines itself, by name: JSON of a `TypeDescription`."""
     config: dict[str, Any] = {}
-    """Effective configuration of the service, as TOML values."""
+    """Configuration of the service by its file and the defaults, as TOML values."""
+    live: dict[str, str] = {}
+    """Keys of `config`, dotted, and the keys of the live settings that override them."""
 
     @property
     def id(self) -> str:

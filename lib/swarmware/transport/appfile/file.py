@@ -3,7 +3,7 @@
 import contextlib
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +26,8 @@ INSTANCES = 64
 class AppFile:
     """The locked file of one application.
 
-    `announce` is called after each change. `config` is in the file from the beginning: a process that finds
-    the file of a guard decides by it which process starts the next one.
+    `announce` is called after each change. `config` and `live` are in the file from the beginning: a process
+    that finds the file of a guard decides by it which process starts the next one.
     Raises: Conflict when the instance, or every instance, is taken.
     """
 
@@ -40,6 +40,7 @@ class AppFile:
         started_ns: int,
         instance: int | None = None,
         config: dict[str, Any] | None = None,
+        live: Mapping[str, str] | None = None,
         announce: Callable[[], None] = lambda: None,
     ) -> None:
         check_application(name)
@@ -56,6 +57,7 @@ class AppFile:
             endpoint=endpoint,
             started_ns=started_ns,
             config=config or {},
+            live=dict(live or {}),
         )
         self.write(self.entry)
 
