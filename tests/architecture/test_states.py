@@ -29,10 +29,6 @@ TAKEN_APART: Final = frozenset(
 )
 EXCEPTIONS: Final = {
     (
-        "cli/swarmctl/commandline/completion.py",
-        "row.kind == 'setting'",
-    ): "the shell waits at each key: this module imports no types",
-    (
         "lib/swarmware/mission/source.py",
         "self._text.startswith(f'\"{text}\"', offset)",
     ): "the JSON text of a mission, which is parsed",

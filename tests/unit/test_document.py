@@ -13,7 +13,7 @@ import tomli_w
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from swarmctl.commands.config import effective
+from swarmctl.commands.config import keys as config_keys
 from swarmctl.session import labs
 from swarmd.health.journal import JournalFile
 from swarmd.tree.store import SettingsStore
@@ -127,7 +127,7 @@ def live_settings(path: Path) -> None:
 
 def shown_configuration(path: Path) -> None:
     path = path.rename(path.with_name("node.toml"))
-    effective.effective(path.parent, "node")
+    config_keys.local_keys(path.parent, "node/*")
 
 
 def lab(path: Path) -> None:

@@ -48,10 +48,20 @@ def resources(kinds: Container[str], access: str = "r") -> Completer:
     return complete
 
 
+def config_keys(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Keys of the configuration: of files, and live settings."""
+    return _keys(ctx, incomplete, "r")
+
+
 def live_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Keys of live settings: paths below config/."""
+    """Keys that may be set while the node runs."""
+    return _keys(ctx, incomplete, "rw")
+
+
+def _keys(ctx: click.Context, incomplete: str, access: str) -> list[str]:
     from swarmctl.commandline import completion_cache
 
-    rows = [row for row in completion_cache.load()[2] if row.kind == "setting"]
+    kinds = {"setting", completion_cache.KEY}
+    rows = [row for row in completion_cache.load()[2] if row.kind in kinds and access in row.access]
     paths = dict.fromkeys(completion_cache.local(rows, settings(ctx).node))
     return completion_cache.steps((path.removeprefix("config/") for path in paths), incomplete)

@@ -12,6 +12,8 @@ from swarmware.runtime.filewriter import replace_file
 LIMIT: Final = 20_000
 """Maximum number of paths: about 1 MB, read within 20 ms."""
 
+KEY: Final = "key"
+"""Kind of the rows that are keys of configuration files, below config/."""
 VALUED: Final = frozenset({"board", "event", "stream", "setting"})
 """Kinds of resources that have a value."""
 
@@ -49,9 +51,28 @@ def save(
     """
     before, _, old = load()
     gone = set(whole)
-    kept = {row.path: row for row in old if row.path.split("/", 2)[1] not in gone} if before == way else {}
+    same = old if before == way else []
+    kept = {row.path: row for row in same if row.kind == KEY or row.path.split("/", 2)[1] not in gone}
     kept |= {row.path: row for row in listed}
-    content = {"way": way, "platforms": list(platforms), "resources": list(kept.values())[:LIMIT]}
+    _write(way, platforms, kept.values())
+
+
+def save_keys(way: str, platform: str, keys: Iterable[tuple[str, bool]]) -> None:
+    """Replaces the keys of a platform's configuration: name, and whether it is a live setting."""
+    from swarmware.model import names, paths  # a completion lives without them
+
+    before, platforms, old = load()
+    prefix = names.join(platform, paths.setting(""))
+    same = old if before == way else []
+    kept = {row.path: row for row in same if row.kind != KEY or not row.path.startswith(prefix)}
+    for name, live in keys:
+        row = CachedResource(f"{prefix}{name}", "setting" if live else KEY, "rw" if live else "r")
+        kept[row.path] = row
+    _write(way, dict.fromkeys([*(platforms if before == way else ()), platform]), kept.values())
+
+
+def _write(way: str, platforms: Iterable[str], rows: Iterable[CachedResource]) -> None:
+    content = {"way": way, "platforms": list(platforms), "resources": list(rows)[:LIMIT]}
     target = file()
     try:
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -14,7 +14,16 @@ from swarmctl.session.session import Session
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, split
-from swarmware.types.tree import Quality, TreeGet, TreeSet, TreeSetDone, TreeUndo, TreeValue, ValueSource
+from swarmware.types.tree import (
+    Quality,
+    TreeGet,
+    TreeReset,
+    TreeSet,
+    TreeSetDone,
+    TreeUndo,
+    TreeValue,
+    ValueSource,
+)
 
 FRESH_S: Final = 1.0
 """Maximum age of a mirror that is used without a query; an older one may be of a rarely changing value, or
@@ -181,4 +190,14 @@ async def undo(session: Session, path: str) -> Written:
     Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
     """
     done = await session.ask(join(session.here, "sys/tree/undo"), TreeUndo(path), TreeSetDone, about=path)
+    return await _written(session, done)
+
+
+async def reset(session: Session, path: str) -> Written:
+    """Removes the override of a setting: its file, else its default, is in force.
+
+    Raises: NotFound, InvalidInput when it is not a setting, NoAnswer, Denied.
+    """
+    request = TreeReset(path)
+    done = await session.ask(join(session.here, "sys/tree/reset"), request, TreeSetDone, about=path)
     return await _written(session, done)

@@ -15,9 +15,9 @@ def key_lines(text: str) -> dict[str, int]:
     found: dict[str, int] = {}
     table = ""
     statement, first = "", 0
-    for number, line in enumerate(text.splitlines(keepends=True), 1):
+    for number, line in enumerate(text.split("\n"), 1):
         first = first or number
-        statement += line
+        statement += f"{line}\n"
         try:
             raw = tomllib.loads(statement)
         except tomllib.TOMLDecodeError:

@@ -113,19 +113,23 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
         (
             "config get -n uav1",
             lambda d: (
-                {"/uav1/config/navigator/altitude_kp"} <= {s["path"] for s in d["settings"]}
-                and all(s["range"] is None or s["range"][0] <= s["value"] for s in d["settings"])
+                {"navigator/altitude_kp", "broker/tick_hz", "node/platform"}
+                <= {s["key"] for s in d["settings"]}
+                and {s["service"] for s in d["settings"] if s["running"]} >= {"node", "broker", "hal"}
+                and not d["problems"]
             ),
         ),
         ("config get navigator/altitude_kp -n uav1", lambda d: len(d["settings"]) == 1),
+        ("config get", lambda d: d["platform"] == "gcs" and not any(s["live"] for s in d["settings"])),
+        ("config describe 'broker/*' -n uav1", lambda d: all(s["meaning"] for s in d["settings"])),
         (
             "config show broker",
             lambda d: (
                 {s["service"] for s in d["settings"]} == {"broker"}
-                and "tick_hz" in {s["key"] for s in d["settings"]}
+                and "broker/tick_hz" in {s["key"] for s in d["settings"]}
             ),
         ),
-        ("config show node -n uav1", lambda d: '"uav1"' in {s["value"] for s in d["settings"]}),
+        ("config show node -n uav1", lambda d: "uav1" in {str(s["value"]) for s in d["settings"]}),
         (
             "traffic ls -n 'uav*'",
             lambda d: platforms(d["nodes"]) == {"uav1", "uav2"} and d["nodes"][1]["result"]["sent_bytes"] > 0,
@@ -204,11 +208,13 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ("time ls -n uav9", 6, "node 'uav9'"),
         ("health ls -n uav9", 6, "node 'uav9'"),
         ("log stats -n uav9", 6, "node 'uav9'"),
-        ("config get bogus -n uav1", 6, "no such resource; did you mean"),
-        ("config get 'bogus/*' -n uav1", 6, "no live setting matches"),
+        ("config get navigator/altitude_k -n uav1", 6, "did you mean navigator/altitude_k"),
+        ("config get 'bogus/*' -n uav1", 6, "no key of the configuration matches"),
         ("config get -n uav9", 6, "node 'uav9'"),
         ("config set navigator/altitude_kp -1 -n uav1", 7, "expected 0 to 100"),
-        ("config show bogus", 6, "service 'bogus': not installed"),
+        ("config show bogus", 6, "no key of the configuration matches 'bogus/*'"),
+        ("config set broker/tick_hz 5 -n uav1", 5, "swarmctl app restart broker -n uav1"),
+        ("config set navigator/altitude_kp -n uav1", 2, "either VALUE or --default"),
         ("traffic set 'nav/*' --rate fast", 7, "rate 'fast': expected 5hz"),
         ("traffic set 'nav/*' --rate 2hz --for ever", 7, "time 'ever'"),
         ("traffic set 'nav/[' --rate 2hz", 7, "unexpected '['"),

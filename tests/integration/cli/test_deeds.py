@@ -353,17 +353,29 @@ def test_a_changed_file_is_in_force_after_a_restart_unless_a_live_setting_overri
 ) -> None:
     file = Path(lab.node("uav1")["folder"]) / "etc/services/navigator.toml"
     before = file.read_text() if file.exists() else ""
-    path = "/uav1/config/navigator/altitude_kd"
+    key = "navigator/altitude_kd"
+
+    def shown() -> tuple[float, str, float, bool]:
+        (found,) = ctl(f"config get {key} -n uav1 --json").document["settings"]
+        return found["value"], found["origin"], found["file_value"], found["pending"]
+
     try:
         file.write_text(f"{before}\n[altitude]\nkd = 0.3\n")
-        assert ctl(f"tree get {path}").out == "0.1\n"
+        assert shown() == (0.1, "default", 0.3, True)
         assert ctl("app restart navigator -n uav1 --yes").code == 0
-        assert ctl(f"tree get {path}").out == "0.3\n"
-        assert ctl("config set navigator/altitude_kd 0.5 -n uav1").code == 0
+        assert shown() == (0.3, "file", 0.3, False)
+        assert ctl("tree get /uav1/config/navigator/altitude_kd").out == "0.3\n"
+        assert ctl(f"config set {key} 0.5 -n uav1").code == 0
         assert ctl("app restart navigator tree -n uav1 --yes").code == 0
-        assert ctl(f"tree get {path}").out == "0.5\n"
-        assert ctl("config undo navigator/altitude_kd -n uav1").code == 0
-        assert ctl(f"tree get {path}").out == "0.3\n"
+        assert shown() == (0.5, "live", 0.3, False)
+        away = ctl("config diff -n uav1 --json").document["differences"]
+        assert {"key": key, "here": 0.5, "there": 0.3} in away
+        assert ctl(f"config set {key} --default -n uav1").code == 0
+        assert shown() == (0.3, "file", 0.3, False)
+        last, first, *_ = ctl(f"config history {key} -n uav1 --json").document["changes"]
+        assert (first["before"], first["after"], first["before_origin"]) == (0.3, 0.5, "file")
+        assert (last["before"], last["after"], last["after_origin"]) == (0.5, 0.3, "file")
+        assert "gcs" in last["by"]
     finally:
         file.write_text(before)
 
@@ -379,5 +391,5 @@ def test_live_settings_go_from_one_vehicle_to_another_by_a_file(ctl: Ctl, tmp_pa
     (tmp_path / "gains.toml").write_text('"navigator/altitude_ki" = -1.0')
     assert ctl(f"config load {tmp_path}/gains.toml -n uav2").code == 7
     shown = ctl("config show navigator -n uav2")
-    assert "overridden: swarmctl config get navigator/altitude_kp" in shown.out
+    assert "live (file: 0.15)" in shown.out
     assert ctl("config diff ugv1 -n gcs").code == 6

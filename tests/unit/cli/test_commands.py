@@ -13,7 +13,7 @@ import pytest
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app.listing import list_applications
-from swarmctl.commands.config.live import print_settings, undo_setting
+from swarmctl.commands.config.changes import undo_setting
 from swarmctl.commands.health.report import clear_faults, list_faults
 from swarmctl.commands.mission.start import start
 from swarmctl.commands.node.overview import show_node
@@ -336,16 +336,6 @@ async def test_a_setting_that_was_not_changed_cannot_be_taken_back() -> None:
     with pytest.raises(NotFound, match="nothing to undo"):
         await undo_setting(session, "gain", yes=False)
     assert session.stdout.getvalue() == ""
-
-
-async def test_live_settings_are_printed_with_range_and_one_alone_as_its_value() -> None:
-    answers = {LIST: listing(GAIN), f"{GET} {GAIN}": value(GAIN, 1.5)}
-    session = ScriptedSession(answers, node="uav1")
-    await print_settings(session, "gain")
-    assert session.stdout.getvalue() == "1.5\n"
-    session = ScriptedSession(answers, node="uav1", output="json")
-    await print_settings(session, "**")
-    assert session.document["settings"][0]["path"] == GAIN
 
 
 def receipt(platform: str, *, accepted: bool) -> OrderReceipt:

@@ -21,11 +21,14 @@ SEEN = [
     CachedResource("/uav10/cmd/abort", "command", "rw"),
 ]
 
+KEYS = [("broker/tick_hz", False), ("broker/tcp_port", False), ("navigator/gain", True)]
+
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     completion_cache.save("/etc/swarm", ["gcs", "uav1", "uav10"], SEEN)
+    completion_cache.save_keys("/etc/swarm", "uav1", KEYS)
     return tmp_path / "swarm" / "seen.json"
 
 
@@ -59,6 +62,11 @@ def complete(words: str, cache: Path) -> list[str]:
         ("swarmctl tree watch /uav1/nav/p", ["/uav1/nav/pose"]),
         ("swarmctl config get n", ["navigator/gain"]),
         ("swarmctl config undo n", ["navigator/gain"]),
+        ("swarmctl config get b", ["broker/tick_hz", "broker/tcp_port"]),
+        ("swarmctl config describe broker/ti", ["broker/tick_hz"]),
+        ("swarmctl config set b", []),
+        ("swarmctl config set n", ["navigator/gain"]),
+        ("swarmctl tree get /uav1/config/", ["/uav1/config/navigator/gain"]),
         ("swarmctl node ls --node uav", ["uav1", "uav10"]),
         ("swarmctl node info g", ["gcs"]),
         ("swarmctl tree get /nope", []),
@@ -81,7 +89,7 @@ def test_a_damaged_cache_offers_nothing_and_says_nothing(content: bytes, cache: 
 
 def test_another_way_into_the_swarm_forgets_what_was_seen_by_the_former(cache: Path) -> None:
     completion_cache.save("/etc/swarm", ["gcs", "usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
-    assert len(completion_cache.load()[2]) == len(SEEN) + 1
+    assert len(completion_cache.load()[2]) == len(SEEN) + 2 + 1
     completion_cache.save("/tmp/lab", ["usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
     assert completion_cache.load() == ("/tmp/lab", ["usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
 
@@ -92,6 +100,11 @@ def test_a_platform_listed_whole_replaces_what_was_known_of_it(cache: Path) -> N
     assert "/uav1/nav/home" in paths
     assert "/uav1/nav/goal" not in paths
     assert "/uav10/nav/pose" in paths
+    assert "/uav1/config/broker/tick_hz" in paths, "a list of resources has no keys of files"
+    completion_cache.save_keys("/etc/swarm", "uav1", KEYS[1:])
+    paths = [row.path for row in completion_cache.load()[2]]
+    assert "/uav1/config/broker/tick_hz" not in paths
+    assert "/uav1/config/broker/tcp_port" in paths
 
 
 def test_a_home_that_cannot_be_written_to_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from tests.unit.cli.test_commands import value as tree_value
 from swarmctl.commands.config.transfer import diff, dump, load
 from swarmware.errors import Denied, InvalidInput, NotFound
 from swarmware.model.resource import Kind
+from swarmware.types.config import EffectiveConfig
 from swarmware.types.tree import TreeEntry, TreeListing, TreeSet, TreeSetDone
 
 KP, KI = "/uav1/config/navigator/kp", "/uav1/config/navigator/ki"
@@ -36,6 +37,8 @@ class Owner(ScriptedSession):
     ) -> Any:
         if path == GET:
             return tree_value(about, self.values[about])
+        if path == "/uav1/sys/node/config":
+            return EffectiveConfig("uav1", ())
         if path == SET:
             assert isinstance(value, TreeSet)
             number = msgspec.msgpack.decode(value.value)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.config import effective
+from swarmctl.commands.config.keys import local_keys
 from swarmctl.commands.doctor import checks
 from swarmctl.commands.log import sources
 from swarmctl.session import labs
@@ -71,7 +71,8 @@ def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_p
     file.chmod(0o640)
     found = {result.check: result for result in checks.examine({"uav1": folder}, fix=False)}
     assert (found["mongodb"].verdict, "Connection refused" in found["mongodb"].text) == ("warning", True)
-    shown = [setting.value for setting in effective.effective(folder, "logger")]
+    shown = [str(key.value) for key in local_keys(folder, "logger/*").settings]
+    assert "mongodb://swarm:***@" in " ".join(shown)
     assert not [text for text in [*shown, found["mongodb"].text] if "s3cret" in text]
 
 

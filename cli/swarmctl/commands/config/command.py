@@ -5,61 +5,81 @@ import click
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.settings import settings
-from swarmware.model import paths
 
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Settings of the nodes: configuration files, and live settings, which are resources of the tree.
+    """Settings of the nodes: keys of configuration files, and live settings, in one list.
 
     Example: swarmctl config get --node uav1
     """
 
 
 @cmd.command()
-@click.argument("service", default="")
+@click.argument("key", default="**", shell_complete=completion.config_keys)
 @click.option("--changed", is_flag=True, help="Only values that differ from the defaults.")
 @click.pass_context
-def show(ctx: click.Context, service: str, changed: bool) -> None:
-    """Show the configuration files of a node on this machine: each key, its value and its origin.
+def get(ctx: click.Context, key: str, changed: bool) -> None:
+    """Print the value in force of a key, or all keys that match a pattern, with their origin.
 
-    Example: swarmctl config show broker
+    Example: swarmctl config get 'navigator/*' --node uav1
     """
-    from swarmctl.commands.config.effective import print_effective
-    from swarmctl.terminal.output import Output
+    from swarmctl.commands.config.keys import print_keys
+    from swarmctl.session.each_node import run_each
 
-    chosen = settings(ctx)
-    print_effective(chosen, service, Output(chosen), changed=changed)
+    run_each(settings(ctx), print_keys, key, changed=changed)
 
 
 @cmd.command()
-@click.argument("key", default="**", shell_complete=completion.live_settings)
+@click.argument("keys", nargs=-1, required=True, metavar="KEY...", shell_complete=completion.config_keys)
 @click.pass_context
-def get(ctx: click.Context, key: str) -> None:
-    """Print a live setting of a platform, or all that match a pattern.
+def describe(ctx: click.Context, keys: tuple[str, ...]) -> None:
+    """Print what keys mean: text, type, unit, range, default, origin and how to change them.
 
-    Example: swarmctl config get navigator/altitude_kp --node uav1
+    Example: swarmctl config describe navigator/altitude_kp --node uav1
     """
-    from swarmctl.commands.config.live import print_settings
+    from swarmctl.commands.config.keys import describe as describe_keys
     from swarmctl.session.each_node import run_each
 
-    run_each(settings(ctx), print_settings, key)
+    run_each(settings(ctx), describe_keys, keys)
+
+
+@cmd.command()
+@click.argument("key", default="", shell_complete=completion.config_keys)
+@click.option("--changed", is_flag=True, help="Only values that differ from the defaults.")
+@click.pass_context
+def show(ctx: click.Context, key: str, changed: bool) -> None:
+    """Check the files of a node on this machine, which need not run, and print the keys.
+
+    Example: swarmctl config show broker
+    """
+    from swarmctl.commands.config.keys import print_local
+    from swarmctl.terminal.output import Output
+
+    chosen = settings(ctx)
+    print_local(chosen, key, Output(chosen), changed=changed)
 
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
 @click.argument("key", shell_complete=completion.live_settings)
-@click.argument("value")
+@click.argument("value", required=False)
+@click.option("--default", is_flag=True, help="Back to the value of the file: the override is removed.")
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
-def set_(ctx: click.Context, key: str, value: str, yes: bool) -> None:
+def set_(ctx: click.Context, key: str, value: str | None, default: bool, yes: bool) -> None:
     """Set a live setting of a platform; it is checked, stored, and takes effect at once.
 
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """
-    from swarmctl.resources.access import set_resource
+    from swarmctl.commands.config.changes import reset_setting, set_setting
     from swarmctl.session.each_node import run_each
 
-    run_each(settings(ctx), set_resource, paths.setting(key), value, version=None, yes=yes)
+    if default == (value is not None):
+        raise click.UsageError("expected either VALUE or --default")
+    if value is None:
+        run_each(settings(ctx), reset_setting, key, yes=yes)
+    else:
+        run_each(settings(ctx), set_setting, key, value, yes=yes)
 
 
 @cmd.command()
@@ -71,16 +91,31 @@ def undo(ctx: click.Context, key: str, yes: bool) -> None:
 
     Example: swarmctl config undo navigator/altitude_kp --node uav1
     """
-    from swarmctl.commands.config.live import undo_setting
+    from swarmctl.commands.config.changes import undo_setting
     from swarmctl.session.each_node import run_each
 
     run_each(settings(ctx), undo_setting, key, yes=yes)
 
 
 @cmd.command()
-@click.argument("file", default="", metavar="[FILE]")
+@click.argument("key", default="**", shell_complete=completion.live_settings)
 @click.pass_context
-def dump(ctx: click.Context, file: str) -> None:
+def history(ctx: click.Context, key: str) -> None:
+    """Print who changed a live setting, when, from what to what; the newest change first.
+
+    Example: swarmctl config history navigator/altitude_kp --node uav1
+    """
+    from swarmctl.commands.config.changes import print_history
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), print_history, key)
+
+
+@cmd.command()
+@click.argument("file", default="", metavar="[FILE]")
+@click.option("--files", is_flag=True, help="With the keys of configuration files.")
+@click.pass_context
+def dump(ctx: click.Context, file: str, files: bool) -> None:
     """Print the live settings of a platform as TOML, or write them to a file for `config load`.
 
     Of several platforms FILE is a folder, `NAME/`, with a file for each.
@@ -90,7 +125,7 @@ def dump(ctx: click.Context, file: str) -> None:
     from swarmctl.commands.config import transfer
     from swarmctl.session.each_node import run_each
 
-    run_each(settings(ctx), transfer.dump, file)
+    run_each(settings(ctx), transfer.dump, file, files=files)
 
 
 @cmd.command()
@@ -112,14 +147,15 @@ def load(ctx: click.Context, file: str, yes: bool) -> None:
 
 
 @cmd.command()
-@click.argument("other", metavar="FILE|PLATFORM")
+@click.argument("other", default="", metavar="[FILE|PLATFORM]")
+@click.option("--files", is_flag=True, help="With the keys of configuration files.")
 @click.pass_context
-def diff(ctx: click.Context, other: str) -> None:
-    """Print the live settings of a platform that differ from those of a file or of another platform.
+def diff(ctx: click.Context, other: str, files: bool) -> None:
+    """Print settings that differ from a file or another platform, by default from the platform's own files.
 
     Example: swarmctl config diff uav1 --node uav2
     """
     from swarmctl.commands.config import transfer
     from swarmctl.session.each_node import run_each
 
-    run_each(settings(ctx), transfer.diff, other)
+    run_each(settings(ctx), transfer.diff, other, files=files)

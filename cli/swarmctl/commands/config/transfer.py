@@ -1,4 +1,4 @@
-"""The live settings of a platform as a file: written, loaded all or none, and compared."""
+"""The settings of a platform as a file: written, loaded all or none, and compared."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,14 +8,16 @@ import click
 import msgspec
 import tomli_w
 
+from swarmctl.commands.config.keys import ConfiguredKey, change_command, configured
 from swarmctl.resources.access import read_all, write
 from swarmctl.resources.listing import valued
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Column
-from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
+from swarmware.errors import Denied, InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import document, names, paths
 from swarmware.runtime.filewriter import replace_file
+from swarmware.types.config import ConfigOrigin
 from swarmware.types.tree import TreeEntry
 
 PYTHON_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
@@ -27,7 +29,7 @@ PYTHON_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
 """Types of a value in a file, by the type of the setting."""
 
 
-class SettingChange(msgspec.Struct, frozen=True):
+class LoadedChange(msgspec.Struct, frozen=True):
     """A setting with another value before and after."""
 
     key: str
@@ -38,7 +40,7 @@ class SettingChange(msgspec.Struct, frozen=True):
 class SettingsLoaded(msgspec.Struct, frozen=True):
     """Settings that a file changed."""
 
-    changed: list[SettingChange]
+    changed: list[LoadedChange]
     platform: str
 
 
@@ -56,30 +58,31 @@ class SettingsDiff(msgspec.Struct, frozen=True):
     differences: list[SettingDifference]
     platform: str
     other: str
+    """File or platform; empty: the platform's own files."""
 
 
 class DumpedSettings(msgspec.Struct, frozen=True):
-    """Values of all live settings of a platform, by key."""
+    """Values of the live settings of a platform, or of all keys, by key."""
 
     platform: str
     settings: dict[str, Any]
 
 
-async def dump(session: Session, file: str) -> None:
-    """Prints the live settings as TOML, or writes them to a file.
+async def dump(session: Session, file: str, *, files: bool = False) -> None:
+    """Prints the live settings as TOML, or writes them to a file; `files`: keys of files too.
 
-    Raises: UsageError when several platforms would write one file; as `_present`; OSError when the file
+    Raises: UsageError when several platforms would write one file; as `_values`; OSError when the file
     cannot be written.
     """
     if file and session.joint and not file.endswith("/"):
         raise click.UsageError(f"{file}: one file of several platforms; expected a folder, {file}/")
-    values = {key: value for key, (_, value) in (await _present(session, session.platform)).items()}
-    text = tomli_w.dumps(values)
+    values = await _values(session, session.platform, files=files)
+    text = tomli_w.dumps({key: value for key, value in values.items() if value is not None})
     if file:
         target = _own_file(session, file)
         target.parent.mkdir(parents=True, exist_ok=True)
         replace_file(target, text.encode())
-        session.out.say(f"{target}: {len(values)} settings of {session.platform}")
+        session.out.say(f"{target}: {len(values)} {'keys' if files else 'settings'} of {session.platform}")
     if session.settings.structured:
         session.out.document(DumpedSettings(session.platform, values))
     elif not file:
@@ -89,21 +92,19 @@ async def dump(session: Session, file: str) -> None:
 async def load(session: Session, file: str, *, yes: bool) -> None:
     """Sets the live settings of a file, all or none, and prints what changed.
 
-    Raises: ConfigError for a file that is not TOML, NotFound for an unknown key, InvalidInput for an invalid
-    value, the error of a refused change after all others were taken back; as `confirm`.
+    A key of another kind may be in the file with the value in force.
+    Raises: ConfigError for a file that is not TOML, NotFound for an unknown key, Denied for another value of
+    a key that is read at the start only, InvalidInput for an invalid value, the error of a refused change
+    after all others were taken back; as `confirm`.
     """
     wanted = _file(str(_own_file(session, file)))
     present = await _present(session, session.platform)
+    for key in [key for key in wanted if key not in present]:
+        await _check_of_file(session, file, key, wanted.pop(key), present)
     for key, value in wanted.items():
-        if key not in present:
-            raise NotFound(
-                f"{file}: {key}: no live setting of {session.platform}; expected some of {', '.join(present)}"
-            )
         check(file, key, present[key][0], value)
     changes = [
-        SettingChange(key, present[key][1], value)
-        for key, value in wanted.items()
-        if value != present[key][1]
+        LoadedChange(key, present[key][1], value) for key, value in wanted.items() if value != present[key][1]
     ]
     asks = sorted({entry.confirm for key, (entry, _) in present.items() if key in wanted and entry.confirm})
     effect = f"set {', '.join(change.key for change in changes)}: {'; '.join(asks)}"
@@ -118,27 +119,54 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
         session.out.say(f"{session.platform}: has these values already")
 
 
-async def diff(session: Session, other: str) -> None:
-    """Prints the live settings that differ from those of a file, or of another platform.
+async def _check_of_file(
+    session: Session, file: str, key: str, value: Any, present: Mapping[str, Any]
+) -> None:
+    try:
+        (found, *_) = (await configured(session, key)).settings
+    except NotFound as error:
+        raise NotFound(
+            f"{file}: {key}: no live setting of {session.platform}; expected some of {', '.join(present)}"
+        ) from error
+    if found.value != value:
+        change = change_command(found, session.platform)
+        raise Denied(f"{file}: {key}: it is read from a file at the start only: {change}")
 
-    Raises: as `_present`, ConfigError for a file that is not TOML.
+
+async def diff(session: Session, other: str, *, files: bool = False) -> None:
+    """Prints what differs from a file or another platform; without one from the platform's files.
+
+    `files`: keys of files too. Raises: as `_values`, ConfigError for a file that is not TOML.
     """
-    here = {key: value for key, (_, value) in (await _present(session, session.platform)).items()}
-    there = _file(other) if _is_file(other) else None
-    if there is None:
-        there = {key: value for key, (_, value) in (await _present(session, other)).items()}
-    differences = [
-        SettingDifference(key, here.get(key), there.get(key))
-        for key in dict.fromkeys([*here, *there])
-        if here.get(key) != there.get(key)
-    ]
+    if not other:
+        found = (await configured(session, "**")).settings
+        away = [key for key in found if key.origin == ConfigOrigin.LIVE or key.pending]
+        differences = [SettingDifference(key.key, key.value, _reference(key)) for key in away]
+    else:
+        here = await _values(session, session.platform, files=files)
+        there = _file(other) if _is_file(other) else await _values(session, other, files=files)
+        differences = [
+            SettingDifference(key, here.get(key), there.get(key))
+            for key in dict.fromkeys([*here, *there])
+            if here.get(key) != there.get(key)
+        ]
+    _print_differences(session, differences, other)
+
+
+def _reference(key: ConfiguredKey) -> Any:
+    """The value of the file; of a setting without one the default."""
+    return key.file_value if key.service else key.default
+
+
+def _print_differences(session: Session, differences: list[SettingDifference], other: str) -> None:
     if session.settings.structured:
         session.out.document(SettingsDiff(differences, session.platform, other))
         return
     if not differences:
-        session.out.say(f"{session.platform}: same live settings as {other}")
+        same = f"same settings as {other}" if other else "the values of its files are in force"
+        session.out.say(f"{session.platform}: {same}")
         return
-    columns = [Column("KEY"), Column(session.platform, right=True), Column(other, right=True)]
+    columns = [Column("KEY"), Column(session.platform, right=True), Column(other or "FILE", right=True)]
     session.out.table(columns, [(one.key, _cell(one.here), _cell(one.there)) for one in differences])
 
 
@@ -159,9 +187,9 @@ def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
         raise InvalidInput(f"{file}: {key}: {value!r}; expected one of {', '.join(entry.choices)}")
 
 
-async def _set_all(session: Session, changes: list[SettingChange]) -> None:
+async def _set_all(session: Session, changes: list[LoadedChange]) -> None:
     """Sets all of them; a refusal takes back those before it, and is raised."""
-    done: list[SettingChange] = []
+    done: list[LoadedChange] = []
     for change in changes:
         try:
             await _set(session, change.key, change.after)
@@ -204,6 +232,16 @@ async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry
 def _own_file(session: Session, file: str) -> Path:
     """The file, or that of the platform in a folder: `NAME/`."""
     return paths.platform_settings(Path(file), session.platform) if file.endswith("/") else Path(file)
+
+
+async def _values(session: Session, platform: str, *, files: bool) -> dict[str, Any]:
+    """The values in force of the live settings, or of every key, by key.
+
+    Raises: as `_present`.
+    """
+    if not files:
+        return {key: value for key, (_, value) in (await _present(session, platform)).items()}
+    return {key.key: key.value for key in (await configured(session, "**", platform=platform)).settings}
 
 
 def _file(file: str) -> dict[str, Any]:
