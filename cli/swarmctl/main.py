@@ -23,6 +23,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "app": Lazy("swarmctl.commands.app.command:cmd", "Applications that run on the nodes."),
     "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
     "call": Lazy("swarmctl.commands.call.command:call", "Send a request to a command and print the answer."),
+    "pub": Lazy("swarmctl.commands.pub.command:pub", "Publish a value as a resource of the joined node."),
     "topo": Lazy("swarmctl.commands.topo.command:cmd", "The links of the swarm as a graph."),
     "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
     "traffic": Lazy(

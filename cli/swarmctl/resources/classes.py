@@ -23,6 +23,20 @@ async def described(session: Session, platform: str, name: str) -> TypeDescripti
     return describe(registry.find(name))
 
 
+async def described_anywhere(session: Session, name: str) -> TypeDescription:
+    """The description of a type by the first platform that has it, the joined one first.
+
+    Raises: NotFound.
+    """
+    known = await session.platforms()
+    for platform in sorted(known, key=lambda one: one != session.here):
+        try:
+            return await described(session, platform, name)
+        except (NotFound, NoAnswer):
+            continue
+    raise NotFound(f"type {name!r}: no platform describes it; expected a type that `swarmctl tree ls` shows")
+
+
 async def payload_class(session: Session, platform: str, name: str) -> type[msgspec.Struct] | None:
     """The class of a type; None when it is not installed here and its platform does not describe it.
 

@@ -45,6 +45,12 @@ def json_or_text(text: str) -> Any:
         return text
 
 
+def scalar_type(words: tuple[str, ...]) -> str:
+    """Name of the common type of one plain word; empty: it is a value with fields."""
+    value = json_or_text(words[0]) if len(words) == 1 and not _FIELD.match(words[0]) else None
+    return {bool: "Bool", int: "Int", float: "Float", str: "Text"}.get(type(value), "")
+
+
 def _plain_of(cls: type[msgspec.Struct], name: str, text: str, path: str) -> Any:
     """The value of a field: as JSON where that fits its type, else as the word was typed: `reason=5`."""
     value = json_or_text(text)

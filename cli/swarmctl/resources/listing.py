@@ -8,7 +8,7 @@ import msgspec
 from swarmctl.commandline import completion_cache
 from swarmctl.commandline.completion_cache import VALUED, CachedResource
 from swarmctl.session.session import Session, config_dir
-from swarmware.errors import NotFound, SwarmError
+from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeValue
 
@@ -129,6 +129,18 @@ async def entry_of(session: Session, path: str) -> TreeEntry:
         await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
         raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
     return entry
+
+
+async def find_entry(session: Session, path: str) -> TreeEntry | None:
+    """The resource of any kind at a path; None: there is none, as far as is known now.
+
+    Raises: InvalidInput for what is not a path.
+    """
+    full = names.check_path(session.path(path))
+    try:
+        return await _exact(session, full)
+    except (NotFound, NoAnswer):
+        return None  # its platform is not known yet, or has no route
 
 
 async def consequence(session: Session, path: str) -> str:

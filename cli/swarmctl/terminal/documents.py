@@ -26,6 +26,7 @@ DOCUMENTS: Final = {
     "tree bw": "swarmctl.commands.tree.measuring:MeasuredBandwidths",
     "tree delay": "swarmctl.commands.tree.measuring:MeasuredDelays",
     "call": "swarmctl.commands.call.request:CallAnswer",
+    "pub": "swarmctl.commands.pub.publishing:Published",
     "topo": "swarmctl.commands.topo.topology:SwarmTopology",
     "link ls": "swarmware.types.net:Neighbours",
     "traffic ls": "swarmware.types.net:Traffic",

@@ -104,7 +104,7 @@ class NodeParticipant:
     def declare(self, cls: type[msgspec.Struct]) -> None:
         """Describe a payload type of its own, for those that have no module with it."""
         name = registry.type_name(cls)
-        if cls.__module__.startswith(_EVERYWHERE) or name in self._types:
+        if name in self._types or (cls.__module__.startswith(_EVERYWHERE) and registry.known(cls)):
             return
         from swarmware.types.description import describe  # only what defines types needs it
 

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import select
 import signal
 import subprocess
@@ -99,6 +100,18 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
             answer = ctl("call /uav1/cmd/weather at_m=12 --json").document
             assert (answer["type"], answer["value"]) == ("Weather", {"temp_degc": 12.0, "gusts": []})
             assert ctl("call cmd/weather 12 -n uav1").code == 7, "a type with a field of another name"
+            with lab.started(
+                "pub test/weather temp_degc=-3 'gusts=[{\"speed_m_s\": 2}]' --type Weather --rate 20"
+            ) as pub:
+                there = f"--config {lab.node('uav2')['folder']}/etc"
+                while (got := ctl(f"tree get /gcs/test/weather --json {there}")).code:
+                    assert pub.poll() is None
+                assert got.document["value"] == {"temp_degc": -3.0, "gusts": [{"speed_m_s": 2.0}]}
+                twice = ctl("pub test/weather temp_degc=1 --type Weather")
+                assert (twice.code, "another application publishes it" in twice.err) == (5, True)
+                pub.send_signal(signal.SIGINT)
+                out, _ = pub.communicate(timeout=10)
+            assert re.fullmatch(r"/gcs/test/weather: \d+ values? .*of type Weather published\n", out)
             rate = ctl("tree hz /uav1/sensor/weather --window 1 --json").document["rates"][0]
             assert 15 < rate["written_hz"] < 25, "the counter of the owner, whatever arrives"
             width = ctl("tree bw /uav1/sensor/weather --window 0.5 --json").document["bandwidths"][0]

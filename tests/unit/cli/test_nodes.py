@@ -162,7 +162,10 @@ WITHOUT_NODES = {
     "new module": "makes a folder",
     "new service": "makes a folder",
 }
-OF_ONE_NODE = {"mission start": "acts through one ground station; --member selects vehicles"}
+OF_ONE_NODE = {
+    "mission start": "acts through one ground station; --member selects vehicles",
+    "pub": "publishes on the joined node",
+}
 
 
 def test_every_command_selects_nodes_by_pattern_but_for_those_that_cannot() -> None:

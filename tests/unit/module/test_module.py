@@ -17,7 +17,8 @@ from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.sender import with_sender
 from swarmware.types import registry
-from swarmware.types.description import TypeDescription
+from swarmware.types.described import class_of
+from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import StreamLoss, StreamLosses
 
@@ -353,3 +354,13 @@ async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_las
             assert reader.value == Float(4.0)
         assert reader.refused == 3
         mirror.close()
+
+
+async def test_a_type_made_from_a_description_is_described_again_by_who_publishes_it(tmp_path: Path) -> None:
+    fields = (FieldDescription("fallen_m", "float"), FieldDescription("of", "str"))
+    rain = class_of(TypeDescription((StructDescription("Rain", fields, array=True),)))
+    async with tmp_node(tmp_path) as node, Module("station", node=node) as m:
+        m.writer("sensor/rain", rain)
+        m.writer("sensor/height", Float)
+        await asyncio.sleep(0)
+        assert list(m.entry.types) == ["Rain"], "a type of every node needs no description"

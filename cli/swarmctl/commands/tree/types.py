@@ -5,14 +5,14 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmctl.resources.classes import described
+from swarmctl.resources.classes import described, described_anywhere
 from swarmctl.resources.fields import wrapped
 from swarmctl.resources.listing import entry_of
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
-from swarmware.errors import NoAnswer, NotFound
+from swarmware.errors import NotFound
 from swarmware.model.names import split
-from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
+from swarmware.types.description import FieldDescription, StructDescription
 from swarmware.types.tree import TreeEntry
 from swarmware.types.units import unit_of
 
@@ -60,7 +60,7 @@ async def print_type(session: Session, name: str) -> None:
     Raises: NotFound, NoAnswer.
     """
     if _TYPE_NAME.match(name):
-        entry, found = None, [await _anywhere(session, name)]
+        entry, found = None, [await described_anywhere(session, name)]
     else:
         entry = await entry_of(session, name)
         platform = split(entry.path)[0] or session.here
@@ -76,20 +76,6 @@ async def print_type(session: Session, name: str) -> None:
     for one in structs.values():
         lines += [*_struct_lines(_shown(one, entry), session.out.width), ""]
     session.out.text("\n".join(lines[:-1]))
-
-
-async def _anywhere(session: Session, name: str) -> TypeDescription:
-    """The description by the first platform that has the type, the joined one first.
-
-    Raises: NotFound.
-    """
-    known = await session.platforms()
-    for platform in sorted(known, key=lambda one: one != session.here):
-        try:
-            return await described(session, platform, name)
-        except (NotFound, NoAnswer):
-            continue
-    raise NotFound(f"type {name!r}: no platform describes it; expected a type that `swarmctl tree ls` shows")
 
 
 def _shown(one: StructDescription, entry: TreeEntry | None) -> ShownStruct:
