@@ -24,6 +24,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
     "call": Lazy("swarmctl.commands.call.command:call", "Send a request to a command and print the answer."),
     "pub": Lazy("swarmctl.commands.pub.command:pub", "Publish a value as a resource of the joined node."),
+    "wait": Lazy("swarmctl.commands.wait.command:wait", "Wait until a condition on a resource holds."),
     "topo": Lazy("swarmctl.commands.topo.command:cmd", "The links of the swarm as a graph."),
     "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
     "traffic": Lazy(

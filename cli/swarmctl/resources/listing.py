@@ -137,8 +137,13 @@ async def find_entry(session: Session, path: str) -> TreeEntry | None:
     Raises: InvalidInput for what is not a path.
     """
     full = names.check_path(session.path(path))
+    platform = names.split(full)[0] or session.here
+    found = await _pages(session, full)
+    if found.entries:
+        return found.entries[0]
     try:
-        return await _exact(session, full)
+        await session.reach(platform)
+        return await _at_owner(session, platform, full)
     except (NotFound, NoAnswer):
         return None  # its platform is not known yet, or has no route
 

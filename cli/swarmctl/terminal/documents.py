@@ -27,6 +27,7 @@ DOCUMENTS: Final = {
     "tree delay": "swarmctl.commands.tree.measuring:MeasuredDelays",
     "call": "swarmctl.commands.call.request:CallAnswer",
     "pub": "swarmctl.commands.pub.publishing:Published",
+    "wait": "swarmctl.commands.wait.waiting:ConditionReached",
     "topo": "swarmctl.commands.topo.topology:SwarmTopology",
     "link ls": "swarmware.types.net:Neighbours",
     "traffic ls": "swarmware.types.net:Traffic",

@@ -6,7 +6,7 @@ from typing import Any, Final
 import msgspec
 
 from swarmware.errors import NotFound
-from swarmware.mission.condition import Scalar
+from swarmware.mission.condition import Scalar, scalar_of
 from swarmware.model.names import split
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -42,11 +42,7 @@ class Values:
     def value(self, path: str, field: str) -> Scalar | None:
         """Newest value of the resource's field (empty: its only one)."""
         reader = self._readers.get(path)
-        value: Any = None if reader is None else reader.value
-        names = field.split(".") if field else _only_field(value)
-        for name in names:
-            value = getattr(value, name, None)
-        return value if isinstance(value, bool | int | float | str) else None
+        return None if reader is None else scalar_of(reader.value, field)
 
     def age_s(self, path: str) -> float | None:
         """Age of the newest value."""
@@ -65,8 +61,3 @@ class Values:
         table = self._module.node.table
         table.refresh()
         return next((r.type for entry in table for r in entry.provides if r.path == local and r.type), "")
-
-
-def _only_field(value: Any) -> tuple[str, ...]:
-    fields = getattr(value, "__struct_fields__", ())
-    return fields if len(fields) == 1 else ("",)

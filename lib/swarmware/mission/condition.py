@@ -1,12 +1,13 @@
 """Conditions on resource values: `battery < 80 % or age(nav/pose) > 1`.
 
 Grammar: or, and, not, comparisons (< <= > >= == !=), parentheses; operands are numbers (with % as a
-hundredth), 'text', true, false, resource paths with an optional field, age(path) in seconds.
+hundredth), 'text' or "text", true, false, resource paths with an optional field, age(path) in seconds.
+In a condition on one resource names without a path are its fields, and age() is its age.
 """
 
 import operator
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from typing import Final, Protocol
 
@@ -29,9 +30,12 @@ LENGTH_LIMIT: Final = 500
 DEPTH_LIMIT: Final = 20
 """Maximum nesting of parentheses and `not`."""
 
+CROSSED_S: Final = 0.001
+"""Time after which an age that reached a limit is beyond it; timers of the event loop are as precise."""
+
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)(?P<percent>\s*%)?"
-    r"|'(?P<text>[^']*)'"
+    r"|'(?P<text>[^']*)'|\"(?P<quoted>[^\"]*)\""
     r"|(?P<path>/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*(?:\.[A-Za-z0-9_]+)*)"
     r"|(?P<symbol><=|>=|==|!=|<|>|\(|\)))"
 )
@@ -111,6 +115,14 @@ class Either(msgspec.Struct, frozen=True, tag=True):
     right: "Node"
 
 
+class ConditionOperand(msgspec.Struct, frozen=True):
+    """A field or an age that a condition depends on."""
+
+    path: str
+    field: str = ""
+    age: bool = False
+
+
 Operand = Literal | Field | Age
 Node = Compare | Not | Both | Either | Literal | Field | Age
 
@@ -127,17 +139,34 @@ class ConditionExpression(msgspec.Struct, frozen=True):
 
     def resources(self) -> frozenset[str]:
         """Paths of the resources in the condition."""
-        return frozenset(_paths(self.node))
+        return frozenset(operand.path for operand in self.operands())
+
+    def operands(self) -> list[ConditionOperand]:
+        """The fields and ages in the condition, in their order."""
+        return [
+            ConditionOperand(one.path, age=True)
+            if isinstance(one, Age)
+            else ConditionOperand(one.path, one.field)
+            for one in _nodes(self.node)
+            if isinstance(one, Age | Field)
+        ]
+
+    def next_change_s(self, lookup: Lookup) -> float | None:
+        """Time until an age may change the result without a new value; None: none will."""
+        comparisons = (node for node in _nodes(self.node) if isinstance(node, Compare))
+        ahead = [after_s for node in comparisons if (after_s := _crossing_s(node, lookup)) is not None]
+        return min(ahead, default=None)
 
 
-def parse(text: str) -> ConditionExpression:
+def parse(text: str, own: str = "") -> ConditionExpression:
     """Parse the text of a condition.
 
+    `own`: path of the resource whose fields the names without a path are; empty: they are short names.
     Raises: MissionError with the place in the text and what was expected.
     """
     if len(text) > LENGTH_LIMIT:
         raise MissionError(f"condition of {len(text)} characters: expected at most {LENGTH_LIMIT}")
-    reader = _ConditionParser(text)
+    reader = _ConditionParser(text, own)
     node = reader.either(0)
     if reader.kind is not TokenKind.END:
         raise reader.error("and, or, or the end")
@@ -159,8 +188,9 @@ class TokenKind(StrEnum):
 class _ConditionParser:
     """Recursive descent over the tokens."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, own: str) -> None:
         self._text = text
+        self._own = own
         self._at = 0
         self.kind = TokenKind.OTHER
         self.word = ""
@@ -171,10 +201,13 @@ class _ConditionParser:
 
     def error(self, expected: str) -> MissionError:
         place = f"at {self.word!r}" if self.kind is not TokenKind.END else "at its end"
-        return MissionError(f"condition {self._text!r} {place}: expected {expected}")
+        return MissionError(
+            f"condition {self._text!r} {place}, column {self._begin + 1}: expected {expected}"
+        )
 
     def _advance(self) -> None:
         rest = self._text[self._at :]
+        self._begin = self._at + len(rest) - len(rest.lstrip())
         if not rest.strip():
             self.kind, self.word = TokenKind.END, ""
             return
@@ -183,7 +216,9 @@ class _ConditionParser:
             self.kind, self.word = TokenKind.OTHER, rest.strip()[:10]
             raise self.error("a number, a resource path, 'text' or a comparison")
         self._at = found.end()
-        self._begin = found.start() + len(found[0]) - len(found[0].lstrip())
+        if found["quoted"] is not None:
+            self.kind, self.word = TokenKind.TEXT, found["quoted"]
+            return
         self.kind = TokenKind.NUMBER if found["number"] is not None else TokenKind(found.lastgroup or "")
         if self.kind is TokenKind.NUMBER:
             self.word = found[0].strip()
@@ -243,22 +278,56 @@ class _ConditionParser:
             return Literal(word == "true")
         if word == "age" and self._take(TokenKind.SYMBOL, "("):
             path, begin = self.word, self._begin
+            if self._own and self._take(TokenKind.SYMBOL, ")"):
+                return Age(self._own, begin)
             if self.kind is not TokenKind.PATH or not self._resource(path):
                 raise self.error("a resource path")
             self._advance()
             if not self._take(TokenKind.SYMBOL, ")"):
                 raise self.error(")")
             return Age(path, begin)
+        if self._own and "/" not in word:
+            return Field(self._own, word, begin)
         full = SHORT_NAMES.get(word.lower(), word)
         path, _, field = full.partition(".")
         if not self._resource(path):
-            self.kind, self.word = kind, word
+            self.kind, self.word, self._begin = kind, word, begin
             raise self.error(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")
         return Field(path, field, begin)
 
     @staticmethod
     def _resource(path: str) -> bool:
         return "/" in path.removeprefix("/") and path == path.lower()
+
+
+def scalar_of(value: msgspec.Struct | None, field: str) -> Scalar | None:
+    """A field of a value by its dotted name, or (empty) its only field; None: it has no such single value."""
+    fields = getattr(value, "__struct_fields__", ())
+    found: object = value
+    for name in field.split(".") if field else fields if len(fields) == 1 else ("",):
+        found = getattr(found, name, None)
+    return found if isinstance(found, bool | int | float | str) else None
+
+
+def _crossing_s(node: Compare, lookup: Lookup) -> float | None:
+    """Time until the age on one side of a comparison is just beyond the value on the other."""
+    ages, others = (node.left, node.right), (node.right, node.left)
+    for age, other in zip(ages, others, strict=True):
+        if isinstance(age, Age) and not isinstance(other, Age):
+            age_s, limit_s = lookup.age_s(age.path), _operand_value(other, lookup)
+            if age_s is not None and isinstance(limit_s, int | float) and limit_s >= age_s:
+                return limit_s - age_s + CROSSED_S
+    return None
+
+
+def _nodes(node: Node) -> Iterator[Node]:
+    """A condition and all its parts, in their order."""
+    yield node
+    if isinstance(node, Not):
+        yield from _nodes(node.inner)
+    elif isinstance(node, Both | Either | Compare):
+        yield from _nodes(node.left)
+        yield from _nodes(node.right)
 
 
 def _operand_value(node: Operand, lookup: Lookup) -> Scalar | None:
@@ -286,13 +355,3 @@ def _truth(node: Node, lookup: Lookup) -> bool | None:
         return None if left_truth is None or right_truth is None else not decisive
     value = _operand_value(node, lookup)
     return value if isinstance(value, bool) else None
-
-
-def _paths(node: Node) -> set[str]:
-    if isinstance(node, Field | Age):
-        return {node.path}
-    if isinstance(node, Not):
-        return _paths(node.inner)
-    if isinstance(node, Both | Either | Compare):
-        return _paths(node.left) | _paths(node.right)
-    return set()

@@ -1,6 +1,6 @@
 """Checks the operands of conditions: resources of the templates, fields of their types, ranges of values."""
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from functools import cache
 from typing import Any, Final, get_type_hints
 
@@ -78,8 +78,14 @@ _Known = dict[str, dict[str, Resource]]
 class Vocabulary:
     """Resources of each kind of platform, by local path."""
 
-    def __init__(self, resources: Iterable[Resource] = ()) -> None:
+    def __init__(
+        self,
+        resources: Iterable[Resource] = (),
+        types: Callable[[str], type[msgspec.Struct]] = registry.find,
+    ) -> None:
+        """`types`: finds a payload type by its name; raises NotFound for one that is not known."""
         self._known: _Known = {}
+        self._types = types
         self.add("", resources)
 
     def add(self, kind: str, resources: Iterable[Resource]) -> None:
@@ -100,20 +106,32 @@ class Vocabulary:
             if edge.condition
         ]
         players = tuple(kinds)
-        readers = [_TemplateReader(self._known, players, kind, own) for kind in players or ("",)]
+        readers = [_TemplateReader(self._known, players, kind, own, self._types) for kind in players or ("",)]
         found = [problem for where in conditions for reader in readers for problem in reader.problems(*where)]
         return list(dict.fromkeys(found))
+
+    def examine(self, condition: ConditionExpression) -> list[Problem]:
+        """Errors and warnings of one condition, for platforms of any kind."""
+        return list(_TemplateReader(self._known, (), "", "", self._types).problems("", condition))
 
 
 class _TemplateReader:
     """Evaluates the types of one condition on a platform of one kind."""
 
-    def __init__(self, known: _Known, kinds: tuple[str, ...], kind: str, own: str) -> None:
+    def __init__(
+        self,
+        known: _Known,
+        kinds: tuple[str, ...],
+        kind: str,
+        own: str,
+        types: Callable[[str], type[msgspec.Struct]],
+    ) -> None:
         self._known = known
         self._kinds = kinds
         """Kinds of all platforms that may have the role."""
         self._kind = kind
         self._own = own
+        self._types = types
 
     def problems(self, pointer: str, condition: ConditionExpression) -> Iterator[Problem]:
         """Errors and warnings of one condition."""
@@ -182,7 +200,7 @@ class _TemplateReader:
         if isinstance(node, Age):
             return _Value(f"age({node.path})", _NUMBER)
         try:
-            cls = registry.find(resource.type)
+            cls = self._types(resource.type)
         except NotFound:
             message = f"type {resource.type!r} of {node.path!r} is not installed: its fields are not checked"
             yield node.at, "warning", message

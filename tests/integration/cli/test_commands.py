@@ -64,6 +64,7 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
             "tree get '/*/power/battery.remaining_ratio'",
             lambda d: len(d["values"]) == 3 and all(0 < v["value"] <= 1 for v in d["values"]),
         ),
+        ("wait /uav1/nav/pose 'z_m < 900'", lambda d: d["operands"][0]["value"] < 900),
         (
             "call /uav1/sys/tree/get path=nav/pose",
             lambda d: d["type"] == "TreeValue" and d["value"]["path"] == "/uav1/nav/pose",
@@ -205,6 +206,15 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ("pub test/goal x_m=1", 7, "expected --type TYPE"),
         ("pub test/goal x_m=1 --type Goall", 6, "no platform describes it"),
         ("pub test/goal x_m=1 --type Goal", 7, "field 'seq' of Goal is missing"),
+        ("wait /uav1/nav/pose 'z_m <'", 7, "at its end, column 6: expected a number"),
+        (
+            "wait /uav1/nav/pose 'z < 1'",
+            7,
+            "column 1 of condition 'z < 1': Pose has no field 'z'; did you mean",
+        ),
+        ("wait /uav1/mission/state 'state == \"off\"'", 7, "is never 'off': expected one of 'idle'"),
+        ("wait -n uav1 cmd/abort 'x > 1'", 7, "is a command, which has no value"),
+        ("wait /uav1/nav/pose 'z_m > 900' --timeout 0.2", 4, "not within 0.2 s; last: z_m"),
         ("node info uav9", 6, "node 'uav9'"),
         ("node info Uav1", 7, "platform name 'Uav1'"),
         ("node ls -n uav9", 6, "node 'uav9'"),

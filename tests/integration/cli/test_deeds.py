@@ -145,6 +145,25 @@ def test_a_command_of_the_example_module_is_called_from_another_platform(hello: 
     assert (wrong.code, "/uav1/cmd/goto.x_m: expected `float`, got `str`" in wrong.err) == (7, True)
 
 
+def test_a_wait_at_another_node_begins_before_the_resource_exists(lab: Lab, ctl: Ctl) -> None:
+    there = f"--config {lab.node('uav1')['folder']}/etc"
+    condition = "'value > 2 and /uav1/vehicle/state.landed' --timeout 60"
+    with lab.started(f"wait /gcs/test/depth {condition} --json {there}") as waiting:
+        assert waiting.stderr is not None
+        assert "does not exist yet" in json.loads(waiting.stderr.readline())["message"]
+        assert ctl("pub test/depth 1 --hold 0.3").code == 0
+        assert waiting.poll() is None
+        while waiting.poll() is None:
+            assert ctl("pub test/depth 2.5").code == 0
+        out, err = waiting.communicate(timeout=10)
+    assert waiting.returncode == 0, err
+    found = json.loads(out)["operands"]
+    assert [(one["path"], one["field"]) for one in found] == [
+        ("/gcs/test/depth", "value"),
+        ("/uav1/vehicle/state", "landed"),
+    ]
+
+
 def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None:
     with lab.started("tree watch /gcs/tree/changes --count 1 --json") as watch:
         assert watch.stdout is not None

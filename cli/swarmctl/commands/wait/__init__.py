@@ -1,0 +1,1 @@
+"""The command `wait`: returns when a condition on the values of resources holds."""
