@@ -79,7 +79,8 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     samples: int = 0
     """Exchanges of its estimation; an initial value from a partner has none."""
     rtt_ns: int = 0
-    """Smallest round trip seen in the window; 0 when composed."""
+    """Smallest round trip of the last one or two windows, with the error of the skew; 0: composed, or none
+    yet."""
     suspect: bool = False
     """A partner's function contradicts it beyond both bounds (S1.70)."""
 
