@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from swarmctl.terminal.output import Column, plain_table
+from swarmctl.terminal.table import Column, fitted_table
 from swarmlab.experiment import REPORT
 from swarmlab.report.report import LIMITS, ExperimentReport
 
@@ -62,9 +62,9 @@ def main() -> int:
         rows.append([budget.what, shown, f"< {budget.limit:g} {budget.unit}", "" if held else "MISSED"])
     print(f"{NODES} nodes, one formation; {found.host.summary()}")
     print(
-        plain_table(
+        fitted_table(
             (Column("figure"), Column("here", right=True), Column("budget", right=True), Column("")), rows
-        )
+        ).text
     )
     return 1 if missed else 0
 

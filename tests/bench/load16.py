@@ -21,7 +21,7 @@ from lab import formation_lab, options
 from swarmctl.session.labs import LabState
 from swarmctl.session.processes import NODE_MARK, by_mark
 from swarmctl.session.session import connect
-from swarmctl.terminal.output import Column, plain_table
+from swarmctl.terminal.table import Column, fitted_table
 from swarmlab.experiment import PLAN, TASK, TASK_S, mission_task
 from swarmlab.run import lifecycle
 from swarmlab.run.watch import SwarmWatch
@@ -159,7 +159,7 @@ def main() -> int:
         ]
         for row in found
     ]
-    print(plain_table(COLUMNS, rows))
+    print(fitted_table(COLUMNS, rows).text)
     return 0
 
 

@@ -7,7 +7,7 @@ import msgspec
 
 from swarmctl.resources.access import newest
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, NoAnswer, NotFound
 from swarmware.model import names
 from swarmware.types import registry

@@ -5,7 +5,8 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmctl.terminal.output import Cell, Column, Output
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import Partial, SwarmError
 
 NODE: Final = Column("NODE")

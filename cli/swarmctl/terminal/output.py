@@ -9,28 +9,17 @@ from typing import Any, Final, TextIO
 import msgspec
 
 from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmware.types.json_form import json_form
 
 SCHEMA_VERSION: Final = 2
 """Version of the JSON documents; it increases when a key changes its meaning or is removed."""
 
-Cell = str | int | float | bool | None
-
-
-class Column(msgspec.Struct, frozen=True):
-    """A column of a table."""
-
-    name: str
-    right: bool = False
-    """Aligned to the right, for numbers."""
-    wide: bool = False
-    """Shown with `-o wide` only."""
-
 
 class Output:
     """The two streams of a command and the rules for them.
 
-    A table is drawn with colours on a terminal, and plain, complete and never cut short elsewhere.
+    A table is fitted to the width of a terminal; elsewhere it is complete and as wide as it is.
     """
 
     def __init__(
@@ -110,21 +99,11 @@ class Output:
             rows = [[row[place] for place in kept] for row in rows]
             columns = [columns[place] for place in kept]
         cells = [[show(cell) for cell in row] for row in rows]
-        if not self.fancy:
-            self.text(plain_table(columns, cells, title))
-            return
-        from rich.console import Console
-        from rich.table import Table
-        from rich.text import Text
-
-        drawn = Table(
-            title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False
-        )
-        for column in columns:
-            drawn.add_column(column.name, justify="right" if column.right else "left", overflow="fold")
-        for row in cells:
-            drawn.add_row(*(Text(cell) for cell in row))
-        Console(file=self._out, highlight=False).print(drawn)
+        table = fitted_table(columns, cells, None if self.settings.output == "wide" else self.width)
+        header = [f"\x1b[1m{line}\x1b[0m" for line in table.header] if self.fancy else table.header
+        self.text("\n".join([*([title] if title else []), *header, *table.rows]))
+        if table.hidden:
+            self.say(f"-o wide also shows {', '.join(table.hidden)}")
 
     def document(self, value: msgspec.Struct) -> None:
         """Print the result for programs: the version of the schema, then the fields.
@@ -170,27 +149,3 @@ class Output:
 def json_line(form: dict[str, Any]) -> str:
     """A document on one line."""
     return msgspec.json.encode({"schema_version": SCHEMA_VERSION, **form}).decode()
-
-
-def show(cell: Cell) -> str:
-    """Text of a value: a dash for no value, numbers with four significant digits."""
-    if cell is None or cell == "":
-        return "-"
-    if isinstance(cell, bool):
-        return "yes" if cell else "no"
-    if isinstance(cell, float):
-        return f"{cell:.4g}" if abs(cell) < 1e4 else f"{cell:.0f}"
-    return str(cell)
-
-
-def plain_table(columns: Sequence[Column], cells: Sequence[Sequence[str]], title: str = "") -> str:
-    """The table as text: two blanks between columns, nothing truncated."""
-    widths = [max([len(c.name), *(len(row[i]) for row in cells)]) for i, c in enumerate(columns)]
-    lines = [title] if title else []
-    for row in [[c.name for c in columns], *cells]:
-        padded = [
-            text.rjust(width) if column.right else text.ljust(width)
-            for text, width, column in zip(row, widths, columns, strict=True)
-        ]
-        lines.append("  ".join(padded).rstrip())
-    return "\n".join(lines)

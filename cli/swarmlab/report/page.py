@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from swarmctl.terminal.output import show
+from swarmctl.terminal.table import show
 from swarmlab.report import charts, link_chart, replay, timeline_chart
 from swarmlab.report import report as figures
 from swarmlab.report.flight_map import flight_map

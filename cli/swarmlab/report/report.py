@@ -4,7 +4,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmlab.measure.host import HostInfo
 
 

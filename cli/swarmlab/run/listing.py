@@ -10,7 +10,9 @@ import msgspec
 
 from swarmctl.session import labs
 from swarmctl.session.labs import LabNode, LabState
-from swarmctl.terminal.output import Column, Output
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Column
 
 
 class LabLine(msgspec.Struct, frozen=True):
@@ -43,14 +45,14 @@ class ProcessLogLine(msgspec.Struct, frozen=True):
 
 
 _COLUMNS = (
-    Column("lab"),
-    Column("experiment"),
-    Column("state"),
-    Column("nodes", right=True),
-    Column("alive", right=True),
-    Column("age", right=True),
-    Column("multicast"),
-    Column("folder"),
+    Column("LAB"),
+    Column("EXPERIMENT"),
+    Column("STATE"),
+    Column("NODES", right=True),
+    Column("ALIVE", right=True),
+    Column("AGE", right=True),
+    Column("MULTICAST", drop=1),
+    Column("FOLDER"),
 )
 
 
@@ -80,7 +82,7 @@ def list_labs(out: Output) -> None:
         out.document(LabList(lines))
         return
     rows = [
-        (x.name, x.experiment, x.state, x.nodes, x.alive, f"{x.age_s:.0f} s", x.multicast, x.folder)
+        (x.name, x.experiment, x.state, x.nodes, x.alive, spoken(x.age_s), x.multicast, x.folder)
         for x in lines
     ]
     out.table(_COLUMNS, rows)

@@ -4,7 +4,13 @@ import asyncio
 from collections.abc import Collection
 
 from swarmd.register import config as settings
-from swarmd.register.core.known_registers import Action, Forgotten, ReadRoutes, RegisterCore
+from swarmd.register.core.known_registers import (
+    Action,
+    Forgotten,
+    PublishedTable,
+    ReadRoutes,
+    RegisterCore,
+)
 from swarmware import __version__
 from swarmware.model.clock import utc_ns
 from swarmware.module.boardset import BoardSet
@@ -68,21 +74,23 @@ class Registrar(Service):
     async def _follow(self, tables: BoardSet[ApplicationTable]) -> None:
         while True:
             for platform in await tables.changed():
-                if (table := _of(tables, platform)) is not None:
-                    self._driver.feed(self._core.on_table(table, self.module.now_ns()))
+                now_ns = self.module.now_ns()
+                if (published := _published(tables, platform, now_ns)) is not None:
+                    self._driver.feed(self._core.on_table(published, now_ns))
 
     def _perform(self, action: Action) -> None:
         match action:
             case ReadRoutes():
-                self._driver.feed(self._core.on_routes_read(self._reached(), self.module.now_ns()))
+                now_ns = self.module.now_ns()
+                self._driver.feed(self._core.on_routes_read(self._reached(now_ns), now_ns))
             case Forgotten(platform):
                 self.module.log.info("%s: not reachable for %.0f s, removed", platform, self.config.forget_s)
 
-    def _reached(self) -> dict[str, ApplicationTable | None]:
+    def _reached(self, now_ns: int) -> dict[str, PublishedTable | None]:
         """Platforms with a route, and the tables that they publish."""
         routes = self._routes.value
         found = routes.routes if routes is not None else ()
-        return {route.platform: _of(self._tables, route.platform) for route in found}
+        return {route.platform: _published(self._tables, route.platform, now_ns) for route in found}
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)
@@ -113,7 +121,12 @@ def processes(table: ApplicationTable, services: Collection[str]) -> str:
     return "one" if len(pids) <= 1 else "per-daemon"
 
 
-def _of(tables: BoardSet[ApplicationTable] | None, platform: str) -> ApplicationTable | None:
+def _published(
+    tables: BoardSet[ApplicationTable] | None, platform: str, now_ns: int
+) -> PublishedTable | None:
     """The table of a platform; None when it names another platform."""
-    table = tables[platform].value if tables is not None and platform in tables else None
-    return table if table is not None and table.platform == platform else None
+    board = tables[platform] if tables is not None and platform in tables else None
+    table = board.value if board is not None else None
+    if board is None or table is None or table.platform != platform:
+        return None
+    return PublishedTable(table, now_ns - round((board.age_s or 0.0) * 1e9))

@@ -31,7 +31,7 @@ from swarmctl.session import each_node, labs, processes, session
 from swarmctl.session.each_node import at_each
 from swarmctl.session.session import Session
 from swarmctl.terminal import documents
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind

@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.terminal.output import SCHEMA_VERSION, Column, Output, show
+from swarmctl.terminal.output import SCHEMA_VERSION, Output
+from swarmctl.terminal.table import Column
 
 
 class Terminal(io.StringIO):
@@ -163,18 +164,14 @@ def test_talk_goes_to_stderr_and_quiet_silences_it_but_not_warnings() -> None:
     assert out.getvalue() == ""
 
 
-@pytest.mark.parametrize(
-    ("cell", "text"),
-    [
-        (None, "-"),
-        ("", "-"),
-        (True, "yes"),
-        (False, "no"),
-        (0, "0"),
-        (0.0, "0"),
-        (1.23456, "1.235"),
-        (123456.7, "123457"),
-    ],
-)
-def test_cells_are_written_for_people(cell: str | int | float | bool | None, text: str) -> None:
-    assert show(cell) == text
+def test_a_table_too_wide_for_the_terminal_says_what_it_hides(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "24")
+    columns = (Column("NODE"), Column("ADDRESS", drop=1))
+    rows = (("uav1", "127.0.0.1:55777:multicast"),)
+    out, err = Terminal(), io.StringIO()
+    Output(CliSettings(no_color=True), out, err).table(columns, rows)
+    assert out.getvalue().splitlines() == ["NODE", "uav1"]
+    assert err.getvalue() == "-o wide also shows ADDRESS\n"
+    out = Terminal()
+    Output(CliSettings(no_color=True, output="wide"), out, err).table(columns, rows)
+    assert rows[0][1] in out.getvalue()

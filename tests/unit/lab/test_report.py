@@ -4,7 +4,7 @@ import json
 
 import msgspec
 
-from swarmctl.terminal.output import plain_table
+from swarmctl.terminal.table import fitted_table
 from swarmlab.measure.host import HostInfo
 from swarmlab.report import report
 from swarmlab.report.report import P95, ExperimentReport, MeanMax, Percentiles, Receipt, TrafficFigures
@@ -60,7 +60,7 @@ def test_numbers_have_four_significant_digits_and_counts_have_all() -> None:
 
 
 def test_the_table_shows_the_papers_figures_beside_ours() -> None:
-    text = plain_table(report.columns(GOOD), report.cells(GOOD))
+    text = fitted_table(report.columns(GOOD), report.cells(GOOD)).text
     for figure in ("56.07", "14.89", "1.31", "25", "81 297", "11.95 ms", "16.10 kB/s", "123 456", "1.5 ms"):
         assert figure in text
 
@@ -94,7 +94,7 @@ def test_goals_that_were_missed_are_named_with_the_goal() -> None:
 
 def test_a_run_of_another_size_is_not_set_beside_the_papers() -> None:
     few = msgspec.structs.replace(GOOD, nodes=4)
-    text = plain_table(report.columns(few), report.cells(few)) + report.markdown(few)
+    text = fitted_table(report.columns(few), report.cells(few)).text + report.markdown(few)
     assert not any(figure in text for figure in ("paper", "56.07", "14.89", "1.31", "81 297", "11.95"))
     assert "this run has 4" in report.comparison_note(few)
     assert report.comparison_note(GOOD) == ""

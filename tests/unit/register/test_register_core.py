@@ -1,7 +1,13 @@
 """Register core: tables of other computers in, what is known out."""
 
 from swarmd.register.config import Config
-from swarmd.register.core.known_registers import Action, Forgotten, ReadRoutes, RegisterCore
+from swarmd.register.core.known_registers import (
+    Action,
+    Forgotten,
+    PublishedTable,
+    ReadRoutes,
+    RegisterCore,
+)
 from swarmware.testing.virtual import VirtualTime
 from swarmware.types.register import Application, ApplicationTable
 
@@ -22,34 +28,34 @@ def names(core: RegisterCore, now_ns: int = 0) -> list[str]:
 def test_our_own_register_comes_first_then_the_others_in_natural_order() -> None:
     core = RegisterCore("uav1", "main", Config())
     for platform in ("uav10", "uav2", "gcs"):
-        core.on_table(table(platform), 0)
+        core.on_table(PublishedTable(table(platform), 0), 0)
     assert names(core) == ["uav1", "gcs", "uav2", "uav10"]
 
 
 def test_a_table_of_an_older_master_or_an_older_start_is_void() -> None:
     core = RegisterCore("uav1", "main", Config())
-    core.on_table(table("uav2", boot=2, epoch=5, version=3, apps=4), 0)
+    core.on_table(PublishedTable(table("uav2", boot=2, epoch=5, version=3, apps=4), 0), 0)
     for older in (
         table("uav2", boot=1, epoch=9, version=9),
         table("uav2", boot=2, epoch=4, version=9),
         table("uav2", boot=2, epoch=5, version=2),
     ):
-        core.on_table(older, 0)
+        core.on_table(PublishedTable(older, 0), 0)
     assert len(core.units(table("uav1"), {}, 0)[1].table.applications) == 4
-    core.on_table(table("uav2", boot=2, epoch=6, version=1, apps=0), 0)
+    core.on_table(PublishedTable(table("uav2", boot=2, epoch=6, version=1, apps=0), 0), 0)
     assert core.units(table("uav1"), {}, 0)[1].table.applications == ()
 
 
 def test_what_others_say_about_us_is_not_taken() -> None:
     core = RegisterCore("uav1", "main", Config())
-    core.on_table(table("uav1", epoch=99), 0)
+    core.on_table(PublishedTable(table("uav1", epoch=99), 0), 0)
     assert names(core) == ["uav1"]
 
 
-def test_hops_and_age_are_told_with_each_register() -> None:
+def test_each_register_has_its_hops_and_its_age() -> None:
     core = RegisterCore("uav1", "main", Config())
-    core.on_table(table("uav2"), 1 * SECOND)
-    core.on_table(table("uav3"), 4 * SECOND)
+    core.on_table(PublishedTable(table("uav2"), 1 * SECOND), 1 * SECOND)
+    core.on_table(PublishedTable(table("uav3"), 4 * SECOND), 4 * SECOND)
     units = {unit.table.platform: unit for unit in core.units(table("uav1"), {"uav3": 4}, 5 * SECOND)}
     assert (units["uav1"].hops, units["uav1"].age_s) == (0, 0.0)
     assert (units["uav2"].hops, units["uav2"].age_s) == (1, 4.0)
@@ -63,14 +69,14 @@ class Register:
         self.time = VirtualTime()
         self.core = RegisterCore("uav1", "main", Config(forget_s=600.0))
         self.driver = self.time.drive(self.core, self.perform)
-        self.reached: dict[str, ApplicationTable | None] = {}
+        self.reached: dict[str, PublishedTable | None] = {}
         self.forgotten: list[tuple[str, int]] = []
         self.looks = 0
         self.driver.feed()
 
     def take(self, *tables: ApplicationTable) -> None:
         for one in tables:
-            self.driver.feed(self.core.on_table(one, self.time.now_ns))
+            self.driver.feed(self.core.on_table(PublishedTable(one, self.time.now_ns), self.time.now_ns))
 
     def perform(self, action: Action) -> None:
         match action:
@@ -99,6 +105,17 @@ def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() ->
     register.take(table("uav2"))
     register.time.run_for(601)
     assert names(register.core) == ["uav1"]
-    register.reached = {"uav2": table("uav2")}
+    register.reached = {"uav2": PublishedTable(table("uav2"), 0)}
     register.time.run_for(10)
     assert names(register.core) == ["uav1", "uav2"]
+
+
+def test_the_age_of_a_table_counts_from_when_it_was_made_however_often_its_platform_is_reached() -> None:
+    register = Register()
+    register.take(table("uav2"))
+    register.reached = {"uav2": PublishedTable(table("uav2"), 0)}
+    register.time.run_for(100)
+    register.take(table("uav2"))  # received again, unchanged
+    register.time.run_for(25)
+    (_, unit) = register.core.units(table("uav1"), {}, register.time.now_ns)
+    assert unit.age_s == 125

@@ -4,8 +4,8 @@ import msgspec
 
 from swarmctl.commandline.nodes import is_selection
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
 from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Column
 from swarmware.errors import NotFound, Partial
 from swarmware.model import names
 from swarmware.types.register import KnownUnit, Register
@@ -53,8 +53,8 @@ async def list_applications(session: Session) -> None:
         Column("PID", right=True),
         Column("UP", right=True),
         Column("RESOURCES", right=True),
-        Column("COMMANDS", right=True),
-        Column("HOPS", right=True),
+        Column("COMMANDS", right=True, drop=1),
+        Column("HOPS", right=True, drop=2),
         Column("MASTER"),
     ]
     if session.settings.structured:

@@ -9,8 +9,8 @@ from swarmctl.resources.access import read, reset, set_resource, undo
 from swarmctl.resources.listing import consequence, is_pattern
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
 from swarmctl.terminal.quantities import utc_text
+from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NotFound
 from swarmware.model import names, paths
 from swarmware.types.config import ConfigHistory, HistoryQuery

@@ -12,8 +12,9 @@ from swarmctl.resources.listing import is_pattern
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session, config_dir, local_config_dirs
 from swarmctl.terminal.node_output import NodeOutput, print_results, raise_errors
-from swarmctl.terminal.output import Column, Output
+from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import utc_text
+from swarmctl.terminal.table import Column
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.model import names, paths, template
 from swarmware.model.config import load_node

@@ -13,7 +13,7 @@ from swarmctl.resources.access import read_all, write
 from swarmctl.resources.listing import valued
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import document, names, paths
 from swarmware.runtime.filewriter import replace_file

@@ -6,7 +6,8 @@ import msgspec
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
 from swarmctl.session.session import local_config_dirs
-from swarmctl.terminal.output import Column, Output
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.table import Column
 from swarmware.errors import NotFound
 
 WARNINGS: Final = 1

@@ -5,8 +5,8 @@ import msgspec
 from swarmctl.commandline.nodes import names_one
 from swarmctl.resources.fanout import read_boards, warn_errors
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Cell, Column
 from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import NotFound, Partial
 from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState
 from swarmware.types.rpc import Empty
@@ -44,10 +44,10 @@ async def list_states(session: Session) -> None:
             Column("PLATFORM"),
             Column("LEVEL"),
             Column("BATTERY", right=True),
-            Column("APPS", right=True),
+            Column("APPS", right=True, drop=1),
             Column("FAILED", right=True),
             Column("GUARD"),
-            Column("CHECKS", right=True),
+            Column("CHECKS", right=True, drop=2),
             Column("FAULTS"),
         ]
         session.out.table(columns, [_row(platform, states.get(platform)) for platform in asked])

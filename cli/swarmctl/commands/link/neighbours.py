@@ -1,7 +1,7 @@
 """Neighbours of a platform, from its broker."""
 
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
 
@@ -31,9 +31,9 @@ async def list_neighbours(session: Session) -> None:
     columns = [
         Column("NEIGHBOUR"),
         Column("STATE"),
-        Column("ADDRESS"),
-        Column("MESSAGES"),
-        Column("BEACON"),
+        Column("ADDRESS", drop=1),
+        Column("MESSAGES", drop=2),
+        Column("BEACON", drop=3),
         Column("LOSS IN", right=True),
         Column("LOSS OUT", right=True),
         Column("RTT ms", right=True),

@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.log import export, sources, tail
-from swarmctl.terminal.output import Column, Output
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.table import Column
 from swarmware.errors import Partial
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import LogSource, Query, QueueStats, stats

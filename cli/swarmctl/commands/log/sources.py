@@ -16,6 +16,7 @@ from swarmctl.session import labs
 from swarmctl.session.session import config_dir
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import span_s, utc_text
+from swarmctl.terminal.table import wrapped
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
@@ -189,7 +190,12 @@ def show(out: Output, entry: LogEntry) -> None:
         )
         return
     sender = f"  from {entry.sender}" if entry.sender else ""
-    out.now(f"{utc_text(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14} {brief(entry.plain())}{sender}")
+    head = f"{utc_text(entry.utc_ns)}  {entry.topic:<28} {entry.type:<14}"
+    value = f"{brief(entry.plain())}{sender}"
+    if out.width is None or len(head) + 1 + len(value) <= out.width:
+        out.now(f"{head} {value}")
+    else:
+        out.now("\n    ".join([head.rstrip(), *wrapped(value, out.width - 4)]))
 
 
 def refuse_losses(found: LogSource) -> None:

@@ -5,9 +5,9 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.terminal.output import Cell, Column, plain_table
-from swarmctl.terminal.output import show as shown
 from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Cell, Column, fitted_table
+from swarmctl.terminal.table import show as shown
 from swarmware.types.mission import INACTIVE, MissionState
 
 MOVING_M_S: Final = 0.2
@@ -18,10 +18,10 @@ COLUMNS: Final = (
     Column("STATE"),
     Column("BLOCK"),
     Column("PROGRESS", right=True),
-    Column("HEIGHT m", right=True),
+    Column("HEIGHT m", right=True, drop=1),
     Column("DISTANCE m", right=True),
     Column("ETA", right=True),
-    Column("SINCE", right=True),
+    Column("SINCE", right=True, drop=2),
 )
 
 
@@ -56,10 +56,12 @@ def change_line(clock: str, platform: str, state: MissionState) -> str:
     return f"{clock} {platform:<8} {state.mission:<12} {state.state:<10} {blocks:<24} {text}".rstrip()
 
 
-def member_table(mission: str, elapsed_s: float, members: Mapping[str, MemberProgress]) -> str:
+def member_table(
+    mission: str, elapsed_s: float, members: Mapping[str, MemberProgress], width: int | None = None
+) -> str:
     """The lines of all members under a title with the time since the command."""
     cells: list[Sequence[str]] = [[shown(cell) for cell in _row(*item)] for item in members.items()]
-    return plain_table(COLUMNS, cells, f"{mission} {spoken(elapsed_s)}")
+    return f"{mission} {spoken(elapsed_s)}\n{fitted_table(COLUMNS, cells, width).text}"
 
 
 def _row(platform: str, member: MemberProgress) -> tuple[Cell, ...]:

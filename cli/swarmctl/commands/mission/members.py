@@ -147,7 +147,8 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
                 for name in members
             }
             title = next((state.mission for state in shown.values() if state.mission), "mission")
-            session.out.redraw(member_table(title, (now_ns - begin_ns) / 1e9, found))
+            table = member_table(title, (now_ns - begin_ns) / 1e9, found, session.out.width)
+            session.out.redraw(table)
         ended_by = {platform for platform, state in shown.items() if state.state in INACTIVE}
         if ended_by | silent >= set(members):
             break

@@ -8,7 +8,7 @@ from swarmctl.commandline.nodes import NodeSelection, joined
 from swarmctl.commands.mission.members import follow
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.errors import Partial
 from swarmware.types.mission import MissionPlan, MissionTask, TaskAnswer
 

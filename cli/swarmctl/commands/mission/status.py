@@ -1,7 +1,7 @@
 """Missions in the store of a ground station, and the state of the active one."""
 
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.model import names
 from swarmware.types.mission import MissionList, MissionState, MissionStatus
 from swarmware.types.rpc import Empty

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from swarmctl.terminal.output import Column, Output
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.table import Column
 from swarmware.errors import InvalidInput, MissionError, NotFound
 from swarmware.mission.check import check_files
 from swarmware.mission.finding import Finding, sound

@@ -8,8 +8,8 @@ from swarmctl.commandline.nodes import names_one
 from swarmctl.resources.fanout import ask_all, read_boards, warn_errors
 from swarmctl.resources.last_words import LastWords, last_words
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Cell, Column
 from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.model import names
 from swarmware.types.health import HealthState
@@ -120,8 +120,8 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
         Column("HEIGHT m", right=True),
         Column("BATTERY", right=True),
         Column("MISSION"),
-        Column("VIA"),
-        Column("HOPS", right=True),
+        Column("VIA", drop=1),
+        Column("HOPS", right=True, drop=2),
     ]
     return columns, rows
 

@@ -1,7 +1,7 @@
 """Conversion functions from the clock of one platform to those of the others."""
 
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions
 
@@ -34,9 +34,9 @@ async def list_conversions(session: Session) -> None:
         Column("BOUND us", right=True),
         Column("SIGMA us", right=True),
         Column("AGE s", right=True),
-        Column("HOPS", right=True),
+        Column("HOPS", right=True, drop=1),
         Column("VIA"),
-        Column("SAMPLES", right=True),
+        Column("SAMPLES", right=True, drop=2),
         Column("SUSPECT"),
     ]
     session.out.table(columns, rows, "theirs minus that of " + session.platform)

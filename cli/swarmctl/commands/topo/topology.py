@@ -5,7 +5,7 @@ import msgspec
 from swarmctl.commands.topo.graph import TopologyEdge, edges, kinds, to_dot, to_png
 from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.errors import Partial
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty

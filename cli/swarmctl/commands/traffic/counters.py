@@ -1,11 +1,16 @@
 """Counters of a platform's broker since its start."""
 
+from typing import Final
+
 import msgspec
 
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.types.net import Traffic
 from swarmware.types.rpc import Empty
+
+_DROP: Final = {"DUPLICATE": 3, "LATE": 2, "HELD BACK": 1}
+"""Columns that are hidden on a narrow terminal."""
 
 
 async def list_counters(session: Session) -> None:
@@ -24,7 +29,7 @@ async def list_counters(session: Session) -> None:
         "DUPLICATE",
         "DROPPED",
     )
-    columns = [Column("LINK"), Column("BY"), *(Column(name, right=True) for name in names)]
+    columns = [Column("LINK"), Column("BY"), *map(_number, names)]
     rows = [
         (
             one.platform,
@@ -54,7 +59,7 @@ async def list_counters(session: Session) -> None:
         "MAX HZ",
         "HELD BACK",
     )
-    columns = [Column("CHANNEL"), *(Column(name, right=True) for name in names)]
+    columns = [Column("CHANNEL"), *map(_number, names)]
     channels = [
         (
             one.channel,
@@ -82,3 +87,7 @@ async def list_counters(session: Session) -> None:
         session.out.text(
             f"processor overloaded: beacons {found.slowdown:g} times rarer ({found.slowed_ticks} so far)"
         )
+
+
+def _number(name: str) -> Column:
+    return Column(name, right=True, drop=_DROP.get(name, 0))

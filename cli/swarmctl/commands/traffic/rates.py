@@ -8,7 +8,7 @@ import msgspec
 from swarmctl.commandline.nodes import is_selection
 from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
+from swarmctl.terminal.table import Column
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.names import Pattern
@@ -125,7 +125,7 @@ def _show_rates(session: Session, rates: list[TrafficRates], *, several: bool) -
         Column("RECEIVED /s", right=True),
         Column("B/s", right=True),
         Column("DROPPED /s", right=True),
-        Column("HELD BACK /s", right=True),
+        Column("HELD BACK /s", right=True, drop=1),
     ]
     rows = []
     for one in rates:

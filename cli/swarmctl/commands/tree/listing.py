@@ -3,8 +3,8 @@
 from swarmctl.commands.tree.drawing import tree
 from swarmctl.resources.listing import at_owners, listing
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Column
 from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Column
 from swarmware.types.tree import Quality
 
 
@@ -31,7 +31,7 @@ async def list_resources(session: Session, pattern: str) -> None:
     ]
     columns = [
         Column("PATH"),
-        Column("KIND"),
+        Column("KIND", drop=1),
         Column("TYPE"),
         Column("UNIT", wide=True),
         Column("ACCESS", wide=True),

@@ -11,7 +11,7 @@ from swarmctl.resources.owner_counter import OwnerCounters, is_numbered
 from swarmctl.resources.rate_meter import RateMeter, Statistics
 from swarmctl.resources.subscription import ValueSubscription
 from swarmctl.session.session import Session
-from swarmctl.terminal.output import Cell, Column
+from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import NoAnswer, Partial
 from swarmware.types.tree import TreeEntry
 

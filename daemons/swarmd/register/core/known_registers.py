@@ -30,9 +30,18 @@ class Forgotten(msgspec.Struct, frozen=True):
 Action = ReadRoutes | Forgotten
 
 
+class PublishedTable(msgspec.Struct, frozen=True):
+    """The table of another unit and when its master made it, in the clock of this node."""
+
+    table: ApplicationTable
+    made_ns: int
+
+
 class _RemoteTable(msgspec.Struct):
     table: ApplicationTable
-    updated_ns: int
+    made_ns: int
+    reached_ns: int
+    """Last time at which its platform was reachable."""
 
 
 class RegisterCore:
@@ -45,25 +54,29 @@ class RegisterCore:
         self._next_read_ns = AT_ONCE
         self._remote_tables: dict[Unit, _RemoteTable] = {}
 
-    def on_table(self, table: ApplicationTable, now_ns: int) -> list[Action]:
+    def on_table(self, published: PublishedTable, now_ns: int) -> list[Action]:
         """Store a table of another unit; an older one, or one of this unit, is ignored."""
+        table = published.table
         unit = (table.platform, table.unit)
         held = self._remote_tables.get(unit)
-        if unit != self._own_unit and (held is None or rank(table) >= rank(held.table)):
-            self._remote_tables[unit] = _RemoteTable(table, now_ns)
+        if unit == self._own_unit or (held is not None and rank(table) < rank(held.table)):
+            return []
+        repeated = held is not None and rank(table) == rank(held.table)
+        made_ns = min(held.made_ns, published.made_ns) if held is not None and repeated else published.made_ns
+        self._remote_tables[unit] = _RemoteTable(table, made_ns, now_ns)
         return []
 
-    def on_routes_read(self, reached: Mapping[str, ApplicationTable | None], now_ns: int) -> list[Action]:
+    def on_routes_read(self, reached: Mapping[str, PublishedTable | None], now_ns: int) -> list[Action]:
         """Platforms with a route and their newest tables: alive although their tables do not change."""
         for (platform, _), held in self._remote_tables.items():
             if platform in reached:
-                held.updated_ns = now_ns
+                held.reached_ns = now_ns
         known = {platform for platform, _ in self._remote_tables}
-        for platform, table in reached.items():
-            if table is not None and platform not in known:
-                self.on_table(table, now_ns)  # it was removed, and is reachable again with an unchanged table
+        for platform, published in reached.items():
+            if published is not None and platform not in known:
+                self.on_table(published, now_ns)  # removed, and reachable again with an unchanged table
         gone = [
-            unit for unit, held in self._remote_tables.items() if now_ns - held.updated_ns >= self._forget_ns
+            unit for unit, held in self._remote_tables.items() if now_ns - held.reached_ns >= self._forget_ns
         ]
         for unit in gone:
             del self._remote_tables[unit]
@@ -82,7 +95,7 @@ class RegisterCore:
         """All known registers, the own one first; a platform without a route counts as one hop."""
         known = [KnownUnit(own, 0, 0.0)]
         for (platform, _), held in sorted(self._remote_tables.items(), key=lambda item: natural(item[0][0])):
-            age_s = max(0.0, (now_ns - held.updated_ns) / 1e9)
+            age_s = max(0.0, (now_ns - held.made_ns) / 1e9)
             known.append(KnownUnit(held.table, hops.get(platform, 1), age_s))
         return tuple(known)
 

@@ -1,0 +1,159 @@
+"""Tables of commands, fitted to the width of a terminal without breaking a word."""
+
+import re
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import msgspec
+
+Cell = str | int | float | bool | None
+
+GAP: Final = "  "
+"""Between two columns."""
+
+
+class Column(msgspec.Struct, frozen=True):
+    """A column of a table."""
+
+    name: str
+    right: bool = False
+    """Aligned to the right, for numbers."""
+    wide: bool = False
+    """Shown with `-o wide` only."""
+    drop: int = 0
+    """Hidden where the terminal is too narrow for the table: the highest number first; 0: never."""
+
+
+class FittedTable(msgspec.Struct, frozen=True):
+    """A table as lines of text."""
+
+    header: list[str]
+    rows: list[str]
+    hidden: list[str]
+    """Names of the columns that have no place at this width."""
+
+    @property
+    def text(self) -> str:
+        """The header and the rows below it."""
+        return "\n".join([*self.header, *self.rows])
+
+
+def show(cell: Cell) -> str:
+    """Text of a value: a dash for no value, numbers with four significant digits."""
+    if cell is None or cell == "":
+        return "-"
+    if isinstance(cell, bool):
+        return "yes" if cell else "no"
+    if isinstance(cell, float):
+        return f"{cell:.4g}" if abs(cell) < 1e4 else f"{cell:.0f}"
+    return str(cell)
+
+
+def fitted_table(
+    columns: Sequence[Column], cells: Sequence[Sequence[str]], width: int | None = None
+) -> FittedTable:
+    """The table within `width` characters; None: two blanks between columns, nothing wrapped.
+
+    What is too wide gives way in this order: headers are wrapped, columns are hidden by their `drop`,
+    cells are wrapped between words, cells are wrapped after the punctuation of paths and lists. A line
+    that is too long even then stays whole: a word is never broken.
+    """
+    places = list(range(len(columns)))
+    widths = _unwrapped(columns, cells, places, width)
+    while width is not None and _total(widths) > width and any(columns[place].drop for place in places):
+        places.remove(max(places, key=lambda place: columns[place].drop))
+        widths = _unwrapped(columns, cells, places, width)
+    if width is not None:
+        for parts in (_words, _atoms):
+            widths = _narrowed(widths, _widest(columns, cells, places, parts), width)
+    kept = [columns[place] for place in places]
+    return FittedTable(
+        header=_drawn(kept, [column.name for column in kept], widths),
+        rows=[line for row in cells for line in _drawn(kept, [row[place] for place in places], widths)],
+        hidden=[column.name for place, column in enumerate(columns) if place not in places],
+    )
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """Lines of at most `width` characters; a part that is longer stays whole.
+
+    A line ends between two words, else after the punctuation of a path or a list.
+    """
+    if len(text) <= width:
+        return [text]
+    lines = [""]
+    for word in _words(text):
+        joined = f"{lines[-1]} {word}" if lines[-1] else word
+        if len(joined) <= width:
+            lines[-1] = joined
+        elif len(word) <= width:
+            lines.append(word)
+        else:
+            for part in _atoms(f" {word}" if lines[-1] else word):
+                if lines[-1] and len(lines[-1]) + len(part) > width:
+                    lines.append(part.lstrip())
+                else:
+                    lines[-1] += part
+    return lines
+
+
+def _unwrapped(
+    columns: Sequence[Column], cells: Sequence[Sequence[str]], places: Sequence[int], width: int | None
+) -> list[int]:
+    """Widths without wrapping a cell; headers are wrapped where `width` requires it."""
+    whole = _widest(columns, cells, places, lambda text: [text])
+    widths = [max(one, len(columns[place].name)) for one, place in zip(whole, places, strict=True)]
+    return widths if width is None else _narrowed(widths, whole, width)
+
+
+def _widest(
+    columns: Sequence[Column],
+    cells: Sequence[Sequence[str]],
+    places: Sequence[int],
+    parts: Callable[[str], list[str]],
+) -> list[int]:
+    """Per column the longest part of its cells or word of its header."""
+    return [
+        max(len(part) for text in texts for part in text)
+        for texts in (
+            [_words(columns[place].name), *(parts(row[place]) for row in cells)] for place in places
+        )
+    ]
+
+
+def _narrowed(widths: Sequence[int], floor: Sequence[int], width: int) -> list[int]:
+    """Widths reduced, the widest first and none below its floor, until the table fits in `width`."""
+    widths = list(widths)
+    while _total(widths) > width:
+        able = [place for place in range(len(widths)) if widths[place] > floor[place]]
+        if not able:
+            break
+        widths[max(able, key=lambda place: widths[place])] -= 1
+    return widths
+
+
+def _total(widths: Sequence[int]) -> int:
+    return sum(widths) + len(GAP) * (len(widths) - 1)
+
+
+def _words(text: str) -> list[str]:
+    return text.split() or [""]
+
+
+def _atoms(text: str) -> list[str]:
+    """Parts between which a path, an address or a list may be broken: after `/`, `,`, `:` and `=`."""
+    return re.findall(r"[^/,:=]*[/,:=]+|[^/,:=]+", text) or [""]
+
+
+def _drawn(columns: Sequence[Column], texts: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """One row of the table, as many lines as its highest cell."""
+    cells = [wrapped(text, width) for text, width in zip(texts, widths, strict=True)]
+    lines = []
+    for number in range(max(map(len, cells), default=0)):
+        parts = [cell[number] if number < len(cell) else "" for cell in cells]
+        padded = [
+            part.rjust(width) if column.right else part.ljust(width)
+            for part, width, column in zip(parts, widths, columns, strict=True)
+        ]
+        lines.append(GAP.join(padded).rstrip())
+    return lines
