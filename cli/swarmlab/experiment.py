@@ -26,7 +26,7 @@ from swarmlab.run.running import RunningLab, exit_description
 from swarmlab.run.watch import ENDED, SwarmWatch
 from swarmware import __version__
 from swarmware.errors import ConfigError, NotFound, SwarmError
-from swarmware.mission.folder import MANIFEST
+from swarmware.mission.manifest import MANIFEST
 from swarmware.model import document, paths
 from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionFile, MissionPlan, MissionState, MissionTask, TaskAnswer

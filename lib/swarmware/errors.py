@@ -29,6 +29,13 @@ class WireError(InvalidInput):
 class ConfigError(InvalidInput):
     """A configuration, template or world file with an unknown key, a wrong type, a value out of range."""
 
+    def __init__(self, message: str = "", *, source: str = "", line: int = 0) -> None:
+        """`source`: the file; `line`: from 1, 0 when the message is about the whole file."""
+        place = f"{source}: " if source else ""
+        super().__init__(f"{place}line {line}: {message}" if line else f"{place}{message}")
+        self.message = message
+        self.line = line
+
 
 class MissionError(InvalidInput):
     """A mission that cannot be loaded or must not be flown."""

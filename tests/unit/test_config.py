@@ -14,18 +14,19 @@ from swarmware.model import config
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('serwices = ["a"]', r"node.toml: key serwices: unknown; did you mean services\?"),
-        ("[clock]\nzzz = 1", r"key clock.zzz: unknown; expected one of offset_s, drift_ppm"),
+        ('serwices = ["a"]', r"node.toml: line 1: key serwices: unknown; did you mean services\?"),
+        ("[clock]\nzzz = 1", r"line 2: key clock.zzz: unknown; expected one of offset_s, drift_ppm"),
         ('[clock]\noffset_s = "x"', r"key clock.offset_s: expected `float`, got `str` \(it is 'x'\)"),
         ("[clock]\noffset_s = 1e9", r"key clock.offset_s: .*<= 3600.* \(it is 1000000000.0\)"),
-        ('services = ["a", 3]', r"key services\[1\]: expected `str`"),
+        ('services = ["a", 3]', r"node.toml: line 1: key services\[1\]: expected `str`"),
         ('services = ["a", "a"]', "services: a name is listed twice"),
         ('kind = "boat"', r"key kind: invalid enum value 'boat'"),
         ('platform = "UAV"', r"node.toml: .*platform name 'UAV'"),
-        ("x =", "invalid TOML"),
+        ("\nx =", r"node.toml: line 2: invalid TOML"),
+        ("clock = 3", r"line 1: key clock: expected `object`, got `int` \(it is 3\)"),
     ],
 )
-def test_a_mistake_is_named_by_file_key_and_expectation(text: str, message: str) -> None:
+def test_an_error_is_named_by_file_line_key_and_expectation(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         config.parse(text, config.NodeConfig, "node.toml")
 

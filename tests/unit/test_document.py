@@ -20,7 +20,7 @@ from swarmd.tree.store import SettingsStore
 from swarmlab.report.run_metadata import RunMetadata
 from swarmware.errors import ConfigError, SwarmError, WireError
 from swarmware.geometry.world import World
-from swarmware.mission.folder import Manifest
+from swarmware.mission.manifest import Manifest
 from swarmware.model import config, document, template
 from swarmware.model.config import NodeConfig, share_dir
 from swarmware.model.stored_setting import SettingChange
@@ -55,11 +55,11 @@ def test_toml_that_no_reader_can_take_is_refused_with_its_source(bomb: str) -> N
     [
         ("a = 1\nb = " + "9" * 5_000, "f: line 2: invalid TOML: a number of more than 64 bits"),
         ("a = 1\n\nb = " + "[" * DEEP + "]" * DEEP, "f: line 3: nested more than 32 deep"),
-        ("a = 1\nb = ", "f: invalid TOML: Invalid value (at end of document)"),
-        ("a = 1\nb = ?\n", "f: invalid TOML: Invalid value (at line 2, column 5)"),
+        ("a = 1\nb = ", "f: line 2: invalid TOML: Invalid value (at end of document)"),
+        ("a = 1\nb = ?\n", "f: line 2: invalid TOML: Invalid value (at line 2, column 5)"),
         ("a = 1\n" + "a." * DEEP + "b = 1", "f: line 2: a key of more than 32 parts"),
-        ("[a]\nb = [1.0, -inf]", "f: key a.b[1]: -inf; expected a finite number"),
-        ("[a]\nb = 36893488147419103232", "f: key a.b: a number of more than 64 bits"),
+        ("[a]\nb = [1.0, -inf]", "f: line 2: key a.b[1]: -inf; expected a finite number"),
+        ("[a]\nb = 36893488147419103232", "f: line 2: key a.b: a number of more than 64 bits"),
     ],
 )
 def test_the_line_or_the_key_of_a_mistake_is_named(content: str, message: str) -> None:

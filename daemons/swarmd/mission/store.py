@@ -5,7 +5,8 @@ from pathlib import Path
 from swarmd.mission.checking import Checker
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.finding import sound
-from swarmware.mission.folder import MANIFEST, Folder, read_folder
+from swarmware.mission.folder import Folder, read_folder
+from swarmware.mission.manifest import MANIFEST
 from swarmware.types.mission import StoredMission
 
 

@@ -4,7 +4,8 @@ import msgspec
 
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding
-from swarmware.mission.folder import Folder, RoleSpec, name_roles
+from swarmware.mission.folder import Folder, name_roles
+from swarmware.mission.manifest import RoleSpec
 from swarmware.model.names import natural
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, ParamValue

@@ -13,9 +13,11 @@ from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Catalogue, built_in
 from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
-from swarmware.mission.folder import MANIFEST, Folder, read_folder
+from swarmware.mission.folder import Folder, read_folder
 from swarmware.mission.installed import installed
 from swarmware.mission.loader import Reading, read
+from swarmware.mission.manifest import MANIFEST
+from swarmware.mission.manifest_places import ManifestPlaces
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
@@ -40,7 +42,7 @@ def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> li
             findings += check_folder(read_folder(path, catalogue), catalogue)
         except ConfigError as error:
             place = path / MANIFEST if path.is_dir() else path
-            findings.append(Finding(str(place), 0, "", "error", "manifest", str(error)))
+            findings.append(Finding(str(place), error.line, "", "error", "manifest", error.message))
     return findings
 
 
@@ -100,7 +102,8 @@ def check_folder(
 ) -> list[Finding]:
     """Checks the mission of a whole ensemble: each role by itself, then all together."""
     budget = budget or Budget()
-    findings: list[Finding] = []
+    manifest = ManifestPlaces(folder)
+    findings: list[Finding] = list(manifest.references())
     roles: list[EnsembleRole] = []
     used: set[str] = set()
     for role in folder.manifest.roles:
@@ -108,6 +111,7 @@ def check_folder(
         file = folder.place(role.file)
         binding = folder.example(role)
         reading, found = check_text(text, file, binding, catalogue, budget, kinds=role.kinds)
+        found = [manifest.with_origin(finding, role, text) for finding in found]
         findings += found if set(role.kinds) == {PlatformKind.UAV} else map(_for_some, found)
         used.update(reading.params)
         if reading.mission is not None:
@@ -115,10 +119,9 @@ def check_folder(
                 EnsembleRole(role.name, role.kinds, reading.mission, role.take, partial(_line, text, file))
             )
     findings += check_roles(roles)
-    manifest = folder.place(MANIFEST)
-    for name in sorted(folder.param_names() - used):
-        message = f"parameter {name!r}: no role declares it; expected it in some file's `params`"
-        findings.append(Finding(manifest, 0, "", "error", "param-unused", message))
+    findings += manifest.unused(used)
+    # a parameter of all roles has one finding, not one for each role
+    findings = list(dict.fromkeys(findings))
     if sound(findings):
         findings += check_meetings(roles, budget)
     return findings

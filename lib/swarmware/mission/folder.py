@@ -3,75 +3,23 @@
 import contextlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import msgspec
 
-from swarmware.errors import ConfigError, InvalidInput, NotFound
+from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.binding import Binding
-from swarmware.mission.catalogue import Catalogue, Name, built_in
+from swarmware.mission.catalogue import Catalogue, built_in
+from swarmware.mission.manifest import MANIFEST, ROLE_REFERENCE, Manifest, RoleSpec, Series, read_manifest
 from swarmware.mission.model import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model import document
-from swarmware.model.config import parse as parse_toml
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
 from swarmware.types.mission import MissionFile, ParamValue
 
-MANIFEST: Final = "mission.toml"
 FILE_LIMIT: Final = 64
 """Maximum number of files of one mission."""
-
-FileName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
-
-
-class Series(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A parameter that differs for each platform of a role: first, first + step, …"""
-
-    first: int | float
-    step: int | float
-
-    def at(self, index: int) -> float:
-        """Value of the role's index-th platform, from 0."""
-        return self.first + self.step * index
-
-
-class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One role in the manifest."""
-
-    name: Name
-    file: FileName
-    """Name of the role's BDL file."""
-    kinds: tuple[PlatformKind, ...]
-    """Kinds of platform that can have the role."""
-    take: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
-    """Number of platforms with the role; 0: all remaining ones of these kinds."""
-    required: bool = True
-    """The mission does not start without a platform for this role."""
-    params: dict[str, ParamValue | Series] = {}
-    """Values that replace the defaults in the file."""
-
-    def __post_init__(self) -> None:
-        """Check that the kinds are known."""
-        if not self.kinds or not all(kind.known for kind in self.kinds):
-            raise InvalidInput(f"kinds of role {self.name!r}: expected some of {', '.join(PlatformKind)}")
-
-
-class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Contents of a mission folder's `mission.toml`."""
-
-    name: Name
-    title: str = ""
-    roles: tuple[RoleSpec, ...]
-    """Roles are assigned in this order, to platforms in natural order of their names (uav2 before uav10)."""
-    params: dict[str, ParamValue] = {}
-    """Parameters of all roles; a text `$role.<name>` means the first platform with that role."""
-
-    def __post_init__(self) -> None:
-        """Check that there are roles, and that their names are unique."""
-        names = [role.name for role in self.roles]
-        if not names or len(set(names)) != len(names):
-            raise InvalidInput("roles: expected at least one, with unique names")
 
 
 class Folder(msgspec.Struct, frozen=True):
@@ -84,6 +32,8 @@ class Folder(msgspec.Struct, frozen=True):
     """Contents of the roles' files, by name."""
     hash: str
     """BLAKE2b-128 of names and contents, hex."""
+    manifest_text: str = ""
+    """Text of the manifest; empty: it was made for a single file."""
 
     def place(self, file: str) -> str:
         """Name of a file in findings."""
@@ -113,8 +63,8 @@ class Folder(msgspec.Struct, frozen=True):
 def name_roles(params: dict[str, ParamValue], first: dict[str, str]) -> dict[str, ParamValue]:
     """The parameters with `$role.<name>` replaced by the first platform with that role."""
     return {
-        name: first.get(value.removeprefix("$role."), value)
-        if isinstance(value, str) and value.startswith("$role.")
+        name: first.get(value.removeprefix(ROLE_REFERENCE), value)
+        if isinstance(value, str) and value.startswith(ROLE_REFERENCE)
         else value
         for name, value in params.items()
     }
@@ -138,7 +88,7 @@ def read_files(path: Path) -> list[MissionFile]:
     if not (folder / MANIFEST).is_file():
         raise NotFound(f"{path}: no {MANIFEST} in it; expected a mission folder, or a BDL file")
     text = document.read(folder / MANIFEST)
-    manifest = parse_toml(text, Manifest, str(folder / MANIFEST))
+    manifest = read_manifest(text, str(folder / MANIFEST))
     names = sorted({role.file for role in manifest.roles})
     # `from_files` reports a missing one
     there = [folder / name for name in names if (folder / name).is_file()]
@@ -174,8 +124,10 @@ def from_files(
         raise ConfigError(f"{where}: two files of one name; expected each once")
     digest = files_hash(files)
     source = f"{where}/{MANIFEST}" if where else MANIFEST
+    manifest_text = ""
     if MANIFEST in texts:
-        manifest = parse_toml(texts.pop(MANIFEST), Manifest, source)
+        manifest_text = texts.pop(MANIFEST)
+        manifest = read_manifest(manifest_text, source)
     elif len(texts) == 1:
         ((name, text),) = texts.items()
         kinds, params = _able(text, name, catalogue or built_in())
@@ -183,10 +135,12 @@ def from_files(
         manifest = Manifest(name=name.removesuffix(".json")[:64] or "mission", roles=(role,), params=params)
     else:
         raise ConfigError(f"{where}: {len(files)} files without {MANIFEST}; expected it, or a single file")
-    used = {role.file for role in manifest.roles}
-    for name in sorted(used - texts.keys()):
-        raise ConfigError(f"{source}: file {name!r} of a role is missing; expected it beside the manifest")
-    return Folder(where, manifest, {name: texts[name] for name in sorted(used)}, digest)
+    for number, role in enumerate(manifest.roles):
+        if role.file not in texts:
+            message = f"key roles[{number}].file: {role.file!r} is missing; expected it beside {MANIFEST}"
+            raise document.refusal(source, manifest_text, ("roles", number, "file"), message)
+    used = {role.file: texts[role.file] for role in manifest.roles}
+    return Folder(where, manifest, dict(sorted(used.items())), digest, manifest_text)
 
 
 def _able(

@@ -1,7 +1,6 @@
-"""Configuration files: TOML as typed Structs; each error names file, key and what was expected."""
+"""Configuration files: TOML as typed Structs; each error names file, line, key and what was expected."""
 
 import os
-import re
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
@@ -9,10 +8,9 @@ import msgspec
 
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import document, paths
-from swarmware.model.misfit import misfit
+from swarmware.model.explanation import explain
 from swarmware.model.names import check_application, check_platform, segment
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.model.similar import similar
 
 T = TypeVar("T")
 
@@ -175,53 +173,20 @@ def load(path: Path, cls: type[T]) -> T:
 def parse(text: str, cls: type[T], source: str) -> T:
     """The TOML text as a Struct; `source` is named in errors.
 
-    Raises: ConfigError with source, key and what was expected.
+    Raises: ConfigError with source, line, key and what was expected.
     """
-    return convert(document.toml(text, source), cls, source)
+    return convert(document.toml(text, source), cls, source, text)
 
 
-def convert(raw: Any, cls: type[T], source: str) -> T:
-    """Plain TOML or JSON data as a Struct; `source` is named in errors.
+def convert(raw: Any, cls: type[T], source: str, text: str = "") -> T:
+    """Plain TOML or JSON data as a Struct; `source` is named in errors, `text` is the TOML for their lines.
 
     Raises: ConfigError with source, key and what was expected.
     """
     try:
         return msgspec.convert(raw, cls, strict=True)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{source}: {_explain(str(error), raw, cls)}") from error
+        found = explain(str(error), raw, cls)
+        raise document.refusal(source, text, found.path, found.text) from error
     except InvalidInput as error:
-        raise ConfigError(f"{source}: {error}") from error
-
-
-def _explain(message: str, raw: Any, cls: Any) -> str:
-    found = misfit(message)
-    if found.unknown:
-        prefix = f"{found.place}." if found.place else ""
-        known = _fields_at(cls, found.place)
-        near = similar(found.unknown, known)
-        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
-        return f"key {prefix}{found.unknown}: unknown; {hint}"
-    if not found.place:
-        return found.text
-    value = _value_at(raw, found.place)
-    return f"key {found.place}: {found.text[:1].lower() + found.text[1:]} (it is {value!r})"
-
-
-def _fields_at(cls: Any, key: str) -> list[str]:
-    for part in filter(None, re.split(r"[.\[]", key)):
-        if part.endswith("]") or part == "...":
-            return []
-        found = {f.name: f.type for f in msgspec.structs.fields(cls)}.get(part)
-        if not (isinstance(found, type) and issubclass(found, msgspec.Struct)):
-            return []
-        cls = found
-    return [f.encode_name for f in msgspec.structs.fields(cls)]
-
-
-def _value_at(raw: Any, key: str) -> Any:
-    for part in filter(None, re.split(r"[.\[\]]", key)):
-        try:
-            raw = raw[int(part)] if isinstance(raw, list) else raw[part]
-        except (KeyError, IndexError, TypeError, ValueError):
-            return None
-    return raw
+        raise ConfigError(str(error), source=source) from error

@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 
 from swarmware.errors import ConfigError
+from swarmware.model.toml_lines import KeyPath, key_text, line_of, toml_lines
 
 T = TypeVar("T")
 
@@ -16,10 +17,13 @@ SIZE_LIMIT: Final = 4 << 20
 """Maximum bytes of one file; the largest shipped one has 20 kB."""
 DEPTH_LIMIT: Final = 32
 """Maximum nesting of a file; the deepest known one has 6."""
+LINES_LIMIT: Final = 1 << 18
+"""Maximum characters of a text in which the line of an error is searched."""
 _INTEGER_MIN: Final = -(1 << 63)
 _GREATEST_INTEGER: Final = (1 << 64) - 1
 
 _BYTE = re.compile(r"\(byte (\d+)\)")
+_TOML_PLACE = re.compile(r"\(at line (\d+), column \d+\)")
 _DIGITS = re.compile(r"\d[\d_]{1000,}")
 _LONG_KEY = re.compile(
     r"""(?m)(?:^|[\[{,])[ \t]*+(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
@@ -66,17 +70,20 @@ def toml(content: str, source: str, *, finite: bool = True) -> dict[str, Any]:
         raise ConfigError(f"{source}: more than {SIZE_LIMIT} characters; expected a smaller file")
     if long_key := _LONG_KEY.search(content):
         line = _line(content, long_key.end())
-        raise ConfigError(f"{source}: line {line}: a key of more than {DEPTH_LIMIT} parts")
+        raise ConfigError(f"a key of more than {DEPTH_LIMIT} parts", source=source, line=line)
     try:
         raw = tomllib.loads(content)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source}: invalid TOML: {error}") from error
+        found = _TOML_PLACE.search(str(error))
+        line = int(found[1]) if found else content.count("\n") + 1
+        raise ConfigError(f"invalid TOML: {error}", source=source, line=line) from error
     except RecursionError as error:
-        raise ConfigError(_too_deep(content, source)) from error
+        raise _too_deep(content, source) from error
     except ValueError as error:  # a number of thousands of digits
         found = _DIGITS.search(content)
-        where = f"{source}: line {_line(content, found.start())}" if found else source
-        raise ConfigError(f"{where}: invalid TOML: a number of more than 64 bits") from error
+        line = _line(content, found.start()) if found else 0
+        message = "invalid TOML: a number of more than 64 bits"
+        raise ConfigError(message, source=source, line=line) from error
     _check(raw, content, source, finite=finite)
     return raw
 
@@ -92,42 +99,49 @@ def json(content: str, cls: type[T], source: str) -> T:
     except msgspec.DecodeError as error:
         found = _BYTE.search(str(error))
         line = data.count(b"\n", 0, int(found[1])) + 1 if found else 0
-        where = f"{source}: line {line}" if line else source
-        raise ConfigError(f"{where}: {error}") from error
+        raise ConfigError(str(error), source=source, line=line) from error
     except RecursionError as error:
-        raise ConfigError(_too_deep(content, source)) from error
+        raise _too_deep(content, source) from error
     except ValueError as error:
         raise ConfigError(f"{source}: invalid JSON: {error}") from error
 
 
+def refusal(source: str, content: str, path: KeyPath, message: str) -> ConfigError:
+    """The error about the value at this path of a TOML text."""
+    lines = toml_lines(content) if len(content) <= LINES_LIMIT else {}
+    return ConfigError(message, source=source, line=line_of(lines, path))
+
+
 def _check(raw: dict[str, Any], content: str, source: str, *, finite: bool) -> None:
     """Refuses valid TOML that exceeds the limits; level by level, because the depth is not bounded yet."""
-    level: list[tuple[str, Any]] = list(raw.items())
+    level: list[tuple[KeyPath, Any]] = [((key,), value) for key, value in raw.items()]
     for _ in range(DEPTH_LIMIT):
-        below: list[tuple[str, Any]] = []
-        for key, value in level:
+        below: list[tuple[KeyPath, Any]] = []
+        for path, value in level:
             if isinstance(value, dict):
-                below += ((f"{key}.{name}", item) for name, item in value.items())
+                below += (((*path, name), item) for name, item in value.items())
             elif isinstance(value, list):
-                below += ((f"{key}[{index}]", item) for index, item in enumerate(value))
+                below += (((*path, index), item) for index, item in enumerate(value))
             elif isinstance(value, float) and finite and not math.isfinite(value):
-                raise ConfigError(f"{source}: key {key}: {value}; expected a finite number")
+                message = f"key {key_text(path)}: {value}; expected a finite number"
+                raise refusal(source, content, path, message)
             elif isinstance(value, int) and not _INTEGER_MIN <= value <= _GREATEST_INTEGER:
-                raise ConfigError(f"{source}: key {key}: a number of more than 64 bits")
+                message = f"key {key_text(path)}: a number of more than 64 bits"
+                raise refusal(source, content, path, message)
         if not below:
             return
         level = below
-    raise ConfigError(_too_deep(content, source))
+    raise _too_deep(content, source)
 
 
-def _too_deep(content: str, source: str) -> str:
-    depth = 0
+def _too_deep(content: str, source: str) -> ConfigError:
+    depth = line = 0
     for found in re.finditer(r"[\[{\]}]", content):
         depth += 1 if found[0] in "[{" else -1
         if depth > DEPTH_LIMIT:
-            source = f"{source}: line {_line(content, found.start())}"
+            line = _line(content, found.start())
             break
-    return f"{source}: nested more than {DEPTH_LIMIT} deep"
+    return ConfigError(f"nested more than {DEPTH_LIMIT} deep", source=source, line=line)
 
 
 def _line(content: str, at: int) -> int:

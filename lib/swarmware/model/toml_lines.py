@@ -1,56 +1,179 @@
-"""The lines of a TOML text on which keys have their values."""
+"""The line of each key of a TOML text, which the parser of the standard library does not keep."""
 
-import tomllib
-from typing import Any, Final
+import re
+from collections.abc import Hashable
+from typing import Final
 
-STATEMENT_LIMIT: Final = 500
-"""Lines of one statement, an array for example; the line of what follows a longer one is not found."""
+KeyPath = tuple[Hashable, ...]
+"""Keys, and indices of arrays, from the top of the document."""
+
+_BLANK: Final = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*+")
+_SPACE: Final = re.compile(r"[ \t]*+")
+_BARE: Final = re.compile(r"[A-Za-z0-9_-]+")
+_STRING: Final = re.compile(
+    r'"""(?:\\.|[^\\])*?"""(?:"{1,2})?|\'\'\'.*?\'\'\'(?:\'{1,2})?|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'',
+    re.DOTALL,
+)
+_SCALAR: Final = re.compile(r"[^,\]}#\r\n]+")
+_ESCAPE: Final = re.compile(r"\\(?:u([0-9A-Fa-f]{4})|U([0-9A-Fa-f]{8})|(.))", re.DOTALL)
+_CONTROL: Final = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r"}
 
 
-def key_lines(text: str) -> dict[str, int]:
-    """Line of each dotted key, from 1; an array of tables has the line of its first table.
+def toml_lines(text: str) -> dict[KeyPath, int]:
+    """The line, from 1, of each key, table and item of a text that `tomllib` accepts.
 
-    The text is valid TOML: a statement ends at the first line at which it is valid alone.
+    Of an invalid text: of the part that was understood.
     """
-    found: dict[str, int] = {}
-    table = ""
-    statement, first = "", 0
-    for number, line in enumerate(text.split("\n"), 1):
-        first = first or number
-        statement += f"{line}\n"
-        try:
-            raw = tomllib.loads(statement)
-        except tomllib.TOMLDecodeError:
-            if number - first >= STATEMENT_LIMIT:
-                break
+    reader = _Reader(text)
+    reader.document()
+    return reader.lines
+
+
+def line_of(lines: dict[KeyPath, int], path: KeyPath) -> int:
+    """The line of the value at this path, else of the nearest table around it; 0: none is known."""
+    while path and path not in lines:
+        path = path[:-1]
+    return lines.get(path, 0)
+
+
+def key_text(path: KeyPath) -> str:
+    """A path as a document has it: `roles[2].params."a b"`."""
+    out = ""
+    for part in path:
+        if isinstance(part, int):
+            out += f"[{part}]"
             continue
-        if statement.lstrip().startswith("["):
-            table = _header(raw)
-            if statement.lstrip().startswith("[["):
-                found.setdefault(table, first)
+        word = str(part)
+        out += ("." if out else "") + (word if _BARE.fullmatch(word) else f'"{word}"')
+    return out
+
+
+class _Reader:
+    """One pass over the text; each method starts at a token and returns after it."""
+
+    def __init__(self, text: str) -> None:
+        self.lines: dict[KeyPath, int] = {}
+        self._text = text
+        self._at = 0
+        self._counted_to = 0
+        self._line = 1
+        self._tables: dict[KeyPath, int] = {}
+        """Number of the tables in each array of tables."""
+
+    def document(self) -> None:
+        table: KeyPath = ()
+        while self._skip(_BLANK):
+            before = self._at
+            if self._next("[["):
+                table = self._header("]]", array=True)
+            elif self._next("["):
+                table = self._header("]", array=False)
+            else:
+                self._pair(table)
+            if self._at == before:
+                return  # invalid
+
+    def _skip(self, blank: re.Pattern[str]) -> bool:
+        found = blank.match(self._text, self._at)
+        self._at = found.end() if found else self._at
+        return self._at < len(self._text)
+
+    def _next(self, token: str) -> bool:
+        if self._text.startswith(token, self._at):
+            self._at += len(token)
+            return True
+        return False
+
+    def _mark(self, path: KeyPath, at: int) -> None:
+        self._line += self._text.count("\n", self._counted_to, at)
+        self._counted_to = at
+        self.lines.setdefault(path, self._line)
+
+    def _header(self, end: str, *, array: bool) -> KeyPath:
+        at = self._at
+        parts = self._key()
+        path: KeyPath = ()
+        for number, part in enumerate(parts, 1):
+            path = (*path, part)
+            self._mark(path, at)
+            if array and number == len(parts):
+                self._tables[path] = self._tables.get(path, 0) + 1
+            if path in self._tables:
+                path = (*path, self._tables[path] - 1)
+                self._mark(path, at)
+        self._skip(_SPACE)
+        self._next(end)
+        return path
+
+    def _key(self) -> list[str]:
+        parts: list[str] = []
+        while self._skip(_SPACE):
+            if found := _STRING.match(self._text, self._at):
+                parts.append(_content(found[0]))
+            elif found := _BARE.match(self._text, self._at):
+                parts.append(found[0])
+            else:
+                break
+            self._at = found.end()
+            self._skip(_SPACE)
+            if not self._next("."):
+                break
+        return parts
+
+    def _pair(self, table: KeyPath) -> None:
+        at = self._at
+        path = table
+        for part in self._key():
+            path = (*path, part)
+            self._mark(path, at)
+        if path == table:
+            return
+        self._skip(_SPACE)
+        if self._next("="):
+            self._skip(_SPACE)
+            self._value(path)
+
+    def _value(self, path: KeyPath) -> None:
+        if self._next("["):
+            self._array(path)
+        elif self._next("{"):
+            self._inline_table(path)
         else:
-            for key in _keys(raw, table):
-                found.setdefault(key, first)
-        statement, first = "", 0
-    return found
+            found = _STRING.match(self._text, self._at) or _SCALAR.match(self._text, self._at)
+            self._at = found.end() if found else self._at
+
+    def _array(self, path: KeyPath) -> None:
+        index = 0
+        while self._skip(_BLANK) and not self._next("]"):
+            before = self._at
+            self._mark((*path, index), before)
+            self._value((*path, index))
+            self._skip(_BLANK)
+            self._next(",")
+            if self._at == before:
+                return  # invalid
+            index += 1
+
+    def _inline_table(self, path: KeyPath) -> None:
+        while self._skip(_BLANK) and not self._next("}"):
+            before = self._at
+            self._pair(path)
+            self._skip(_BLANK)
+            self._next(",")
+            if self._at == before:
+                return  # invalid
 
 
-def _header(raw: dict[str, Any]) -> str:
-    """The dotted name of a table's header."""
-    parts = []
-    level: Any = raw
-    while isinstance(level, dict) and level:
-        ((name, level),) = level.items()
-        parts.append(name)
-    return ".".join(parts)
+def _content(quoted: str) -> str:
+    """The text of a quoted key."""
+    if quoted.startswith("'"):
+        return quoted[1:-1]
+    return _ESCAPE.sub(_unescaped, quoted[1:-1])
 
 
-def _keys(raw: dict[str, Any], prefix: str) -> list[str]:
-    """Dotted keys with a value; those of an inline table too."""
-    found = []
-    for name, value in raw.items():
-        key = f"{prefix}.{name}" if prefix else name
-        found.append(key)
-        if isinstance(value, dict):
-            found += _keys(value, key)
-    return found
+def _unescaped(found: re.Match[str]) -> str:
+    code = found[1] or found[2]
+    if code:
+        number = int(code, 16)
+        return chr(number) if number <= 0x10FFFF else ""
+    return _CONTROL.get(found[3], found[3])

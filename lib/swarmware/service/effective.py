@@ -11,7 +11,7 @@ from swarmware.model import document, paths
 from swarmware.model.config import NodeConfig, convert, load_node
 from swarmware.model.names import Pattern, segment
 from swarmware.model.stored_setting import LiveValue
-from swarmware.model.toml_lines import key_lines
+from swarmware.model.toml_lines import KeyPath, toml_lines
 from swarmware.recorder.address import without_password
 from swarmware.service.config_keys import KeyDescription, described_keys
 from swarmware.service.installed import find
@@ -28,7 +28,7 @@ class _ConfigFile(NamedTuple):
     path: Path
     value: dict[str, Any] | None
     """By the file and the defaults; None: the file is invalid."""
-    lines: Mapping[str, int]
+    lines: Mapping[KeyPath, int]
     problem: str
 
 
@@ -105,12 +105,12 @@ def _class_of(service: str) -> tuple[type[msgspec.Struct], Mapping[str, str]]:
 def _read(folder: Path, service: str, cls: type[msgspec.Struct]) -> _ConfigFile:
     path = folder / "node.toml" if service == NODE else paths.service_config(folder, service)
     value: dict[str, Any] | None = None
-    lines: Mapping[str, int] = {}
+    lines: Mapping[KeyPath, int] = {}
     problem = ""
     try:
         text = document.read(path)
         value = _plain(msgspec.to_builtins(convert(document.toml(text, str(path)), cls, str(path))))
-        lines = key_lines(text)
+        lines = toml_lines(text)
     except FileNotFoundError:
         value = _plain(msgspec.to_builtins(cls()))
     except ConfigError as error:
@@ -129,7 +129,7 @@ def _key(
 ) -> ConfigKey:
     by_file = None if file.value is None else _at(file.value, key.name)
     own = by_file if running is None else _plain(_at(running, key.name))
-    line = next((line for at, line in file.lines.items() if f"{at}.".startswith(f"{key.name}.")), 0)
+    line = file.lines.get(tuple(key.name.split(".")), 0)
     pending = running is not None and file.value is not None and own != by_file
     written = own != _plain(key.default) if pending or file.value is None else line > 0
     origin = ConfigOrigin.FILE if written else ConfigOrigin.DEFAULT

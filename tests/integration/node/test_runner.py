@@ -202,9 +202,9 @@ def test_a_service_that_does_not_finish_is_not_waited_for(setting: Setting) -> N
     ("names", "files", "code", "words"),
     [
         (["stedy"], {}, 6, "did you mean steady?"),
-        (["steady"], {"services/steady.toml": "start = -1"}, 7, "services/steady.toml: key start: expected"),
+        (["steady"], {"services/steady.toml": "start = -1"}, 7, "steady.toml: line 1: key start: expected"),
         (["steady"], {"services/steady.toml": "strat = 1"}, 7, "did you mean start?"),
-        (["steady"], {"node.toml": "platform = "}, 7, "node.toml: invalid TOML"),
+        (["steady"], {"node.toml": "platform = "}, 7, "node.toml: line 1: invalid TOML"),
         ([], {"node.toml": 'processes = "per-daemon"\nservices = ["steady"]'}, 7, "needs the guard"),
     ],
 )

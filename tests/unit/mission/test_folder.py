@@ -133,7 +133,7 @@ def test_roles_that_fit_together_have_no_findings() -> None:
         ("leader.json", part({**MEET, "roles": ["leader", "sea"]}), "role 'sea' does not exist"),
         ("leader.json", part({"type": "Takeoff", "alt": 1}, MEET), "can be a ugv, which cannot Takeoff"),
         ("leader.json", part({"type": "Fly"}, MEET), "'Fly': unknown"),
-        ("mission.toml", MANIFEST + "tail = 3\n", "parameter 'tail': no role declares it"),
+        ("mission.toml", MANIFEST + "tail = 3\n", "key params.tail: no role declares it"),
     ],
 )
 def test_roles_that_do_not_fit_are_named(name: str, text: str, words: str) -> None:
@@ -146,10 +146,10 @@ def test_roles_that_do_not_fit_are_named(name: str, text: str, words: str) -> No
     ("manifest", "words"),
     [
         ("name = 3", "key name"),
-        ("name = 'a'\nroles = []", "at least one"),
+        ("name = 'a'\nroles = []", "key roles: expected `array` of length >= 1"),
         (MANIFEST.replace("air.json", "../air.json"), "file"),
-        (MANIFEST.replace("air.json", "sea.json"), "'sea.json' of a role is missing"),
-        (MANIFEST.replace('["uav"]', '["plane"]'), "kinds of role 'air'"),
+        (MANIFEST.replace("air.json", "sea.json"), "'sea.json' is missing"),
+        (MANIFEST.replace('["uav"]', '["plane"]'), "key roles[1].kinds[0]: unknown kind 'plane'"),
         (MANIFEST.replace('"air"', '"leader"'), "unique names"),
         (MANIFEST + "[more]\n", "key more: unknown"),
     ],

@@ -16,7 +16,8 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import sound
-from swarmware.mission.folder import MANIFEST, from_files
+from swarmware.mission.folder import from_files
+from swarmware.mission.manifest import MANIFEST
 from swarmware.mission.schema import mission_schema
 from swarmware.model.config import share_dir
 from swarmware.model.platform_kind import PlatformKind

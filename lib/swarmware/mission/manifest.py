@@ -1,0 +1,113 @@
+"""The manifest of a mission folder (mission.toml): roles, their files and platforms, and parameters."""
+
+from collections.abc import Iterator
+from typing import Annotated, Final
+
+import msgspec
+
+from swarmware.mission.catalogue import Name
+from swarmware.model import document
+from swarmware.model.config import convert
+from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.toml_lines import KeyPath, key_text
+from swarmware.types.mission import ParamValue
+
+MANIFEST: Final = "mission.toml"
+ROLE_REFERENCE: Final = "$role."
+"""Start of a parameter that means the first platform with a role."""
+
+FileName = Annotated[
+    str,
+    msgspec.Meta(
+        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$",
+        description="the name of a file in the mission's folder, such as air.json",
+    ),
+]
+
+
+class Series(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A parameter that differs for each platform of a role: first, first + step, …"""
+
+    first: int | float
+    """Value of the role's first platform."""
+    step: int | float
+    """Difference of two successive platforms."""
+
+    def at(self, index: int) -> float:
+        """Value of the role's index-th platform, from 0."""
+        return self.first + self.step * index
+
+
+class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One role in the manifest."""
+
+    name: Name
+    """Name of the role, unique in the mission."""
+    file: FileName
+    """Name of the role's BDL file, beside the manifest."""
+    kinds: Annotated[tuple[PlatformKind, ...], msgspec.Meta(min_length=1)]
+    """Kinds of platform that can have the role."""
+    take: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
+    """Number of platforms with the role; 0: all remaining ones of these kinds."""
+    required: bool = True
+    """The mission does not start without a platform for this role."""
+    params: dict[str, ParamValue | Series] = {}
+    """Values that replace the defaults in the role's file: a value for all its platforms, or a series."""
+
+
+class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Contents of a mission folder's `mission.toml`."""
+
+    name: Name
+    """Name of the mission."""
+    title: str = ""
+    """For operators: what the mission does."""
+    roles: Annotated[tuple[RoleSpec, ...], msgspec.Meta(min_length=1)]
+    """Roles are assigned in this order, to platforms in natural order of their names (uav2 before uav10)."""
+    params: dict[str, ParamValue] = {}
+    """Parameters of all roles; a text `$role.<name>` means the first platform with that role."""
+
+
+def read_manifest(text: str, source: str) -> Manifest:
+    """Read a manifest; `source` is named in errors.
+
+    Raises: ConfigError with source, line, key and what was expected.
+    """
+    manifest = convert(document.toml(text, source), Manifest, source, text)
+    for path, message in _contradictions(manifest):
+        raise document.refusal(source, text, path, f"key {key_text(path)}: {message}")
+    return manifest
+
+
+def _contradictions(manifest: Manifest) -> Iterator[tuple[KeyPath, str]]:
+    """What the types do not express."""
+    names: list[str] = []
+    for number, role in enumerate(manifest.roles):
+        if role.name in names:
+            yield ("roles", number, "name"), f"{role.name!r} is a role already; expected unique names"
+        names.append(role.name)
+        for index, kind in enumerate(role.kinds):
+            if not kind.known:
+                yield (
+                    ("roles", number, "kinds", index),
+                    f"unknown kind {kind.value!r}; expected one of {', '.join(PlatformKind)}",
+                )
+
+
+def manifest_schema() -> str:
+    """The JSON Schema of manifests as text (draft 2020-12), for editors and other programs."""
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "Swarmware mission of several roles (mission.toml)",
+        "description": "Generated from the code that reads it; the whole check: `swarmctl mission check`.",
+    } | msgspec.json.schema(Manifest)
+    return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
+
+
+def parameter_places(manifest: Manifest) -> Iterator[tuple[str, KeyPath]]:
+    """Name and path of each parameter that the manifest gives."""
+    for name in manifest.params:
+        yield name, ("params", name)
+    for number, role in enumerate(manifest.roles):
+        for name in role.params:
+            yield name, ("roles", number, "params", name)
