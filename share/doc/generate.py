@@ -24,6 +24,7 @@ from swarmctl.main import cli
 from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
 from swarmlab.report import report
+from swarmware.mission.manifest import manifest_schema
 from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
 from swarmware.transport.appfile import entry
@@ -31,6 +32,7 @@ from swarmware.transport.appfile import entry
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+import mission_pages  # noqa: E402 - beside this file, which tests load by its path
 import reference_pages  # noqa: E402 - beside this file, which tests load by its path
 from struct_tables import cell, field_docs, struct_section  # noqa: E402 - as above
 
@@ -283,7 +285,11 @@ PAGES: dict[Path, Callable[[], str]] = {
     ARCHITECTURE: architecture,
     SCHEMAS.parent / "template.schema.json": template_schema,
     SCHEMAS.parent / "mission.schema.json": mission_schema,
-    **{path: partial(reference_pages.page, path, made) for path, made in reference_pages.REFERENCE.items()},
+    SCHEMAS.parent / "manifest.schema.json": manifest_schema,
+    **{
+        path: partial(reference_pages.page, path, made)
+        for path, made in (reference_pages.REFERENCE | mission_pages.REFERENCE).items()
+    },
 }
 
 

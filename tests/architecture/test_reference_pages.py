@@ -11,6 +11,8 @@ import pytest
 
 from swarmctl.main import INTERRUPTED
 from swarmware.errors import KINDS
+from swarmware.mission.catalogue import BLOCKS, BlockType
+from swarmware.mission.manifest import read_manifest
 from swarmware.model.names import Pattern
 
 ROOT = Path(__file__).parents[2]
@@ -69,6 +71,34 @@ def test_every_line_of_a_generated_table_says_what_it_is(page: str) -> None:
     found = rows(generated)
     assert found
     assert [row for row in found if not row[-1]] == []
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
+def test_every_parameter_of_a_block_is_on_the_page_with_its_meaning(block: BlockType) -> None:
+    text = (REFERENCE / "mission-files.md").read_text("utf-8")
+    section = re.split(r"^#{2,3} ", text.partition(f"\n### {block.name}\n")[2], flags=re.MULTILINE)[0]
+    assert block.purpose in section
+    found = {row[0].strip("`"): row for row in rows(section) if len(row) == 7}
+    assert set(found) == {field.encode_name for field in msgspec.structs.fields(block.params)}
+    assert [row for row in found.values() if not (row[2] and row[6])] == []
+    assert all(f"`{kind}`" in section for kind in block.errors)
+    assert all(f"`{other}`" in found[name][1] for other, name in block.aliases)
+
+
+def test_every_key_of_a_mission_file_is_on_the_page_with_its_meaning() -> None:
+    page = sections("mission-files.md")
+    found = [row for row in rows(page["mission.toml"]) if not (row[1] and row[5])]
+    assert found == []
+    named = {row[0].strip("`") for row in rows(page["A role's file (BDL)"])}
+    assert {"mission", "params", "requires", "on_failure", "next", "timeout_s", "on"} <= named
+
+
+def test_the_examples_of_the_page_of_mission_files_are_valid() -> None:
+    blocks = re.findall(
+        r"^```toml\n(.*?)^```$", (REFERENCE / "mission-files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    manifests = [read_manifest(text, "page") for text in blocks if "[[roles]]" in text]
+    assert [role.name for role in manifests[0].roles] == ["lead", "air"]
 
 
 def test_the_table_of_patterns_is_what_patterns_do() -> None:

@@ -65,7 +65,9 @@ class Wait(Params, frozen=True):
     """Pause for a time; exactly one of the two units is given."""
 
     ms: Annotated[float, msgspec.Meta(ge=0, le=86_400_000)] | msgspec.UnsetType = msgspec.UNSET
+    """Length of the pause in milliseconds."""
     s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] | msgspec.UnsetType = msgspec.UNSET
+    """Length of the pause in seconds."""
 
     def __post_init__(self) -> None:
         """Check that exactly one unit is given."""
@@ -86,24 +88,29 @@ class Takeoff(Params, frozen=True):
     altitude_m: Altitude
     """Height above the map's origin."""
     speed_m_s: Speed = 1.5
+    """Speed of the climb."""
 
 
 class Goto(Params, frozen=True):
     """Move to one position."""
 
     x_m: Metres
+    """Position east of the map's origin."""
     y_m: Metres
+    """Position north of the map's origin."""
     z_m: Metres | None = None
     """Height above the map's origin; without it a flying vehicle keeps its height."""
     yaw_rad: Annotated[float, msgspec.Meta(ge=-6.3, le=6.3)] | None = None
-    """Heading at the end; without it any heading."""
+    """Heading at the end, from east to north; without it any heading."""
     speed_m_s: Speed = 1.5
+    """Speed on the way."""
 
 
 class Return(Params, frozen=True):
     """Move back to the place of arming."""
 
     speed_m_s: Speed = 2.0
+    """Speed on the way."""
 
 
 class Formation(Params, frozen=True):
@@ -112,6 +119,7 @@ class Formation(Params, frozen=True):
     leader: Name
     """Platform of the leader; in the leader's own mission its own name."""
     shape: Literal["wedge", "line", "column"] = "wedge"
+    """Arrangement of the slots."""
     slot: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
     """Place in the shape: 0 is its head, then left and right in turn."""
     spacing_m: Distance = 4.0
@@ -123,6 +131,7 @@ class Formation(Params, frozen=True):
     advance: bool = False
     """Move along the course; without it the members move into their slots and keep them."""
     speed_m_s: Speed = 1.5
+    """Speed of the leader along the course, and of a member on the way into its slot."""
     tolerance_m: Distance = 1.0
     """Formation error below which the member is in its slot."""
     settle_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 1.0
@@ -137,9 +146,10 @@ class Formation(Params, frozen=True):
 
 
 class Land(Params, frozen=True):
-    """Land straight down, or at a position."""
+    """Land the vehicle where it is."""
 
     speed_m_s: Speed = 1.0
+    """Speed of the descent."""
 
 
 class Hold(Params, frozen=True):

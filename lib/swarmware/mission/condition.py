@@ -40,7 +40,7 @@ _TOKEN = re.compile(
     r"|(?P<symbol><=|>=|==|!=|<|>|\(|\)))"
 )
 
-_COMPARE: Final[dict[str, Callable[[float | str, float | str], bool]]] = {
+COMPARISONS: Final[dict[str, Callable[[float | str, float | str], bool]]] = {
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
@@ -48,6 +48,7 @@ _COMPARE: Final[dict[str, Callable[[float | str, float | str], bool]]] = {
     "==": operator.eq,
     "!=": operator.ne,
 }
+"""Comparisons, by symbol."""
 
 
 class Lookup(Protocol):
@@ -256,7 +257,7 @@ class _ConditionParser:
                 raise self.error(")")
             return node
         left = self._operand()
-        if self.kind is TokenKind.SYMBOL and self.word in _COMPARE:
+        if self.kind is TokenKind.SYMBOL and self.word in COMPARISONS:
             symbol = self.word
             self._advance()
             return Compare(symbol, left, self._operand())
@@ -343,7 +344,7 @@ def _truth(node: Node, lookup: Lookup) -> bool | None:
         left, right = _operand_value(node.left, lookup), _operand_value(node.right, lookup)
         if left is None or right is None or isinstance(left, str) != isinstance(right, str):
             return None
-        return _COMPARE[node.symbol](left, right)
+        return COMPARISONS[node.symbol](left, right)
     if isinstance(node, Not):
         inner = _truth(node.inner, lookup)
         return None if inner is None else not inner

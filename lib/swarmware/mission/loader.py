@@ -12,6 +12,7 @@ from swarmware.mission.block_reader import BlockReader, nearest
 from swarmware.mission.catalogue import BlockName, Catalogue, built_in
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.file_keys import MISSION_KEYS
 from swarmware.mission.finding import Finding
 from swarmware.mission.model import ON_FAILURE, Block, MissionDefinition
 from swarmware.mission.source import JsonSource, SourceError, escape
@@ -19,7 +20,7 @@ from swarmware.mission.source import parse as parse_source
 from swarmware.model.similar import similar
 from swarmware.types.mission import ParamValue
 
-_TOP = ("mission", "$schema", "title", "comment", "params", "on_failure", "requires")
+_TOP = tuple(key.name for key in MISSION_KEYS)
 
 _RESERVED = {"priority": "missions have no queue with priorities yet"}
 """Keys reserved for later versions, which are refused because they would have no effect."""

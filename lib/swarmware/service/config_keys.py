@@ -76,7 +76,7 @@ def _described(cls: type[msgspec.Struct], prefix: str) -> Iterator[KeyDescriptio
             name,
             "array of tables" if item else toml_type(kind),
             "" if item else unit_of(field.name, whole=isinstance(number, msgspec.inspect.IntType)),
-            "" if item else permitted(kind),
+            permitted(kind),
             None if field.required else msgspec.to_builtins(_default(field)),
             field.required,
             cls,
@@ -86,11 +86,15 @@ def _described(cls: type[msgspec.Struct], prefix: str) -> Iterator[KeyDescriptio
 
 
 def _default(field: msgspec.inspect.Field) -> Any:
+    if msgspec.NODEFAULT is field.default is field.default_factory:
+        return None  # UNSET
     return field.default_factory() if field.default is msgspec.NODEFAULT else field.default
 
 
 def without_none(kind: msgspec.inspect.Type) -> msgspec.inspect.Type:
     """The type of a key that may be left out."""
+    while isinstance(kind, msgspec.inspect.Metadata):
+        kind = kind.type
     if isinstance(kind, msgspec.inspect.UnionType):
         rest = [one for one in kind.types if not isinstance(one, msgspec.inspect.NoneType)]
         return rest[0] if len(rest) == 1 else kind
@@ -109,12 +113,18 @@ def toml_type(kind: msgspec.inspect.Type) -> str:
         case msgspec.inspect.Metadata(type=inner):
             return toml_type(inner)
         case msgspec.inspect.VarTupleType(item_type=item) | msgspec.inspect.ListType(item_type=item):
-            return f"array of {toml_type(item)}s"
+            return f"array of {_plural(toml_type(item))}"
         case msgspec.inspect.TupleType(item_types=items):
-            return f"array of {len(items)} {toml_type(items[0])}s"
+            return f"array of {len(items)} {_plural(toml_type(items[0]))}"
+        case msgspec.inspect.DictType(value_type=msgspec.inspect.UnionType() as value):
+            return f"table; each value {toml_type(value)}"
         case msgspec.inspect.UnionType(types=types):
             return " or ".join(sorted({toml_type(one) for one in types} - {"none"}))
     return _TOML.get(type(kind), "any")
+
+
+def _plural(word: str) -> str:
+    return word.replace("array", "arrays", 1) if word.startswith("array") else f"{word}s"
 
 
 def permitted(kind: msgspec.inspect.Type) -> str:
@@ -126,6 +136,11 @@ def permitted(kind: msgspec.inspect.Type) -> str:
             return _interval(kind)
         case msgspec.inspect.StrType(pattern=str(pattern)):
             return f"`{pattern}`"
+        case msgspec.inspect.StrType(min_length=int(low), max_length=int(high)):
+            return f"{low} to {high} characters"
+        case msgspec.inspect.UnionType(types=types):
+            rest = (one for one in types if not isinstance(one, msgspec.inspect.BoolType))
+            return " or ".join(filter(None, map(permitted, rest)))
         case msgspec.inspect.LiteralType(values=values):
             return ", ".join(f"`{value}`" if value else "empty" for value in values)
         case msgspec.inspect.EnumType(cls=cls):
@@ -134,7 +149,9 @@ def permitted(kind: msgspec.inspect.Type) -> str:
             return "`true`, `false`"
         case msgspec.inspect.VarTupleType(item_type=item) | msgspec.inspect.TupleType(item_types=(item, *_)):
             found = permitted(item)
-            return f"each {found}" if found else ""
+            least = getattr(kind, "min_length", None)
+            count = f"at least {least}" if least else ""
+            return ", ".join(filter(None, (count, f"each {found}" if found else "")))
     return ""
 
 

@@ -1,5 +1,6 @@
 """share/doc/missions.md says what the code does: the table of blocks, the examples, the files named."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import BLOCKS, BlockType
 from swarmware.mission.check import check_text
 from swarmware.mission.condition import parse
+from swarmware.mission.file_keys import BLOCK_KEYS
+from swarmware.mission.schema import mission_schema
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "share/doc/missions.md").read_text()
@@ -53,3 +56,12 @@ def test_every_example_condition_can_be_read(example: str) -> None:
 @pytest.mark.parametrize("path", re.findall(r"`(share/[\w/.]+|tests/[\w/.]+|etc/[\w/.]+)`", TEXT))
 def test_every_file_named_exists(path: str) -> None:
     assert (ROOT / path).exists()
+
+
+def test_the_keys_of_a_block_beside_its_parameters_are_those_of_the_schema() -> None:
+    definitions = json.loads(mission_schema())["$defs"]
+    found = set()
+    for block in BLOCKS:
+        own = {field.encode_name for field in msgspec.structs.fields(block.params)}
+        found |= set(definitions[block.name]["properties"]) - own - {other for other, _ in block.aliases}
+    assert {key.name for key in BLOCK_KEYS} == found - {"next_timeout", "next_error"}

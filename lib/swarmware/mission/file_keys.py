@@ -1,0 +1,67 @@
+"""Keys of a mission file (BDL) beside the parameters of blocks: one table for reader and documentation."""
+
+from typing import Final
+
+import msgspec
+
+
+class FileKey(msgspec.Struct, frozen=True):
+    """A key of a mission file."""
+
+    name: str
+    type: str
+    default: str
+    meaning: str
+
+
+MISSION_KEYS: Final = (
+    FileKey("mission", "object", "required", "The blocks by name: exactly one Start, at least one End."),
+    FileKey(
+        "params",
+        "object",
+        "`{}`",
+        "Parameters and their defaults: a number, a text, true, false or a list of points; used as "
+        "`$param.<name>`.",
+    ),
+    FileKey(
+        "requires",
+        "array of strings",
+        "`[]`",
+        "Conditions that must hold before the start; evaluated again every second during the mission.",
+    ),
+    FileKey("on_failure", "string", '`"land"`', "Built-in mission that runs when this one fails."),
+    FileKey("title", "string", "", "For readers: what the mission does."),
+    FileKey("comment", "string", "", "For readers."),
+    FileKey("$schema", "string", "", "For editors: address of the JSON Schema."),
+)
+"""Keys at the top of a mission file."""
+
+BLOCK_KEYS: Final = (
+    FileKey("type", "string", "required", "Type of the block, as in the sections below."),
+    FileKey(
+        "next",
+        "string, of a Fork an array of strings",
+        "required, except of an End",
+        "Block that follows when this one has completed; of a Fork all blocks that it starts.",
+    ),
+    FileKey("timeout_s", "number", "of the type", "Time-out in seconds."),
+    FileKey("timeout", "number", "of the type", "Time-out in milliseconds, as in published BDL."),
+    FileKey(
+        "nextTimeout", "string", "", "Block that follows the time-out; also `next_timeout`, `on.timeout`."
+    ),
+    FileKey("nextError", "string", "", "Block that follows any other error; also `next_error`, `on.error`."),
+    FileKey("on", "object", "", 'Blocks that follow single errors: `{"<error>": "<block>"}`.'),
+    FileKey(
+        "cases",
+        "array of objects",
+        "required of a Decision",
+        'Of a Decision: `{"if": "<condition>", "next": "<block>"}`, of which the first that holds is taken.',
+    ),
+    FileKey(
+        "nextIfTrue", "string", "required of a DecisionRandom", "Of a DecisionRandom: the first successor."
+    ),
+    FileKey("nextIfFalse", "string", "required of a DecisionRandom", "Of a DecisionRandom: the other one."),
+    FileKey("title", "string", "", "For readers."),
+    FileKey("comment", "string", "", "For readers."),
+)
+"""Keys that blocks have beside their parameters."""
