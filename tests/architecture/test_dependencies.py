@@ -21,6 +21,7 @@ OWN: Final = {
     "swarmlab",
     "tests",
     "lab",
+    "mission_pages",
     "my_name",
     "reference_pages",
     "struct_tables",

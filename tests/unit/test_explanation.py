@@ -1,6 +1,6 @@
 """An error of a document names the key, also one in a mapping or a union, and what was expected."""
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import pytest
@@ -24,6 +24,7 @@ class Outer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     named: dict[str, Inner | float] = {}
     nested: dict[str, dict[str, list[int]]] = {}
     either: Inner | None = None
+    colour: Literal["red", "blue"] = "red"
 
 
 def explained(raw: Any) -> Explanation:
@@ -36,7 +37,7 @@ def explained(raw: Any) -> Explanation:
     ("raw", "path", "text"),
     [
         ({"mani": []}, ("mani",), "key mani: unknown; did you mean many?"),
-        ({"zzz": []}, ("zzz",), "key zzz: unknown; expected one of many, named, nested, either"),
+        ({"zzz": []}, ("zzz",), "key zzz: unknown; expected one of many, named, nested, either, colour"),
         ({"many": [{"sise": 1}]}, ("many", 0, "sise"), "key many[0].sise: unknown; did you mean size?"),
         ({"many": [{}]}, ("many", 0, "size"), "key many[0].size: missing; expected an integer"),
         (
@@ -59,11 +60,17 @@ def explained(raw: Any) -> Explanation:
             ("either", "code"),
             "key either.code: expected a word (it is '9')",
         ),
+        (
+            {"colour": "rad"},
+            ("colour",),
+            "key colour: invalid enum value 'rad'; expected one of red, blue (it is 'rad')",
+        ),
         ({"either": 3}, ("either",), "key either: expected `object | null`, got `int` (it is 3)"),
     ],
 )
 def test_the_key_and_what_was_expected_are_named(raw: Any, path: Any, text: str) -> None:
-    assert explained(raw) == Explanation(path, text)
+    found = explained(raw)
+    assert (found.path, found.text) == (path, text)
 
 
 def test_a_long_value_is_not_repeated() -> None:

@@ -12,7 +12,16 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, NavError, NavStatus, Pose, VehicleState
+from swarmware.types.vehicle import (
+    ArmRequest,
+    Goal,
+    GoalKind,
+    NavError,
+    NavState,
+    NavStatus,
+    Pose,
+    VehicleState,
+)
 
 Settled = Callable[[NavStatus], bool]
 Progress = Callable[[NavStatus], None]
@@ -73,15 +82,23 @@ class VehicleClient:
         return self._home.place
 
     @property
-    def height_m(self) -> float:
-        """Height above the map's origin, as last received.
+    def pose(self) -> Pose:
+        """The position, as last received.
 
         Raises: BlockError no_position when none was received.
         """
         pose = self._pose.value
         if pose is None:
-            raise BlockError("no_position", "its height is not known")
-        return pose.z_m
+            raise BlockError("no_position", "its position is not known")
+        return pose
+
+    @property
+    def height_m(self) -> float:
+        """Height above the map's origin, as last received.
+
+        Raises: BlockError no_position when none was received.
+        """
+        return self.pose.z_m
 
     @property
     def landed(self) -> bool:
@@ -110,6 +127,31 @@ class VehicleClient:
         self._seq += 1
         self._goal.write(Goal(self._seq, kind, **fields))
         return self._seq
+
+    async def goto(
+        self,
+        x_m: float,
+        y_m: float,
+        z_m: float,
+        *,
+        speed_m_s: float = 1.5,
+        yaw_rad: float | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """Moves to a position and waits until it is reached; any other end commands hold.
+
+        Raises: BlockError blocked, disarmed, no_position or no_navigator.
+        """
+        await self.move(
+            GoalKind.GOTO,
+            arrived,
+            progress or (lambda status: None),
+            x_m=x_m,
+            y_m=y_m,
+            z_m=z_m,
+            yaw_rad=yaw_rad,
+            speed_m_s=speed_m_s,
+        )
 
     async def move(
         self, kind: GoalKind, settled: Settled, progress: Progress, *, settle_s: float = 0.0, **fields: Any
@@ -155,6 +197,11 @@ class VehicleClient:
             there_ns = now_ns if there_ns is None else there_ns
             if now_ns - there_ns >= settle_s * 1e9:
                 return
+
+
+def arrived(status: NavStatus) -> bool:
+    """Whether the vehicle has reached its goal."""
+    return status.state is NavState.ARRIVED
 
 
 class Way:

@@ -15,8 +15,10 @@ from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape
+from swarmware.model.explanation import explain
 from swarmware.model.misfit import misfit
 from swarmware.model.similar import similar
+from swarmware.model.toml_lines import key_text
 
 _ALWAYS: Final = ("type", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
@@ -32,6 +34,9 @@ _SUCCESSORS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Keys for successors that single types have beside the common ones."""
 _NUMBER = re.compile(r"[+-]?(\d{1,18}\.?\d{0,18}|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
+
+KEYS: Final = frozenset({*_ALWAYS, *_EDGE_KEYS})
+"""Keys that cannot be the name of a parameter."""
 
 TIMEOUT_LIMIT_S: Final = 86_400.0
 """Longest time-out of a block: a day."""
@@ -59,6 +64,8 @@ class BlockReader:
         known = catalogue.find(name)
         if known is None:
             message = f"block type {name!r}: unknown; {nearest(name, catalogue.types)}"
+            if catalogue.unusable:
+                message += f"; not available: {'; '.join(catalogue.unusable)}"
             self._report("type", "unknown-block", message)
         self._known = known is not None
         self._spec = known or BlockType(name, "A block of an unknown type.", timeout_s=60.0)
@@ -237,7 +244,7 @@ class BlockReader:
         aliases = dict(self._spec.aliases)
         raw: dict[str, Any] = {}
         spelled: dict[str, str] = {}
-        texts = _text_fields(self._spec.params)
+        types = _types(self._spec.params)
         for key, value in self._body.items():
             if key in edge_keys:
                 continue
@@ -245,42 +252,67 @@ class BlockReader:
             if name in raw:
                 self._report(escape(key), "twice", f"the same as {spelled[name]!r}: expected one of them")
             # published missions write numbers as strings: "ms": "500"
-            raw[name], spelled[name] = value if name in texts else _number(value), key
+            raw[name], spelled[name] = value if _is_text(value, types.get(name)) else _number(value), key
         try:
             params = msgspec.convert(raw, self._spec.params)
+            _ = params.lasts_s
         except msgspec.ValidationError as error:
-            self._explain(str(error), spelled)
+            self._explain(str(error), raw, spelled)
+            return Nothing()
+        except Exception as error:  # noqa: BLE001 - the code of a package checks its parameters, and may fail
+            message = f"{self._spec.name}: its parameters cannot be checked: {type(error).__name__}: {error}"
+            self._report("", "param", message)
             return Nothing()
         for name, key in spelled.items():
             if not _finite(getattr(params, name)):
                 self._report(escape(key), "param", f"{raw[name]!r}: expected a finite number")
         return params
 
-    def _explain(self, text: str, spelled: dict[str, str]) -> None:
+    def _explain(self, text: str, raw: dict[str, Any], spelled: dict[str, str]) -> None:
         names = [field.encode_name for field in msgspec.structs.fields(self._spec.params)]
-        found = misfit(text)
-        if found.unknown:
-            key = found.unknown
+        unknown = misfit(text)
+        if unknown.unknown and not unknown.place:
+            key = unknown.unknown
             hint = nearest(key, names) if names else "it has none"
             message = f"parameter {key!r} of {self._spec.name}: unknown; {hint}"
             self._report(escape(spelled.get(key, key)), "param", message)
             return
-        steps = [step for step in re.split(r"[.\[\]]+", found.place) if step]
-        name = steps[0] if steps else ""
-        place = "/".join([spelled.get(name, name), *steps[1:]])
+        found = explain(text, raw, self._spec.params)
+        if not found.path:
+            self._report("", "param", f"{self._spec.name}: {found.error[:1].lower()}{found.error[1:]}")
+            return
+        name = str(found.path[0])
+        path = (spelled.get(name, name), *found.path[1:])
+        # a missing parameter has no place of its own
+        place = path if name in spelled else path[:-1]
         value = f", it is {self._body[spelled[name]]!r}" if name in spelled else ""
-        subject = f"parameter {spelled.get(name, name)!r} of {self._spec.name}" if name else self._spec.name
-        self._report(place, "param", f"{subject}: {found.text[:1].lower()}{found.text[1:]}{value}")
+        subject = f"parameter {key_text(path)!r} of {self._spec.name}"
+        self._report(
+            "/".join(escape(str(part)) for part in place), "param", f"{subject}: {found.error}{value}"
+        )
 
 
 @cache
-def _text_fields(params: type[Params]) -> frozenset[str]:
-    """Names of the parameters that remain strings even when they look like numbers."""
-    return frozenset(
-        field.encode_name
-        for field in msgspec.inspect.type_info(params).fields  # type: ignore[attr-defined]  # a Struct's info
-        if isinstance(field.type, msgspec.inspect.StrType)
-    )
+def _types(params: type[Params]) -> dict[str, msgspec.inspect.Type]:
+    """Types of the parameters, by name."""
+    fields = msgspec.inspect.type_info(params).fields  # type: ignore[attr-defined]  # a Struct's info
+    return {field.encode_name: field.type for field in fields}
+
+
+def _is_text(value: Any, kind: msgspec.inspect.Type | None) -> bool:
+    """Whether a parameter of this type keeps this string, even when it looks like a number."""
+    match kind:
+        case msgspec.inspect.Metadata(type=inner):
+            return _is_text(value, inner)
+        case msgspec.inspect.UnionType(types=types):
+            return any(_is_text(value, one) for one in types)
+        case msgspec.inspect.StrType():
+            return True
+        case msgspec.inspect.LiteralType(values=values):
+            return value in values
+        case msgspec.inspect.EnumType(cls=cls):
+            return any(value == one.value for one in cls)
+    return False
 
 
 def _number(value: Any) -> Any:

@@ -202,6 +202,8 @@ class BlockType(msgspec.Struct, frozen=True):
     """Kinds of error with which it may end."""
     motion: bool = False
     """It moves the vehicle; when cancelled it commands hold."""
+    airborne: bool = False
+    """A vehicle that flies must be in the air when it begins."""
     instant: bool = False
     """It takes no time: a loop of only such blocks is a livelock."""
     aliases: tuple[tuple[str, str], ...] = ()
@@ -220,7 +222,8 @@ class BlockType(msgspec.Struct, frozen=True):
 
 _POINT: Final = (("x", "x_m"), ("y", "y_m"), ("z", "z_m"), ("yaw", "yaw_rad"), ("speed", "speed_m_s"))
 _SPEED: Final = (("speed", "speed_m_s"),)
-_MOVES: Final = ("blocked", "disarmed", "no_position", "no_navigator")
+MOTION_ERRORS: Final = ("blocked", "disarmed", "no_position", "no_navigator")
+"""Kinds of error with which a block may end that moves the vehicle to a position."""
 
 BLOCKS: Final = (
     BlockType(BlockName.START, "Where the mission begins.", control=True, instant=True),
@@ -274,7 +277,7 @@ BLOCKS: Final = (
         Takeoff,
         timeout_s=60.0,
         kinds=(PlatformKind.UAV,),
-        errors=_MOVES,
+        errors=MOTION_ERRORS,
         motion=True,
         aliases=(("alt", "altitude_m"), ("altitude", "altitude_m"), *_SPEED),
     ),
@@ -284,8 +287,9 @@ BLOCKS: Final = (
         Goto,
         timeout_s=300.0,
         kinds=VEHICLES,
-        errors=_MOVES,
+        errors=MOTION_ERRORS,
         motion=True,
+        airborne=True,
         aliases=_POINT,
     ),
     BlockType(
@@ -294,7 +298,7 @@ BLOCKS: Final = (
         Return,
         timeout_s=300.0,
         kinds=VEHICLES,
-        errors=(*_MOVES, "no_home"),
+        errors=(*MOTION_ERRORS, "no_home"),
         motion=True,
         aliases=_SPEED,
     ),
@@ -304,8 +308,9 @@ BLOCKS: Final = (
         Formation,
         timeout_s=600.0,
         kinds=VEHICLES,
-        errors=(*_MOVES, "leader_lost"),
+        errors=(*MOTION_ERRORS, "leader_lost"),
         motion=True,
+        airborne=True,
         aliases=(*_SPEED, ("spacing", "spacing_m"), ("offset", "offset_m")),
     ),
     BlockType(
@@ -314,7 +319,7 @@ BLOCKS: Final = (
         Land,
         timeout_s=120.0,
         kinds=VEHICLES,
-        errors=_MOVES,
+        errors=MOTION_ERRORS,
         motion=True,
         aliases=_SPEED,
     ),
@@ -334,7 +339,9 @@ BLOCKS: Final = (
 class Catalogue:
     """The known block types, by name."""
 
-    def __init__(self, types: tuple[BlockType, ...]) -> None:
+    def __init__(self, types: tuple[BlockType, ...], unusable: tuple[str, ...] = ()) -> None:
+        """`unusable`: the reasons why blocks of installed packages are not among the types."""
+        self.unusable = unusable
         self.types: dict[str, BlockType] = {}
         for block in types:
             if block.name in self.types:

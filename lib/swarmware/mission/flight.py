@@ -13,7 +13,6 @@ Trace = Callable[[], tuple[str, ...]]
 
 RULES = frozenset({"below-ground", "not-in-the-air"})
 """Rules that apply only to flying vehicles."""
-_NEED_AIR = frozenset({BlockName.GOTO, BlockName.FORMATION})
 
 
 def below_ground(mission: MissionDefinition) -> list[Remark]:
@@ -40,7 +39,7 @@ class FlightPhases:
         self._air: Marking = 1 << len(bits.places) if flies else 0
         self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
         self._grounded = sum(
-            bits.of[block.id] for block in mission.blocks.values() if block.type in _NEED_AIR and flies
+            bits.of[block.id] for block in mission.blocks.values() if block.spec.airborne and flies
         )
         self._found: dict[tuple[str, str], Remark] = {}
 

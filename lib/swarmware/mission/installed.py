@@ -1,21 +1,107 @@
-"""The catalogue of the block types that are installed on this computer."""
+"""The block types that are installed on this computer, and their classes."""
 
-from swarmware.errors import MissionError
-from swarmware.mission.catalogue import BLOCKS, BlockType, Catalogue
-from swarmware.model.plugins import BLOCK_GROUP, entry_points
+from inspect import iscoroutinefunction
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from swarmware.mission.block_reader import KEYS
+from swarmware.mission.catalogue import BLOCKS, BlockType, Catalogue, Params
+from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.plugins import BLOCK_GROUP, EntryPoint, entry_points
+
+_CLASS: Final = "a class with `spec: BlockType` and `async def run(self, context)`"
+
+
+class InstalledBlocks(msgspec.Struct, frozen=True):
+    """The blocks of installed packages."""
+
+    classes: dict[str, type]
+    """Classes by the name of their type."""
+    types: tuple[BlockType, ...]
+    unusable: tuple[str, ...]
+    """Entry points that are left out, each with the reason and what was expected."""
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """The built-in types and these."""
+        return Catalogue((*BLOCKS, *self.types), self.unusable)
 
 
 def installed() -> Catalogue:
-    """The built-in blocks and those of installed packages.
+    """The catalogue of the built-in blocks and those of installed packages."""
+    return installed_blocks().catalogue
 
-    Raises: MissionError when a package's entry point is not a block, or takes a name that is in use.
-    """
-    foreign: list[BlockType] = []
+
+def installed_blocks() -> InstalledBlocks:
+    """The blocks of installed packages; one that is invalid is left out, and stops no other."""
+    owners = dict.fromkeys((block.name for block in BLOCKS), "built-in")
+    classes: dict[str, type] = {}
+    types: list[BlockType] = []
+    unusable: list[str] = []
     for point in entry_points(BLOCK_GROUP):
-        spec = getattr(point.load(), "spec", None)
-        if not isinstance(spec, BlockType):
-            raise MissionError(
-                f"entry point {BLOCK_GROUP}:{point.name}: expected a class with `spec: BlockType`"
-            )
-        foreign.append(spec)
-    return Catalogue((*BLOCKS, *foreign))
+        found = _loaded(point)
+        if not isinstance(found, str) and found.spec.name in owners:
+            owner = owners[found.spec.name]
+            found = f"block type {found.spec.name!r}: defined twice, it is {owner}; expected another name"
+        if isinstance(found, str):
+            unusable.append(f"{BLOCK_GROUP}:{point.name} ({point.value}): {found}")
+            continue
+        owners[found.spec.name] = f"that of {point.value}"
+        classes[found.spec.name] = found.cls
+        types.append(found.spec)
+    return InstalledBlocks(classes, tuple(types), tuple(unusable))
+
+
+class _Block(NamedTuple):
+    cls: type
+    spec: BlockType
+
+
+def _loaded(point: EntryPoint) -> _Block | str:
+    """The block that an entry point names, or why it cannot be used."""
+    try:
+        cls = point.load()
+    except Exception as error:  # noqa: BLE001 - the code of a package may raise anything; it becomes a finding
+        return f"cannot be imported: {type(error).__name__}: {error}"
+    spec = getattr(cls, "spec", None)
+    if not isinstance(cls, type) or not isinstance(spec, BlockType):
+        return f"expected {_CLASS}"
+    if not iscoroutinefunction(getattr(cls, "run", None)):
+        return f"run: expected {_CLASS}"
+    return _invalid(spec) or _Block(cls, spec)
+
+
+def _invalid(spec: Any) -> str:
+    """What is invalid in the type of a package's block; empty: nothing."""
+    if not isinstance(spec.name, str) or not spec.name.isidentifier():
+        return f"spec.name {spec.name!r}: expected one word, such as TakePhoto"
+    if not isinstance(spec.params, type) or not issubclass(spec.params, Params):
+        return f"spec.params {spec.params!r}: expected a subclass of swarmware.mission.catalogue.Params"
+    fields = [field.encode_name for field in msgspec.structs.fields(spec.params)]
+    if taken := sorted({*fields, *(other for other, _ in _pairs(spec.aliases))} & KEYS):
+        return f"parameter {taken[0]!r}: a key of every block; expected another name"
+    for other, name in _pairs(spec.aliases):
+        if name not in fields:
+            return f"spec.aliases: {other!r} is for {name!r}, which is no parameter; expected {_list(fields)}"
+    if len(_pairs(spec.aliases)) != len(spec.aliases):
+        return f"spec.aliases {spec.aliases!r}: expected pairs of texts"
+    for key, words in (("kinds", spec.kinds), ("errors", spec.errors)):
+        if not isinstance(words, tuple) or not all(isinstance(word, str) and word for word in words):
+            return f'spec.{key} {words!r}: expected a tuple of texts, such as ("a", "b")'
+    if unknown := [kind for kind in spec.kinds if kind not in set(PlatformKind)]:
+        return f"spec.kinds: unknown kind {str(unknown[0])!r}; expected some of {_list(PlatformKind)}"
+    if spec.control or spec.instant:
+        return "spec.control and spec.instant: only built-in blocks have them; expected False"
+    timeout_s = spec.timeout_s
+    if timeout_s is not None and not (isinstance(timeout_s, int | float) and timeout_s > 0):
+        return f"spec.timeout_s {timeout_s!r}: expected seconds above 0, or None"
+    return ""
+
+
+def _pairs(aliases: Any) -> list[tuple[str, str]]:
+    return [pair for pair in aliases if isinstance(pair, tuple) and len(pair) == 2]
+
+
+def _list(words: Any) -> str:
+    return ", ".join(words) or "none"

@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Hashable, Iterator, Mapping
+from enum import Enum
 from types import UnionType
-from typing import Annotated, Any, Final, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 import msgspec
 
@@ -29,9 +30,17 @@ class Explanation(msgspec.Struct, frozen=True):
     """What is invalid in a document."""
 
     path: KeyPath
-    """Keys and indices of the value, from the top."""
-    text: str
-    """The key, the error, and what was expected."""
+    """Keys and indices of the value, from the top; empty: the whole document."""
+    error: str
+    """The error, and what was expected."""
+    value: str = ""
+    """The value as text; empty: a long one, or none."""
+
+    @property
+    def text(self) -> str:
+        """The key, the error, what was expected, and the value."""
+        key = f"key {key_text(self.path)}: " if self.path else ""
+        return f"{key}{self.error}" + (f" (it is {self.value})" if self.value else "")
 
 
 def explain(message: str, raw: Any, cls: Any) -> Explanation:
@@ -39,23 +48,23 @@ def explain(message: str, raw: Any, cls: Any) -> Explanation:
     found = misfit(message)
     path, kind, value = _resolved(found.place, raw, cls)
     if found.unknown:
-        path, known = (*path, found.unknown), sorted(_fields(kind))
+        known = _fields(kind)
         near = similar(found.unknown, known)
-        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(_fields(kind))}"
-        return Explanation(path, f"key {key_text(path)}: unknown; {hint}")
+        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
+        return Explanation((*path, found.unknown), f"unknown; {hint}")
     if missing := _MISSING.match(found.text):
-        path = (*path, missing[1])
-        return Explanation(
-            path, f"key {key_text(path)}: missing; expected {_name(_fields(kind).get(missing[1]))}"
-        )
+        expected = _name(_fields(kind).get(missing[1]))
+        return Explanation((*path, missing[1]), f"missing; expected {expected}")
     if not path:
         return Explanation(path, found.text)
     text = found.text[:1].lower() + found.text[1:]
     if "matching regex" in text and (described := _description(kind)):
         text = f"expected {described}"
+    if choices := _choices(kind) if text.startswith("invalid enum value") else "":
+        text += f"; expected one of {choices}"
     shown = repr(value)
-    given = f" (it is {shown})" if len(shown) <= _VALUE_LIMIT and not isinstance(value, Mapping) else ""
-    return Explanation(path, f"key {key_text(path)}: {text}{given}")
+    given = shown if len(shown) <= _VALUE_LIMIT and not isinstance(value, Mapping) else ""
+    return Explanation(path, text, given)
 
 
 def _resolved(place: str, raw: Any, cls: Any) -> tuple[KeyPath, Any, Any]:
@@ -119,6 +128,16 @@ def _fields(kind: Any) -> dict[str, Any]:
     return {}
 
 
+def _choices(kind: Any) -> str:
+    """The values of a Literal or an enumeration."""
+    for branch in _branches(kind):
+        if get_origin(branch) is Literal:
+            return ", ".join(map(str, get_args(branch)))
+        if isinstance(branch, type) and issubclass(branch, Enum):
+            return ", ".join(str(one.value) for one in branch)
+    return ""
+
+
 def _description(kind: Any) -> str:
     """What the annotation of a type says that its values are; empty: nothing."""
     metas = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
@@ -128,5 +147,9 @@ def _description(kind: Any) -> str:
 def _name(kind: Any) -> str:
     if described := _description(kind):
         return described
+    if choices := _choices(kind):
+        return f"one of {choices}"
+    if _fields(kind):
+        return "an object"
     branch = next(_branches(kind), None)
     return _NAMES.get(get_origin(branch) or branch, "a value")

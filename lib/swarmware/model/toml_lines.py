@@ -53,7 +53,7 @@ class _Reader:
 
     def __init__(self, text: str) -> None:
         self.lines: dict[KeyPath, int] = {}
-        self._text = text
+        self._source = text
         self._at = 0
         self._counted_to = 0
         self._line = 1
@@ -74,18 +74,18 @@ class _Reader:
                 return  # invalid
 
     def _skip(self, blank: re.Pattern[str]) -> bool:
-        found = blank.match(self._text, self._at)
+        found = blank.match(self._source, self._at)
         self._at = found.end() if found else self._at
-        return self._at < len(self._text)
+        return self._at < len(self._source)
 
     def _next(self, token: str) -> bool:
-        if self._text.startswith(token, self._at):
+        if self._source.startswith(token, self._at):
             self._at += len(token)
             return True
         return False
 
     def _mark(self, path: KeyPath, at: int) -> None:
-        self._line += self._text.count("\n", self._counted_to, at)
+        self._line += self._source.count("\n", self._counted_to, at)
         self._counted_to = at
         self.lines.setdefault(path, self._line)
 
@@ -108,9 +108,9 @@ class _Reader:
     def _key(self) -> list[str]:
         parts: list[str] = []
         while self._skip(_SPACE):
-            if found := _STRING.match(self._text, self._at):
+            if found := _STRING.match(self._source, self._at):
                 parts.append(_content(found[0]))
-            elif found := _BARE.match(self._text, self._at):
+            elif found := _BARE.match(self._source, self._at):
                 parts.append(found[0])
             else:
                 break
@@ -139,7 +139,7 @@ class _Reader:
         elif self._next("{"):
             self._inline_table(path)
         else:
-            found = _STRING.match(self._text, self._at) or _SCALAR.match(self._text, self._at)
+            found = _STRING.match(self._source, self._at) or _SCALAR.match(self._source, self._at)
             self._at = found.end() if found else self._at
 
     def _array(self, path: KeyPath) -> None:

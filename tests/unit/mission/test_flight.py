@@ -128,8 +128,8 @@ class Vehicle:
             raise BlockError("no_position", "unknown")
         return self._height_m
 
-    async def move(self, kind: str, *_: Any, **fields: Any) -> None:
-        self.goals.append({"kind": kind, **fields})
+    async def goto(self, x_m: float, y_m: float, z_m: float, **fields: Any) -> None:
+        self.goals.append({"z_m": z_m, **fields})
 
 
 class Context:
@@ -153,6 +153,14 @@ def test_a_goto_without_a_height_keeps_the_height(
     params = catalogue.Goto(x_m=1, y_m=2, z_m=z_m)
     asyncio.run(GotoBlock().run(Context(vehicle, params)))  # type: ignore[arg-type]  # as much of a context as it needs
     assert [goal["z_m"] for goal in vehicle.goals] == [expected]
+
+
+def test_a_block_of_a_package_that_needs_the_air_is_checked_like_a_goto() -> None:
+    spray = catalogue.BlockType("Spray", "Sprays a field.", motion=True, airborne=True)
+    catalogued = catalogue.Catalogue((*catalogue.BLOCKS, spray))
+    text = net(s="Start>g", g={"type": "Spray", "next": "e"}, e="End")
+    _, found = check_text(text, "m.json", Binding(), catalogued)
+    assert [finding.rule for finding in found] == ["not-in-the-air"]
 
 
 def test_a_goto_without_a_height_fails_when_nobody_knows_the_height() -> None:

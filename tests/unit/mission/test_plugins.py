@@ -90,7 +90,9 @@ def test_its_parameters_are_checked_like_those_of_the_built_in_ones(tmp_path: Pa
 
 def test_a_package_cannot_take_the_name_of_a_built_in_block(tmp_path: Path) -> None:
     package(tmp_path, "Land")
-    assert "block type 'Land': defined twice" in run(tmp_path).stderr
+    done = run(tmp_path)
+    assert "/mission/shoot/type: block type 'TakePhoto': unknown" in done.stdout
+    assert "swarmware.blocks:photo (photo:TakePhoto): block type 'Land': defined twice" in done.stdout
 
 
 def test_without_the_package_its_block_is_unknown() -> None:

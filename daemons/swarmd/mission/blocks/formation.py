@@ -1,8 +1,7 @@
 """Formation: keeps a slot beside a leader, at rest or along a course."""
 
 from swarmd.mission.blocks.context import Context, spec
-from swarmd.mission.blocks.motions import arrived
-from swarmd.mission.vehicle import Way
+from swarmd.mission.vehicle import Way, arrived
 from swarmware.geometry.formation import place
 from swarmware.mission import catalogue
 from swarmware.types.vehicle import GoalKind, NavStatus

@@ -4,10 +4,10 @@ import asyncio
 from typing import Final
 
 from swarmd.mission.blocks.context import Context, spec
-from swarmd.mission.vehicle import Progress, Way
+from swarmd.mission.vehicle import Progress, Way, arrived
 from swarmware.mission import catalogue
 from swarmware.mission.plugin import BlockError
-from swarmware.types.vehicle import GoalKind, NavState, NavStatus
+from swarmware.types.vehicle import GoalKind, NavState
 
 MIN_HEIGHT_M: Final = 2.0
 """A lower vehicle climbs to this height before it returns: obstacles on the direct way are not known."""
@@ -73,15 +73,13 @@ class GotoBlock:
         params: catalogue.Goto = context.params
         vehicle = context.vehicle
         z_m = params.z_m if params.z_m is not None else vehicle.height_m if vehicle.flies else 0.0
-        await vehicle.move(
-            GoalKind.GOTO,
-            arrived,
-            remaining(context, "m to go"),
-            x_m=params.x_m,
-            y_m=params.y_m,
-            z_m=z_m,
+        await vehicle.goto(
+            params.x_m,
+            params.y_m,
+            z_m,
             yaw_rad=params.yaw_rad,
             speed_m_s=params.speed_m_s,
+            progress=remaining(context, "m to go"),
         )
 
 
@@ -99,14 +97,12 @@ class ReturnBlock:
         home = vehicle.home
         if home is None:
             raise BlockError("no_home", "the place where it was armed is not known")
-        await vehicle.move(
-            GoalKind.GOTO,
-            arrived,
-            remaining(context, "m to its start"),
-            x_m=home.x_m,
-            y_m=home.y_m,
-            z_m=max(vehicle.height_m, MIN_HEIGHT_M) if vehicle.flies else home.z_m,
+        await vehicle.goto(
+            home.x_m,
+            home.y_m,
+            max(vehicle.height_m, MIN_HEIGHT_M) if vehicle.flies else home.z_m,
             speed_m_s=params.speed_m_s,
+            progress=remaining(context, "m to its start"),
         )
 
 
@@ -124,11 +120,6 @@ class HoldBlock:
             lambda status: context.report(0.0, status.state),
         )
         await asyncio.sleep(params.s)
-
-
-def arrived(status: NavStatus) -> bool:
-    """Whether the vehicle has reached its goal."""
-    return status.state is NavState.ARRIVED
 
 
 def remaining(context: Context, what: str) -> Progress:

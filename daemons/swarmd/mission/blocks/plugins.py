@@ -1,5 +1,6 @@
 """Classes of blocks by type: the built-in ones, and those of installed packages."""
 
+import logging
 from collections.abc import Mapping
 from typing import Final
 
@@ -13,9 +14,10 @@ from swarmd.mission.blocks.motions import (
     ReturnBlock,
     TakeoffBlock,
 )
-from swarmware.mission.catalogue import BLOCKS, BlockType, Catalogue
+from swarmware.mission.installed import InstalledBlocks, installed_blocks
 from swarmware.mission.plugin import FunctionalBlock
-from swarmware.model.plugins import BLOCK_GROUP, entry_points
+
+log = logging.getLogger("swarm.mission")
 
 BUILT_IN: Final[tuple[type, ...]] = (
     ArmBlock,
@@ -32,9 +34,10 @@ BUILT_IN: Final[tuple[type, ...]] = (
 class Plugins:
     """Creates blocks by the name of their type."""
 
-    def __init__(self, classes: Mapping[str, type], foreign: tuple[BlockType, ...]) -> None:
-        self._classes = dict(classes)
-        self.catalogue = Catalogue((*BLOCKS, *foreign))
+    def __init__(self, blocks: InstalledBlocks) -> None:
+        own = {cls.spec.name: cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # each has a spec
+        self._classes: Mapping[str, type] = {**blocks.classes, **own}
+        self.catalogue = blocks.catalogue
 
     def make(self, name: str) -> FunctionalBlock:
         """Create a block of this type."""
@@ -43,14 +46,8 @@ class Plugins:
 
 
 def installed() -> Plugins:
-    """All block classes that are installed here.
-
-    Raises: MissionError when a package uses a name that is taken.
-    """
-    classes = {cls.spec.name: cls for cls in BUILT_IN}  # type: ignore[attr-defined]  # each has a spec
-    foreign: list[BlockType] = []
-    for point in entry_points(BLOCK_GROUP):
-        cls = point.load()
-        foreign.append(cls.spec)
-        classes.setdefault(cls.spec.name, cls)
-    return Plugins(classes, tuple(foreign))
+    """All block classes that are installed here; an unusable one of a package is logged and left out."""
+    blocks = installed_blocks()
+    for reason in blocks.unusable:
+        log.error("block of a package is not available: %s", reason)
+    return Plugins(blocks)
