@@ -26,7 +26,7 @@ OWN: Final = {
     "reference_pages",
     "struct_tables",
 }
-"""`lab` is the module that the benchmarks share, `my_name` that of each scaffold; the last two belong to the
+"""`lab` is the module that the benchmarks share, `my_name` that of each scaffold; `mission_pages` and the last two belong to the
 generator of the documents."""
 IMPORTED_AS: Final = {
     "eclipse-zenoh": {"zenoh"},
