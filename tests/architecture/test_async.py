@@ -9,6 +9,7 @@ WAITING = {
     "Service": {"run", "stop"},  # a service may wait as it stops, ours or a user's
     "Driver": {"open", "read", "close"},  # a device may be slow
     "FunctionalBlock": {"run"},  # the step of a mission
+    "BlockVehicle": {"goto"},  # a movement
 }
 """Methods that users implement, and that may wait there: class → methods, also in what is derived from it."""
 

@@ -16,7 +16,6 @@ MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
 THIN = {
-    "lib/swarmware/mission/installed.py": "the installed block types, which a core must not look for",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",

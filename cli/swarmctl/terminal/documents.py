@@ -72,6 +72,8 @@ DOCUMENTS: Final = {
     "new module": "swarmctl.commands.new.scaffold:NewFolder",
     "new driver": "swarmctl.commands.new.scaffold:NewFolder",
     "new service": "swarmctl.commands.new.scaffold:NewFolder",
+    "new block": "swarmctl.commands.new.scaffold:NewFolder",
+    "new mission": "swarmctl.commands.new.scaffold:NewFolder",
     "docs": "swarmctl.commands.docs.site:DocumentationPage",
     "nodes": "swarmctl.terminal.node_output:NodeResults",
     "message": "swarmctl.terminal.documents:Message",

@@ -83,7 +83,9 @@ def _invalid(spec: Any) -> str:
         return f"parameter {taken[0]!r}: a key of every block; expected another name"
     for other, name in _pairs(spec.aliases):
         if name not in fields:
-            return f"spec.aliases: {other!r} is for {name!r}, which is no parameter; expected {_list(fields)}"
+            return (
+                f"spec.aliases: {other!r} is for {name!r}, not a parameter; expected one of {_list(fields)}"
+            )
     if len(_pairs(spec.aliases)) != len(spec.aliases):
         return f"spec.aliases {spec.aliases!r}: expected pairs of texts"
     for key, words in (("kinds", spec.kinds), ("errors", spec.errors)):

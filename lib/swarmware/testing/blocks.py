@@ -63,5 +63,5 @@ class RecordedContext:
         return self._vehicle
 
     def report(self, ratio: float, text: str) -> None:
-        """Record the progress."""
+        """Record the progress of the block."""
         self.reports.append((ratio, text))

@@ -65,6 +65,7 @@ def test_a_name_that_is_none_is_refused_with_what_it_may_be(
         ("module", "json", 1, "the Python module"),
         ("driver", "swarmware", 1, "the Python module"),
         ("driver", "sim", 1, "the driver of swarmware has it"),
+        ("block", "land", 1, "a block type Land is installed"),
         ("service", "broker", 1, "the service of swarmd.broker.service:Broker has it"),
     ],
 )

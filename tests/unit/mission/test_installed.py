@@ -93,7 +93,7 @@ def test_a_block_of_a_package_stands_beside_the_built_in_ones(monkeypatch: pytes
         (block(errors="empty"), "spec.errors 'empty': expected a tuple of texts"),
         (block(timeout_s=-1.0), "spec.timeout_s -1.0: expected seconds above 0, or None"),
         (block(control=True), "spec.control and spec.instant: only built-in blocks have them"),
-        (block(aliases=(("a", "b"),)), "spec.aliases: 'a' is for 'b', which is no parameter; expected none"),
+        (block(aliases=(("a", "b"),)), "spec.aliases: 'a' is for 'b', not a parameter; expected one of none"),
         (
             block(params=msgspec.defstruct("P", [("next", int)], bases=(Params,), frozen=True)),
             "parameter 'next'",

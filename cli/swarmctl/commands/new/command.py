@@ -69,3 +69,25 @@ def service(ctx: click.Context, name: str, parent: Path) -> None:
     Example: swarmctl new service lookout
     """
     _make(ctx, "service", name, parent)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@_scaffold_arguments
+@click.pass_context
+def block(ctx: click.Context, name: str, parent: Path) -> None:
+    """Make a functional block for missions: parameters, plan, its test without a node, a mission with it.
+
+    Example: swarmctl new block survey
+    """
+    _make(ctx, "block", name, parent)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@_scaffold_arguments
+@click.pass_context
+def mission(ctx: click.Context, name: str, parent: Path) -> None:
+    """Make a mission of two roles: mission.toml, a formation, a barrier, a condition.
+
+    Example: swarmctl new mission relay
+    """
+    _make(ctx, "mission", name, parent)

@@ -12,8 +12,9 @@ import msgspec
 
 from swarmctl.terminal.output import Output
 from swarmware.errors import Conflict, InvalidInput, NotFound
+from swarmware.mission.installed import installed
 from swarmware.model.config import share_dir
-from swarmware.model.plugins import DRIVER_GROUP, OWN_DRIVERS, SERVICE_GROUP, entry_points
+from swarmware.model.plugins import BLOCK_GROUP, DRIVER_GROUP, OWN_DRIVERS, SERVICE_GROUP, entry_points
 
 NAME: Final = "my_name"
 """Stands for the new name in the paths and texts of a scaffold, which so are valid Python."""
@@ -41,6 +42,8 @@ KINDS: Final[dict[str, ScaffoldKind]] = {
     "module": ScaffoldKind("thermometer"),
     "driver": ScaffoldKind("sonar", group=DRIVER_GROUP),
     "service": ScaffoldKind("lookout", group=SERVICE_GROUP),
+    "block": ScaffoldKind("survey", group=BLOCK_GROUP),
+    "mission": ScaffoldKind("relay", test="swarmctl mission check .", imported=False),
 }
 """By the name of their folder in share/swarm/scaffolds, which is that of their command."""
 
@@ -49,7 +52,7 @@ class NewFolder(msgspec.Struct, frozen=True):
     """A folder that was made from a scaffold."""
 
     kind: str
-    """module | driver | service …"""
+    """module | driver | service | block | mission"""
     name: str
     path: str
     """The new folder."""
@@ -98,6 +101,8 @@ def _check_free(kind: str, name: str) -> None:
     owners = {point.name: point.value for point in entry_points(group)} if group else {}
     if group == DRIVER_GROUP:
         owners |= dict.fromkeys(OWN_DRIVERS, "swarmware")
+    if group == BLOCK_GROUP and _class_name(name) in installed().types:
+        raise Conflict(f"name {name!r}: a block type {_class_name(name)} is installed; expected another name")
     if name in owners:
         raise Conflict(f"name {name!r}: the {kind} of {owners[name]} has it; expected another name")
     if KINDS[kind].imported and (spec := find_spec(name)) is not None and spec.origin is not None:
@@ -119,8 +124,11 @@ def rendered(scaffold: Path, name: str) -> dict[str, str]:
 
 
 def _renamed(text: str, name: str) -> str:
-    class_name = "".join(part.capitalize() for part in name.split("_"))
-    return text.replace(NAME, name).replace(CLASS_NAME, class_name)
+    return text.replace(NAME, name).replace(CLASS_NAME, _class_name(name))
+
+
+def _class_name(name: str) -> str:
+    return "".join(part.capitalize() for part in name.split("_"))
 
 
 def write_files(folder: Path, files: dict[str, str]) -> None:
