@@ -150,7 +150,8 @@ def permitted(kind: msgspec.inspect.Type) -> str:
         case msgspec.inspect.VarTupleType(item_type=item) | msgspec.inspect.TupleType(item_types=(item, *_)):
             found = permitted(item)
             least = getattr(kind, "min_length", None)
-            count = f"at least {least}" if least else ""
+            exact = least and least == getattr(kind, "max_length", None)
+            count = f"{'' if exact else 'at least '}{least}" if least else ""
             return ", ".join(filter(None, (count, f"each {found}" if found else "")))
     return ""
 

@@ -159,6 +159,8 @@ WITHOUT_NODES = {
     "lab up": "of a new lab",
     "mission check": "of files",
     "new driver": "makes a folder",
+    "new block": "makes a folder",
+    "new mission": "makes a folder",
     "new module": "makes a folder",
     "new service": "makes a folder",
 }
