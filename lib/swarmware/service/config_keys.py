@@ -149,9 +149,9 @@ def permitted(kind: msgspec.inspect.Type) -> str:
             return "`true`, `false`"
         case msgspec.inspect.VarTupleType(item_type=item) | msgspec.inspect.TupleType(item_types=(item, *_)):
             found = permitted(item)
-            least = getattr(kind, "min_length", None)
-            exact = least and least == getattr(kind, "max_length", None)
-            count = f"{'' if exact else 'at least '}{least}" if least else ""
+            smallest = getattr(kind, "min_length", None)
+            exact = smallest and smallest == getattr(kind, "max_length", None)
+            count = f"{'' if exact else 'at least '}{smallest}" if smallest else ""
             return ", ".join(filter(None, (count, f"each {found}" if found else "")))
     return ""
 
