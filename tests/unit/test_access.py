@@ -20,6 +20,9 @@ GCS = Sender("gcs", Role.OPERATOR)
     [
         (Verb.GET, "nav/pose", Role.OBSERVER),
         (Verb.CALL, "sys/tree/get", Role.OBSERVER),
+        (Verb.CALL, "sys/tree/history", Role.OBSERVER),
+        (Verb.CALL, "sys/node/config", Role.OBSERVER),
+        (Verb.CALL, "sys/tree/reset", Role.NODE),
         (Verb.CALL, "sys/tree/subscribe", Role.OBSERVER),
         (Verb.CALL, "sys/tree/structure", Role.OBSERVER),
         (Verb.CALL, "sys/time/functions", Role.OBSERVER),

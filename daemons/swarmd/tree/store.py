@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import msgspec
 import tomli_w
@@ -11,6 +12,9 @@ from swarmware.errors import ConfigError
 from swarmware.model.clock import utc_ns
 from swarmware.model.stored_setting import HISTORY_LIMIT, SettingChange, StoredSetting, read_settings
 from swarmware.runtime.filewriter import replace_file
+
+SIZE_LIMIT: Final = 1 << 20
+"""Maximum bytes of the file while there is history to remove: a quarter of what a start reads."""
 
 log = logging.getLogger("swarm.tree")
 
@@ -55,11 +59,20 @@ class SettingsStore:
             history=(*(old.history if old else ()), change)[-HISTORY_LIMIT:],
         )
         fresh = {**self._kept, path: kept}
-        self._save(fresh)
-        self._kept = fresh
-        return kept
-
-    def _save(self, kept: dict[str, StoredSetting]) -> None:
+        content = _encoded(fresh)
+        while len(content) > SIZE_LIMIT and any(len(one.history) > 1 for one in fresh.values()):
+            fresh = {path: _shorter(one) for path, one in fresh.items()}
+            content = _encoded(fresh)
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        content = tomli_w.dumps({path: msgspec.to_builtins(one) for path, one in sorted(kept.items())})
-        replace_file(self._path, content.encode())
+        replace_file(self._path, content)
+        self._kept = fresh
+        return fresh[path]
+
+
+def _encoded(kept: dict[str, StoredSetting]) -> bytes:
+    return tomli_w.dumps({path: msgspec.to_builtins(one) for path, one in sorted(kept.items())}).encode()
+
+
+def _shorter(one: StoredSetting) -> StoredSetting:
+    """The setting with the newer half of its history."""
+    return msgspec.structs.replace(one, history=one.history[len(one.history) // 2 :])

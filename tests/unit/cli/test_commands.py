@@ -31,6 +31,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.module.module import Module
 from swarmware.types import registry
+from swarmware.types.config import ConfigKey, ConfigOrigin, EffectiveConfig
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
@@ -331,7 +332,14 @@ async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_pr
 
 async def test_a_setting_that_was_not_changed_cannot_be_taken_back() -> None:
     refused = NotFound(f"{GAIN}: was not changed; nothing to undo")
-    answers = {LIST: listing(GAIN), f"{GET} {GAIN}": value(GAIN, 4.0), f"{UNDO} {GAIN}": refused}
+    data = msgspec.msgpack.encode(4.0)
+    key = ConfigKey("gain", data, ConfigOrigin.DEFAULT, "float", "m", data, "", live=True)
+    answers = {
+        LIST: listing(GAIN),
+        f"{GET} {GAIN}": value(GAIN, 4.0),
+        f"{UNDO} {GAIN}": refused,
+        "/uav1/sys/node/config": EffectiveConfig("uav1", (key,)),
+    }
     session = ScriptedSession(answers, node="uav1")
     with pytest.raises(NotFound, match="nothing to undo"):
         await undo_setting(session, "gain", yes=False)

@@ -12,7 +12,7 @@ from tests.unit.cli.test_commands import GET, LIST, ScriptedSession
 from tests.unit.cli.test_commands import value as tree_value
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.config.changes import print_history, reset_setting, set_setting
+from swarmctl.commands.config.changes import print_history, reset_setting, set_setting, undo_setting
 from swarmctl.commands.config.keys import describe, print_keys, print_local
 from swarmctl.commands.config.transfer import diff, dump, load
 from swarmctl.terminal.output import Output
@@ -72,6 +72,8 @@ class Node(ScriptedSession):
             places = {key: f"{key.service}/{key.key}" for key in self.keys}
             found = tuple(key for key in self.keys if wanted(key.name) or wanted(places[key]))
             return EffectiveConfig("uav1", found, self.problems)
+        if path == GET and about != KP:
+            raise NotFound(f"{about}: no such resource")
         if path in {SET, RESET}:
             assert isinstance(value, TreeSet | TreeReset)
             if about != KP:
@@ -189,6 +191,8 @@ async def test_a_key_that_only_its_file_changes_is_refused_with_file_key_and_com
         await set_setting(session, "broker/tik_hz", "5", yes=True)
     with pytest.raises(InvalidInput, match="a pattern; expected one key"):
         await set_setting(session, "*/altitude_kp", "5", yes=True)
+    with pytest.raises(Denied, match="app restart broker"):
+        await undo_setting(session, "broker/tick_hz", yes=True)
     assert session.changes == []
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarmd.tree.store import SettingsStore
+from swarmd.tree.store import SIZE_LIMIT, SettingsStore
 from swarmware.model.resource import Plain
 from swarmware.model.stored_setting import HISTORY_LIMIT, SettingChange, StoredSetting
 
@@ -122,6 +122,20 @@ def test_the_history_of_a_setting_is_bounded(tmp_path: Path) -> None:
     assert kept is not None
     assert kept.version == HISTORY_LIMIT + 3
     assert [one.before for one in kept.history] == list(range(3, HISTORY_LIMIT + 3))
+
+
+def test_long_histories_become_shorter_before_the_file_is_too_large_to_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "settings.toml"
+    store = SettingsStore(path)
+    for number in range(12):
+        for name in ("config/a", "config/b"):
+            store.put(name, change(f"{number:060000}", f"{number - 1:060000}"))
+            assert path.stat().st_size <= SIZE_LIMIT
+    again = SettingsStore(path)
+    for one in (store, again):
+        for _, kept in one:
+            assert (kept.value, kept.version) == (f"{11:060000}", 12)
+            assert kept.history[-1].before == f"{10:060000}", "the last change may be undone"
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -100,8 +100,19 @@ async def reset_setting(session: Session, key: str, *, yes: bool) -> None:
 async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
     """Takes back the last change of a setting and prints both values; `yes`: asks nothing.
 
-    Raises: NotFound when it was not changed; as `confirm`.
+    Raises: NotFound when it was not changed, Denied for a key of a file; as `confirm`.
     """
+    _check_one(key)
+    try:
+        await _undo(session, key, yes=yes)
+    except (NotFound, InvalidInput):
+        name = await _live_name(session, key)
+        if name == key:
+            raise  # it was not changed
+        await _undo(session, name, yes=yes)
+
+
+async def _undo(session: Session, key: str, *, yes: bool) -> None:
     path = session.path(paths.setting(key))
     will = "" if yes else await consequence(session, path)
     await session.confirm(yes, will and f"undo the last change of {paths.setting(key)}: {will}")
