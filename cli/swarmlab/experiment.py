@@ -28,7 +28,7 @@ from swarmware import __version__
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.manifest import MANIFEST
 from swarmware.model import document, paths
-from swarmware.model.config import share_dir
+from swarmware.model.config import load, share_dir
 from swarmware.types.mission import MissionFile, MissionPlan, MissionState, MissionTask, TaskAnswer
 
 PLAN: Final = "sys/mission/plan"
@@ -81,7 +81,7 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     command = command_line.run_command(spec, duration_s, out_dir)
     metadata = _metadata(running, spec, course, started_utc_ns, here, command)
     (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
-    _merge_logs(out_dir, out)
+    _merge_logs(out_dir, spec.experiment, out)
     return report(out_dir, out, strict=strict)
 
 
@@ -237,14 +237,17 @@ def _keep_logs(lab: LabState, out_dir: Path) -> None:
                 shutil.copy2(path, target / path.name)
 
 
-def _merge_logs(out_dir: Path, out: Output) -> None:
+def _merge_logs(out_dir: Path, world: str, out: Output) -> None:
     from swarmctl.commands.log.mcap_export import write_mcap
+    from swarmware.geometry.world import World
     from swarmware.recorder.query import FolderSource, Query
 
     out.say(f"writing {MERGED}")
-    entries = FolderSource(sorted((out_dir / LOGS).iterdir())).entries(Query())
+    folders = sorted((out_dir / LOGS).iterdir())
+    origin = load(paths.world(share_dir(), world), World).origin
+    entries = FolderSource(folders).entries(Query())
     with (out_dir / MERGED).open("wb") as file:
-        write_mcap(entries, file)
+        write_mcap(entries, file, {folder.name: origin for folder in folders})
 
 
 def _metadata(

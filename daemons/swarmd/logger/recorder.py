@@ -1,6 +1,7 @@
 """The recorder of a node: writes batches of frames to the local log ring, and each loss as a gap record."""
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import msgspec
@@ -26,6 +27,8 @@ class Batch:
         """Logged resource, frame, UTC of the read in ns, and of a command its sender."""
         self.gaps: list[tuple[LogGap, int, int]] = []
         """Gap, stamp of the node's clock, UTC in ns."""
+        self.descriptions: Mapping[tuple[str, str], str] = {}
+        """Descriptions of types of modules, by path and type."""
         self.utc_minus_clock_ns: int | None = None
         """At the last read; other readers of the log see the stamps as UTC."""
 
@@ -59,6 +62,7 @@ class Recorder:
             repairs=repairs,
         )
         self._channels: dict[tuple[LoggedResource, str], LogChannel] = {}
+        self._descriptions: Mapping[tuple[str, str], str] = {}
         self.totals = RecorderTotals()
         self._lost: Counter[tuple[str, str]] = Counter()
         """Entries dropped because the write buffer was full, by queue and path."""
@@ -87,6 +91,9 @@ class Recorder:
         totals = self.totals
         if batch.utc_minus_clock_ns is not None:
             self._ring.set_clock(batch.utc_minus_clock_ns)
+        if batch.frames and batch.descriptions is not self._descriptions:
+            self._descriptions = batch.descriptions
+            self._channels.clear()
         for resource, frame, utc_ns, sender in batch.frames:
             try:
                 data = registry.messagepack(resource.type, frame.payload, frame.codec)
@@ -124,9 +131,9 @@ class Recorder:
         if channel is None:
             direction = "in" if resource.kind == Kind.COMMAND else "out"
             queue = f"{self._platform}:{resource.module}:{direction}"
-            channel = LogChannel(
-                self._platform, resource.path, str(resource.kind), resource.type, queue, sender
-            )
+            described = self._descriptions.get((resource.path, resource.type), "")
+            kind = str(resource.kind)
+            channel = LogChannel(self._platform, resource.path, kind, resource.type, queue, sender, described)
             self._channels[resource, sender] = channel
         return channel
 

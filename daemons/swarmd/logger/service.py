@@ -9,6 +9,7 @@ from typing import Final
 
 from swarmd.logger import config as settings
 from swarmd.logger.core.sampling_plan import LoggedResource, SamplingPlan
+from swarmd.logger.core.type_descriptions import Definitions, TypeDescriptions
 from swarmd.logger.recorder import GAPS, Batch, Recorder
 from swarmd.logger.taps import LogTap
 from swarmd.logger.upload import Upload
@@ -22,6 +23,7 @@ from swarmware.module.writer import BoardWriter
 from swarmware.recorder.address import password_in
 from swarmware.recorder.ring import Repairs
 from swarmware.service.service import Service
+from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.delivery.sender import sender_of
 from swarmware.types.log import GapCause, LogGap, LogStats, LogStatsRequest
 
@@ -46,6 +48,7 @@ class Logger(Service):
         self._table = self._node.table
         self._table_version = -1
         self._plan = SamplingPlan()
+        self._types = TypeDescriptions()
         self._taps: dict[str, LogTap] = {}
         self._batch = Batch()
         self._recorder: Recorder | None = None
@@ -82,6 +85,7 @@ class Logger(Service):
                     self._warn_of_readable_password()
                     group.create_task(self._upload.run(), name="log:forward")
         finally:
+            self._batch.descriptions = self._types.found
             self._disk.submit(self._close, self._recorder)
             self._disk.shutdown(wait=True)
             for tap in self._taps.values():
@@ -159,6 +163,8 @@ class Logger(Service):
         if self._table.version == self._table_version:
             return
         self._table_version = self._table.version
+        for refused in self._types.update(map(_definitions, self._table)):
+            log.warning("type %s: description invalid or too long; recorded without names of fields", refused)
         for tap in self._taps.values():
             tap.search_again()
         assert self._recorder is not None
@@ -224,6 +230,7 @@ class Logger(Service):
 
     async def _write(self, recorder: Recorder) -> None:
         batch, self._batch = self._batch, Batch()
+        batch.descriptions = self._types.found
         taken_utc_ns = utc_ns()
         if not batch and not recorder.pending_bytes:
             self._complete_utc_ns = taken_utc_ns
@@ -273,6 +280,10 @@ class Logger(Service):
             self._upload.state,
             self._complete_utc_ns,
         )
+
+
+def _definitions(entry: AppEntry) -> Definitions:
+    return Definitions(entry.id, entry.provides, entry.types)
 
 
 def _record(recorder: Recorder, batch: Batch) -> tuple[int, int]:

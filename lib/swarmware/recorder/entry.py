@@ -1,14 +1,14 @@
 """One log entry: a recorded frame and its queue; and the cursor of a consumer."""
 
-from functools import lru_cache
 from typing import Any
 
 import msgspec
 
 from swarmware.errors import NotFound, WireError
 from swarmware.model import names
+from swarmware.recorder.payload_type import payload_class
 from swarmware.types import registry
-from swarmware.types.json_form import packed_schema, plain
+from swarmware.types.json_form import plain
 
 
 class LogEntry(msgspec.Struct, frozen=True, gc=False):
@@ -33,6 +33,8 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
     """Sender of a command: `swarmctl#1@gcs`, or the authenticated role and platform; else empty."""
     sent_utc_ns: int = 0
     """`stamp_ns` as wall clock of the logger; 0 when it is not known."""
+    description: str = ""
+    """JSON of the `TypeDescription` of a type that a module defines; else empty."""
 
     @property
     def topic(self) -> str:
@@ -42,7 +44,7 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
     def value(self) -> msgspec.Struct | None:
         """The decoded payload; None when the type is unknown here or the payload does not match it."""
         try:
-            return registry.decode(registry.find(self.type), self.payload)
+            return registry.decode(payload_class(self.type, self.description), self.payload)
         except (NotFound, WireError):
             return None
 
@@ -58,15 +60,6 @@ def list_or_none(payload: bytes) -> Any:
         return msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError):
         return None
-
-
-@lru_cache(maxsize=256)
-def schema(type_name: str) -> bytes:
-    """JSON Schema of a type's MessagePack form, for other readers; empty when the type is unknown."""
-    try:
-        return msgspec.json.encode(packed_schema(registry.find(type_name)))
-    except (NotFound, TypeError):
-        return b""
 
 
 class Cursor(msgspec.Struct, frozen=True):

@@ -3,6 +3,7 @@
 Raises: ConfigError when it is imported and pymongo is not installed.
 """
 
+import hashlib
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -79,9 +80,13 @@ class MongoStore:
         self._database = database
         self._frames = self._client[database]["frames"]
         self._cursors = self._client[database]["cursors"]
+        self._types = self._client[database]["types"]
+        self._stored_types: set[str] = set()
+        """Descriptions that were written here."""
 
     def prepare(self) -> None:
         """Creates the B-tree indexes of S0.71; cheap when they exist."""
+        self._stored_types.clear()
         with _translated():
             self._frames.create_index(
                 [("source", ASCENDING), ("type", ASCENDING), ("utc_ns", ASCENDING)], name="source_type_time"
@@ -99,6 +104,7 @@ class MongoStore:
         """
         with _translated():
             if entries:
+                self._write_types({entry.description for entry in entries} - self._stored_types - {""})
                 self._frames.bulk_write([self._slot(entry) for entry in entries], ordered=False)
                 for queue in sorted({entry.queue for entry in entries}):
                     if self._bytes[queue] > self._queue_bytes:
@@ -108,6 +114,14 @@ class MongoStore:
                 {"_id": platform, **msgspec.to_builtins(cursor)},
                 upsert=True,
             )
+
+    def _write_types(self, descriptions: set[str]) -> None:
+        """Stores descriptions of types once, before the first entry that names them."""
+        for text in descriptions:
+            self._types.replace_one(
+                {"_id": digest(text)}, {"_id": digest(text), "description": text}, upsert=True
+            )
+        self._stored_types |= descriptions
 
     def _slot(self, entry: LogEntry) -> ReplaceOne[Any]:
         document = to_document(entry, self._queue_size)
@@ -157,7 +171,9 @@ class MongoStore:
         found: Iterable[Mapping[str, Any]] = self._frames.find(to_filter(query)).sort(
             "utc_ns", DESCENDING if query.newest else ASCENDING
         )
-        matching = (entry for entry in map(from_document, found) if pattern.matches(entry.topic))
+        described = {one["_id"]: str(one["description"]) for one in self._types.find()}
+        made = (from_document(one, described) for one in found)
+        matching = (entry for entry in made if pattern.matches(entry.topic))
         taken = islice(matching, query.limit)
         yield from reversed(list(taken)) if query.newest else taken
 
@@ -201,6 +217,7 @@ def to_document(entry: LogEntry, queue_size: int) -> RawBSONDocument:
         "utc": datetime.fromtimestamp(entry.utc_ns // _MS / 1000, UTC),
         **({"sender": entry.sender} if entry.sender else {}),
         **({"sent_utc_ns": entry.sent_utc_ns} if entry.sent_utc_ns else {}),
+        **({"description": digest(entry.description)} if entry.description else {}),
         "value": entry.plain(),
         "payload": entry.payload,
     }
@@ -213,8 +230,13 @@ def to_document(entry: LogEntry, queue_size: int) -> RawBSONDocument:
     return RawBSONDocument(data)
 
 
-def from_document(document: Mapping[str, Any]) -> LogEntry:
-    """The entry in a document; BSON integers become int."""
+def digest(description: str) -> str:
+    """Id of the description of a type in its collection."""
+    return hashlib.sha256(description.encode()).hexdigest()
+
+
+def from_document(document: Mapping[str, Any], descriptions: Mapping[str, str]) -> LogEntry:
+    """The entry in a document; BSON integers become int. `descriptions`: by their id."""
     return LogEntry(
         str(document["queue"]),
         int(document["sequence"]),
@@ -227,6 +249,7 @@ def from_document(document: Mapping[str, Any]) -> LogEntry:
         bytes(document["payload"]),
         str(document.get("sender", "")),
         int(document.get("sent_utc_ns", 0)),
+        descriptions.get(document.get("description", ""), ""),
     )
 
 

@@ -10,9 +10,10 @@ import msgspec
 
 from swarmware import __version__
 from swarmware.errors import InvalidInput
-from swarmware.recorder.entry import LogEntry, schema
+from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.growing_file import GrowingFile
 from swarmware.recorder.mcap_writer import McapWriter, channel_record
+from swarmware.recorder.payload_type import schema
 from swarmware.recorder.scan import (
     CHANNEL,
     DATA_END,
@@ -60,6 +61,8 @@ class LogChannel(msgspec.Struct, frozen=True, gc=False):
     queue: str
     sender: str = ""
     """Sender of commands; else empty."""
+    description: str = ""
+    """As `LogEntry.description`; valid, and not longer than `DESCRIPTION_LIMIT`."""
 
 
 class BufferFull(OSError):
@@ -95,7 +98,7 @@ class SegmentWriter:
             self._out.close()
             raise
         self._channels: dict[LogChannel, int] = {}
-        self._schemas: dict[str, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
         self._offset_ns: int | None = None
         self._offset_copy = False
         """Whether the record of the offset has to be repeated behind the next entry."""
@@ -136,11 +139,12 @@ class SegmentWriter:
 
     def _register(self, channel: LogChannel) -> tuple[int, bytes]:
         """Channel id, and a copy of the record: without it damage to the first would lose the channel."""
-        schema_id = self._schemas.get(channel.type)
+        described = channel.type, channel.description
+        schema_id = self._schemas.get(described)
         if schema_id is None:
-            data = schema(channel.type)
+            data = schema(*described)
             schema_id = self._writer.register_schema(channel.type, data) if data else 0
-            self._schemas[channel.type] = schema_id
+            self._schemas[described] = schema_id
         topic = f"/{channel.platform}/{channel.path}"
         metadata = {
             "kind": channel.kind,
@@ -150,6 +154,8 @@ class SegmentWriter:
         }
         if channel.sender:
             metadata["sender"] = channel.sender
+        if channel.description:
+            metadata["description"] = channel.description
         metadata[CHECK] = _check(metadata, topic)
         number = self._writer.register_channel(schema_id, topic, metadata)
         self._channels[channel] = number
@@ -291,6 +297,7 @@ class SegmentReader:
             record.body[MESSAGE.size :],
             channel.sender,
             sent_ns if known else 0,
+            channel.description,
         )
 
     def _sequence(self, queue: str, sequence: int, record: Record) -> int:
@@ -384,7 +391,8 @@ def _channel(body: bytes) -> tuple[int, LogChannel] | None:
     platform, _, path = topic.removeprefix("/").partition("/")
     queue = metadata.get("queue", f"{platform}:unknown:out")
     kind, type_name = metadata.get("kind", "board"), metadata.get("type", "")
-    return number, LogChannel(platform, path, kind, type_name, queue, metadata.get("sender", ""))
+    sender, description = metadata.get("sender", ""), metadata.get("description", "")
+    return number, LogChannel(platform, path, kind, type_name, queue, sender, description)
 
 
 def _numbers(body: bytes) -> tuple[str, dict[str, int]] | None:

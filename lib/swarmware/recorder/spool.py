@@ -16,7 +16,7 @@ FOREIGN: Final = "foreign"
 """Platform of the values that are not log entries: `/foreign/spool`."""
 
 _KEYS: Final = LogEntry.__struct_fields__
-_OPTIONAL: Final = {"sender", "sent_utc_ns"}
+_OPTIONAL: Final = {"sender", "sent_utc_ns", "description"}
 
 
 def write(entries: Iterable[LogEntry], file: BinaryIO) -> int:

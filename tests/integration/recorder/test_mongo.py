@@ -14,16 +14,27 @@ from tests.integration.recorder.mongod import Mongod
 from swarmd.logger.log_forwarder import LogForwarder
 from swarmware.errors import ConfigError, NoAnswer
 from swarmware.recorder.entry import Cursor, LogEntry
-from swarmware.recorder.mongo import MongoStore, check_uri, to_document
+from swarmware.recorder.mongo import MongoStore, check_uri, digest, to_document
+from swarmware.recorder.payload_type import logged_description
 from swarmware.recorder.query import FolderSource, LogSource, Query, stats
 from swarmware.recorder.ring import LogRing
 from swarmware.recorder.segment import LogChannel
 from swarmware.types import registry
+from swarmware.types.description import describe
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import BatteryState, Pose
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
+
+
+class Salinity(msgspec.Struct, frozen=True, array_like=True):
+    """A type of a module, which is not registered here."""
+
+    psu: float
+
+
+SALINITY = logged_description(msgspec.json.encode(describe(Salinity)).decode())
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +49,7 @@ def record(ring: LogRing, platform: str, count: int, start: int = 0) -> None:
     pose = LogChannel(platform, "nav/pose", "board", "Pose", f"{platform}:navigator:out")
     battery = LogChannel(platform, "power/battery", "board", "BatteryState", f"{platform}:hal:out")
     note = LogChannel(platform, "mission/note", "event", "Text", f"{platform}:mission:out")
+    salt = LogChannel(platform, "sea/salt", "board", "Salinity", f"{platform}:probe:out", "", SALINITY)
     for number in range(start, start + count):
         utc_ns = START + number * SECOND // 10
         ring.append(pose, number, utc_ns, registry.encode(Pose(float(number), 0.0)))
@@ -45,6 +57,7 @@ def record(ring: LogRing, platform: str, count: int, start: int = 0) -> None:
             ring.append(battery, number, utc_ns + 1, registry.encode(BatteryState(12.0, 1.0, 0.5)))
         if number % 50 == 0:
             ring.append(note, number, utc_ns + 2, registry.encode(Text(f"step {number}")))
+            ring.append(salt, number, utc_ns + 3, registry.encode(Salinity(float(number))))
     ring.flush()
 
 
@@ -79,6 +92,7 @@ def source(request: pytest.FixtureRequest, folders: list[Path], mongod: Mongod) 
         client: Any = mongomock.MongoClient()
         store = MongoStore("", "same_answers", client=client)
         everything = FolderSource(folders).entries(Query())
+        client["same_answers"]["types"].insert_one({"_id": digest(SALINITY), "description": SALINITY})
         client["same_answers"]["frames"].insert_many([dict(to_document(entry, 1000)) for entry in everything])
     yield store
     store.close()
@@ -106,6 +120,8 @@ def test_every_source_gives_the_same_answer(source: LogSource, folders: list[Pat
     answer = list(source.entries(query))
     assert [entry.utc_ns for entry in answer] == sorted(entry.utc_ns for entry in answer)
     assert sorted(answer, key=key) == expected
+    salt = [entry.plain() for entry in answer if entry.type == "Salinity"]
+    assert all(list(value) == ["psu"] for value in salt)
 
 
 @pytest.mark.mongod

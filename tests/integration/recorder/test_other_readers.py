@@ -6,25 +6,41 @@ import os
 import shutil
 import struct
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import msgpack
+import msgspec
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
-from swarmctl.commands.log.export import export
 from swarmware.module.module import Module
-from swarmware.recorder.query import FolderSource, Query
 from swarmware.recorder.ring import segments
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.log import LogStats, LogStatsRequest
 from swarmware.types.vehicle import Pose
 
+
+class Cell(msgspec.Struct, frozen=True, array_like=True):
+    """One cell of an echo."""
+
+    depth_m: float
+    strength_db: float
+
+
+class Echo(msgspec.Struct, frozen=True, array_like=True):
+    """A type of the module, which neither the logger nor `swarmctl` knows."""
+
+    ping: int
+    cells: tuple[Cell, ...]
+
+
 COUNT = 40
 TOPIC = "/uav1/test/pose"
+ECHO = "/uav1/sonar/echo"
 SCRIPT = Path(__file__).with_name("readers.mjs")
 
 
@@ -45,10 +61,12 @@ async def record(root: Path) -> dict[str, Path]:
 
     async with Module("source", config_dir=config) as module:
         writer = module.stream_writer("test/pose", Pose, kind="event", log="all", slots=512)
+        echo = module.writer("sonar/echo", Echo, log="all")
 
         async def write(first: int) -> None:
             for number in range(first, first + COUNT):
                 writer.write(Pose(float(number), 0.5))
+            echo.write(Echo(first, (Cell(2.5, -30.0),)))
             request = LogStatsRequest(flush=True)
             await module.request("sys/log/stats", request, LogStats, timeout_s=10.0)
 
@@ -61,7 +79,9 @@ async def record(root: Path) -> dict[str, Path]:
             await write(COUNT)
         keep("stopped")
     files["export"] = root / "export.mcap"
-    export(FolderSource([log]).entries(Query()), "mcap", str(files["export"]))
+    # in a process of its own, which does not have the module's types
+    words = ["log", "export", "--dir", str(log), "--format", "mcap", "--out", str(files["export"])]
+    await asyncio.to_thread(subprocess.run, [sys.executable, "-m", "swarmctl", *words], check=True)
     return files
 
 
@@ -120,16 +140,23 @@ def test_a_segment_opens_in_readers_of_others(recorded: dict[str, Path], name: s
     assert [dict(zip(fields, content, strict=True))["x_m"] for _, content in poses] == [
         float(number) for number in range(first, first + COUNT)
     ]
+    ((schema, content),) = [(schema, content) for topic, schema, content in contents if topic == ECHO]
+    assert [field["title"] for field in schema["$defs"]["Echo"]["prefixItems"]] == ["ping", "cells"]
+    assert [field["title"] for field in schema["$defs"]["Cell"]["prefixItems"]] == ["depth_m", "strength_db"]
+    assert content == [first, [[2.5, -30.0]]]
 
 
 def test_every_message_of_an_export_satisfies_the_schema_in_its_file(recorded: dict[str, Path]) -> None:
-    names = set()
+    found: dict[str, Any] = {}
     with recorded["export"].open("rb") as file:
         for schema, _, message in make_reader(file).iter_messages():
             assert schema is not None
-            names.add(schema.name)
-            jsonschema.Draft202012Validator(json.loads(schema.data)).validate(json.loads(message.data))
-    assert {"Pose", "foxglove.PoseInFrame", "foxglove.Log"} <= names
+            found[schema.name] = json.loads(schema.data), json.loads(message.data)
+            jsonschema.Draft202012Validator(found[schema.name][0]).validate(found[schema.name][1])
+    assert {"Pose", "Echo", "foxglove.PoseInFrame", "foxglove.Log"} <= found.keys()
+    schema, content = found["Echo"]
+    assert content == {"ping": COUNT, "cells": [{"depth_m": 2.5, "strength_db": -30.0}]}
+    assert list(schema["properties"]["cells"]["items"]["properties"]) == ["depth_m", "strength_db"]
 
 
 def test_the_reader_for_javascript_opens_segments_and_exports(

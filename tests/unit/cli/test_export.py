@@ -17,12 +17,14 @@ from mcap.reader import make_reader
 from swarmctl.commands.log.export import export
 from swarmctl.commands.log.viewer_form import viewer_schema
 from swarmware.errors import InvalidInput, NotFound
+from swarmware.geometry.geodesy import Origin
 from swarmware.recorder.entry import LogEntry
 from swarmware.types import registry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.scalar import Blob, Float
 from swarmware.types.vehicle import BatteryState, GnssFix, Goal, GoalKind, Imu, Pose, Range
 
+LOCATION = "foxglove.LocationFix"
 UTC = 1_700_000_000_000_000_000
 
 
@@ -128,6 +130,25 @@ def test_no_column_of_a_table_has_the_name_of_another(tmp_path: Path) -> None:
     assert (row["path"], row["value.path"]) == ("/uav1/log/gaps", "a/b")
 
 
+@registry.register
+class Tally(msgspec.Struct, frozen=True):
+    """Integers beyond what a double keeps."""
+
+    photons: int
+    late_ns: int
+    digest: int
+    valid: bool = True
+
+
+def test_integers_are_numbers_that_viewers_plot_and_identities_are_text(tmp_path: Path) -> None:
+    wide = 2**60 + 1
+    export(iter([entry("a/tally", Tally(wide, -wide, wide), 1)]), "mcap", f"{tmp_path}/x.mcap")
+    ((_, _, content, _),) = messages(tmp_path / "x.mcap")
+    assert content == {"photons": wide, "late_ns": -wide, "digest": str(wide), "valid": True}
+    kinds = {key: one["type"] for key, one in viewer_schema("Tally")["properties"].items()}
+    assert kinds == {"photons": "integer", "late_ns": "integer", "digest": "string", "valid": "boolean"}
+
+
 def test_a_renamed_field_has_the_name_of_its_schema_in_every_export(tmp_path: Path) -> None:
     seen = [entry("camera/sighting", Sighting(2, "heron"), 1)]
     for form in ("csv", "jsonl", "mcap"):
@@ -199,6 +220,26 @@ def test_panels_of_foxglove_get_poses_fixes_points_images_and_log_lines(tmp_path
     assert (image["format"], base64.b64decode(image["data"])) == ("jpeg", b"\xff\xd8\xff\xe0 picture")
     line = shown["/foxglove/log"][1]
     assert (line["level"], line["message"]) == (4, "battery low (confirmed): Battery: 11.0 V")
+
+
+def test_poses_are_on_the_map_panel_where_the_origin_of_their_map_is_known(tmp_path: Path) -> None:
+    origin = Origin(lat_deg=48.0, lon_deg=11.0, alt_ellipsoid_m=500.0)
+    poses = [
+        entry("nav/pose", Pose(74.4, 111.2, 20.0), 1),
+        entry("nav/pose", Pose(1e12, -1e12, 0.0), 2),
+        entry("sim/truth", Pose(1.0, 2.0, 3.0), 3),
+    ]
+    for origins, expected in (({"uav1": origin}, 1), ({"uav2": origin}, 0), (None, 0)):
+        export(iter(poses), "mcap", f"{tmp_path}/x.mcap", origins)
+        found = [content for _, name, content, _ in messages(tmp_path / "x.mcap") if name == LOCATION]
+        assert len(found) == expected, origins
+    export(iter(poses), "mcap", f"{tmp_path}/x.mcap", {"uav1": origin})
+    ((topic, _, fix, message),) = [one for one in messages(tmp_path / "x.mcap") if one[1] == LOCATION]
+    assert topic == "/foxglove/uav1/nav/pose/location"
+    assert (fix["latitude"], fix["longitude"]) == pytest.approx((48.001, 11.001), abs=1e-5)
+    assert fix["altitude"] == pytest.approx(520.0, abs=0.01)
+    assert (fix["position_covariance_type"], fix["frame_id"]) == (0, "uav1")
+    assert (message.log_time, message.publish_time) == (UTC + 1, UTC - 999)
 
 
 def test_the_schema_of_every_registered_type_has_one_type_a_field_and_no_references() -> None:

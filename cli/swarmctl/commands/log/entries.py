@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.log import export, sources, tail
+from swarmctl.commands.log.origins import origins as map_origins
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
 from swarmware.errors import Partial
@@ -62,8 +63,9 @@ def export_entries(options: Mapping[str, Any], form: str, target: str, out: Outp
 
     Raises: NotFound when no entry matches; Partial when a part could not be read; as `sources.source`.
     """
+    origins = map_origins(out.settings, options) if form == "mcap" else {}
     with sources.source(out.settings, options) as found:
-        count = export.export(_selected(found, options, out), form, target)
+        count = export.export(_selected(found, options, out), form, target, origins)
     out.say(f"{count} entries to {target}")
     sources.refuse_losses(found)
 

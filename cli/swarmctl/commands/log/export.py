@@ -1,7 +1,7 @@
 """Entries as files that other tools read: JSON Lines, CSV, Parquet, MCAP, a stream of MessagePack."""
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -11,12 +11,15 @@ import msgspec
 
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import InvalidInput, NotFound
+from swarmware.geometry.geodesy import Origin
 from swarmware.recorder.entry import LogEntry
 from swarmware.types.json_form import json_form
 
 
-def export(entries: Iterator[LogEntry], form: str, target: str) -> int:
-    """Writes the entries; their number.
+def export(
+    entries: Iterator[LogEntry], form: str, target: str, origins: Mapping[str, Origin] | None = None
+) -> int:
+    """Writes the entries; their number. `origins`: of the maps of the platforms, those that are known.
 
     Raises: NotFound when there are none, before a file is written; InvalidInput for an unsuitable target.
     """
@@ -33,7 +36,7 @@ def export(entries: Iterator[LogEntry], form: str, target: str) -> int:
             case "mcap":
                 from swarmctl.commands.log.mcap_export import write_mcap
 
-                return write_mcap(found, file)
+                return write_mcap(found, file, origins or {})
             case "msgpack":
                 # `log query --spool` reads it again
                 from swarmware.recorder.spool import write

@@ -1,6 +1,6 @@
 """Entries as an MCAP file for viewers: JSON messages with schemas, chunks and an index."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, BinaryIO
 
 import msgspec
@@ -8,26 +8,31 @@ import msgspec
 from swarmctl.commands.log.panels import panel_messages
 from swarmctl.commands.log.viewer_form import viewer_schema, viewer_value
 from swarmware import __version__
+from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.config import share_dir
 from swarmware.recorder.entry import LogEntry, list_or_none
 
 
-def write_mcap(entries: Iterable[LogEntry], file: BinaryIO) -> int:
-    """Writes each entry on its topic, and what panels show below `/foxglove`; the number of entries."""
+def write_mcap(entries: Iterable[LogEntry], file: BinaryIO, origins: Mapping[str, Origin]) -> int:
+    """Writes each entry on its topic, and what panels show below `/foxglove`; the number of entries.
+
+    `origins`: of the maps of the platforms; poses of others are not on the map panel.
+    """
     from mcap.writer import Writer
 
     writer: Any = Writer(file)
     writer.start(profile="", library=f"swarmware {__version__}")
     topics = _Topics(writer)
+    maps = {platform: LocalMap(origin) for platform, origin in origins.items()}
     count = 0
     for entry in entries:
         sent_ns = max(0, entry.sent_utc_ns or entry.utc_ns)
         value = entry.value()
         content = viewer_value(value if value is not None else list_or_none(entry.payload))
         sent = {"log_time": entry.utc_ns, "publish_time": sent_ns, "sequence": entry.sequence & 0xFFFFFFFF}
-        channel = topics.channel(entry.topic, entry.type)
+        channel = topics.channel(entry.topic, entry.type, entry.description)
         writer.add_message(channel, data=msgspec.json.encode(content), **sent)
-        for message in panel_messages(entry):
+        for message in panel_messages(entry, maps.get(entry.platform)):
             channel = topics.channel(message.topic, message.schema)
             writer.add_message(channel, data=msgspec.json.encode(message.content), **sent)
         count += 1
@@ -40,23 +45,25 @@ class _Topics:
 
     def __init__(self, writer: Any) -> None:
         self._writer = writer
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[tuple[str, str], int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[tuple[str, str, str], int] = {}
 
-    def channel(self, topic: str, schema: str) -> int:
-        """Channel of a topic with messages of this schema: a registered type, or one of Foxglove's."""
-        found = self._channels.get((topic, schema))
+    def channel(self, topic: str, schema: str, description: str = "") -> int:
+        """Channel of a topic with messages of this schema: a recorded type, or one of Foxglove's."""
+        key = topic, schema, description
+        found = self._channels.get(key)
         if found is None:
-            found = self._writer.register_channel(topic, "json", self._schema(schema))
-            self._channels[topic, schema] = found
+            found = self._writer.register_channel(topic, "json", self._schema(schema, description))
+            self._channels[key] = found
         return found
 
-    def _schema(self, name: str) -> int:
-        if name not in self._schemas:
+    def _schema(self, name: str, description: str) -> int:
+        key = name, description
+        if key not in self._schemas:
             if name.startswith("foxglove."):
                 path = share_dir() / "schemas" / "foxglove" / f"{name.removeprefix('foxglove.')}.json"
                 data = path.read_bytes()
             else:
-                data = msgspec.json.encode(viewer_schema(name))
-            self._schemas[name] = self._writer.register_schema(name or "unknown", "jsonschema", data)
-        return self._schemas[name]
+                data = msgspec.json.encode(viewer_schema(name, description))
+            self._schemas[key] = self._writer.register_schema(name or "unknown", "jsonschema", data)
+        return self._schemas[key]

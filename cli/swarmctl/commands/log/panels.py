@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from swarmctl.resources.values import brief
+from swarmware.geometry.geodesy import LocalMap
 from swarmware.recorder.entry import LogEntry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.log import LogGap
@@ -25,9 +26,11 @@ MAP: Final = "map"
 """Frame of the poses: ENU."""
 _POSE: Final = "nav/pose"
 """Resource that moves the frame of a platform; others are displayed in the map."""
+_MAP_M: Final = 100_000.0
+"""Distance from the origin beyond which the local map is no longer that of the Earth."""
 _INFO, _WARNING, _ERROR = 2, 3, 4
 _LEVELS: Final = {"ok": _INFO, "warn": _WARNING, "error": _ERROR}
-_APPROXIMATED: Final = 1
+_UNKNOWN, _APPROXIMATED = 0, 1
 _FLOAT32: Final = 7
 _IMAGES: Final = ((b"\xff\xd8\xff", "jpeg"), (b"\x89PNG", "png"))
 _REPORTED: Final = frozenset({"event", "command"})
@@ -50,13 +53,17 @@ class PanelMessage(NamedTuple):
     content: dict[str, Any]
 
 
-def panel_messages(entry: LogEntry) -> Iterator[PanelMessage]:
-    """Messages that show an entry; none for most types."""
+def panel_messages(entry: LogEntry, local: LocalMap | None = None) -> Iterator[PanelMessage]:
+    """Messages that show an entry; none for most types. `local`: the map of its platform, when known."""
     value = entry.value()
     stamp = _time(entry.sent_utc_ns or entry.utc_ns)
     topic = PREFIX + entry.topic
     if isinstance(value, Pose):
         yield from _pose(entry, value, stamp)
+        if entry.path == _POSE and local is not None and math.hypot(value.x_m, value.y_m) < _MAP_M:
+            fix = GnssFix(*local.to_wgs84(value.x_m, value.y_m, value.z_m), math.nan, 0)
+            content = _location(entry.platform, fix, stamp)
+            yield PanelMessage(f"{topic}/location", "foxglove.LocationFix", content)
     elif isinstance(value, GnssFix) and math.isfinite(value.lat_deg + value.lon_deg):
         yield PanelMessage(topic, "foxglove.LocationFix", _location(entry.platform, value, stamp))
     elif isinstance(value, Range):
@@ -93,7 +100,8 @@ def _pose(entry: LogEntry, pose: Pose, stamp: dict[str, int]) -> Iterator[PanelM
 
 
 def _location(platform: str, fix: GnssFix, stamp: dict[str, int]) -> dict[str, Any]:
-    variance = fix.h_acc_m**2 if math.isfinite(fix.h_acc_m) else 0.0
+    known = math.isfinite(fix.h_acc_m)
+    variance = fix.h_acc_m**2 if known else 0.0
     return {
         "timestamp": stamp,
         "frame_id": platform,
@@ -101,7 +109,7 @@ def _location(platform: str, fix: GnssFix, stamp: dict[str, int]) -> dict[str, A
         "longitude": fix.lon_deg,
         "altitude": fix.alt_ellipsoid_m if math.isfinite(fix.alt_ellipsoid_m) else 0.0,
         "position_covariance": [variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, 0.0, 0.0],
-        "position_covariance_type": _APPROXIMATED,
+        "position_covariance_type": _APPROXIMATED if known else _UNKNOWN,
     }
 
 

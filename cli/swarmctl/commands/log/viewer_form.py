@@ -7,20 +7,20 @@ import math
 from functools import lru_cache
 from typing import Any, Final
 
-from swarmware.errors import NotFound
-from swarmware.types import registry
-from swarmware.types.json_form import json_form, json_schema
+from swarmware.errors import NotFound, WireError
+from swarmware.recorder.payload_type import payload_class
+from swarmware.types.json_form import plottable_form, plottable_schema
 
 _OPEN: Final = {"type": "object", "properties": {}}
 """Schema of a type that is unknown here: viewers then offer the fields of its messages."""
 
 
 @lru_cache(maxsize=256)
-def viewer_schema(type_name: str) -> dict[str, Any]:
-    """JSON Schema of a type; fields without a single type are left out of it."""
+def viewer_schema(type_name: str, description: str = "") -> dict[str, Any]:
+    """JSON Schema of a recorded type; fields without a single type are left out of it."""
     try:
-        found = json_schema(registry.find(type_name))
-    except (NotFound, TypeError):
+        found = plottable_schema(payload_class(type_name, description))
+    except (NotFound, WireError, TypeError):
         return _OPEN
     return _plain(found, found.get("$defs", {}), ()) or _OPEN
 
@@ -62,7 +62,7 @@ def viewer_value(value: Any) -> dict[str, Any]:
 
     An array with such a number is left out: its other items would be at other places.
     """
-    form = _finite(json_form(value))
+    form = _finite(plottable_form(value))
     return form if isinstance(form, dict) else {} if form is None else {"value": form}
 
 

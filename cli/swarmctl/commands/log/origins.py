@@ -1,0 +1,47 @@
+"""Origins of the maps in which nodes have their positions: by the configuration of their navigators."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.session import labs
+from swarmctl.session.session import config_dir
+from swarmware.errors import NotFound
+from swarmware.geometry.geodesy import Origin
+from swarmware.geometry.world import World
+from swarmware.model import paths
+from swarmware.model.config import load, load_node, load_service
+
+
+class _Navigator(msgspec.Struct, frozen=True):
+    """Key of navigator.toml: the file with the origin."""
+
+    world: str = "formation"
+
+
+def origins(settings: CliSettings, options: Mapping[str, Any]) -> dict[str, Origin]:
+    """Origin by platform, of the nodes on this machine whose rings the options name.
+
+    A folder, database or spool does not state the origin of its maps: empty.
+    Raises: ConfigError when the configuration of a node is invalid.
+    """
+    if any(options.get(key) for key in ("folder", "mongodb", "spool")):
+        return {}
+    if settings.config_dir is None:
+        try:
+            lab = labs.find(settings.lab)
+        except NotFound:
+            if settings.lab:
+                raise
+        else:
+            return {node.platform: _origin(node.config_dir) for node in lab.nodes}
+    folder = config_dir(settings)
+    return {load_node(folder).platform: _origin(folder)}
+
+
+def _origin(folder: Path) -> Origin:
+    name = load_service(folder, "navigator", _Navigator).world
+    return load(paths.world(load_node(folder).share_path, name), World).origin
