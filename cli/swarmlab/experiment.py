@@ -99,13 +99,14 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     out.say("computing the report")
     metadata = _read(out_dir / RUN_FILE, RunMetadata)
     found, data = analysis.analyse(metadata, out_dir / LOGS)
-    text = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
-    (out_dir / REPORT).write_bytes(text + b"\n")
+    figures_json = msgspec.json.format(msgspec.json.encode(figures.rounded(found)), indent=2)
+    (out_dir / REPORT).write_bytes(figures_json + b"\n")
     (out_dir / PICTURE).write_bytes(plots.paths(data))
     shortfalls, misses = figures.shortfalls(found), figures.misses(found)
     remarks = [*metadata.remarks(), *shortfalls]
     remarks += [f"missed: {miss} ({found.host.summary()})" for miss in misses]
-    (out_dir / PAGE).write_text(page.page(data, found, metadata, remarks), "utf-8")
+    text = page.page(data, found, metadata, remarks, lambda name: (out_dir / name).exists())
+    (out_dir / PAGE).write_text(text, "utf-8")
     if out.settings.structured:
         out.exact(figures.rounded(found))
     else:

@@ -221,6 +221,12 @@ class Analysis:
             formed=self._formed,
             traffic={p: self._clipped(traffic_totals.egress(known)) for p, known in self._counters.items()},
             neighbours=self._neighbours(),
+            unaccepted=sum(
+                link.received_frames
+                for known in self._counters.values()
+                for link in (known[-1][1].links if known else ())
+                if link.platform == net.UNACCEPTED
+            ),
             timelines=self._timelines(),
             barriers=self._barriers(),
         )

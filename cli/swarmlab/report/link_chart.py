@@ -47,13 +47,23 @@ def summary(data: PlotData) -> LinkSummary:
     if rtts:
         how = f"differ by less than {EQUAL_RTT_MS:g} ms" if same_rtt else "differ"
         words.append(f"Round-trip times {how}: {_range(rtts, 1, 'ms')}.")
+    if data.unaccepted:
+        words.append(
+            f"{data.unaccepted} datagrams belong to no link: their sender was not accepted,"
+            " as at the start of every session."
+        )
     missing = len(found) < possible
     return LinkSummary(" ".join(words), not same_loss or missing, not same_rtt)
 
 
 def _range(values: Sequence[float], factor: float, unit: str) -> str:
-    low, high = label(round(min(values) * factor, 2)), label(round(max(values) * factor, 2))
+    low, high = (label(_rounded(limit * factor)) for limit in (min(values), max(values)))
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def _rounded(value: float) -> float:
+    """Two decimals, and of less than 0.1 two digits: a short time is not none."""
+    return round(value, 2) if value >= 0.1 else float(f"{value:.2g}")
 
 
 def matrices(data: PlotData) -> str:

@@ -1,6 +1,6 @@
 """The report as one self-contained HTML file: charts as SVG, a replay, no reference to anything outside."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from html import escape
@@ -30,6 +30,12 @@ _NODE_COLUMNS: Final = (
     "node", "mission", "sent kB/s", "received kB/s", "receipt ms", "slot error m", "clock p95 µs", "CPU %",
     "RSS MB", "clock offset s", "drift ppm", "restarts", "logs",
 )  # fmt: skip
+_FILES: Final = (
+    ("report.json", "figures"),
+    ("run.json", "the run"),
+    ("run.mcap", "logs of all nodes for Foxglove and PlotJuggler"),
+    ("logs/", "MCAP segments and output of every node"),
+)
 _TEXTS: Final = 2
 """Number of leading columns with text."""
 
@@ -39,8 +45,14 @@ def _asset(name: str) -> str:
     return (files("swarmlab.report") / "assets" / name).read_text("utf-8")
 
 
-def page(data: PlotData, report: ExperimentReport, metadata: RunMetadata, remarks: Sequence[str]) -> str:
-    """The page; links to logs and data are relative to its folder."""
+def page(
+    data: PlotData,
+    report: ExperimentReport,
+    metadata: RunMetadata,
+    remarks: Sequence[str],
+    exists: Callable[[str], bool],
+) -> str:
+    """The page. `exists`: whether its folder has a file of that relative path; only such files are linked."""
     good = report.completed and not report.collisions
     note = figures.comparison_note(report)
     return Template(_asset("page.html")).substitute(
@@ -68,8 +80,8 @@ def page(data: PlotData, report: ExperimentReport, metadata: RunMetadata, remark
         links=_links(data),
         traffic_per_node=charts.traffic_per_node(data, report),
         traffic_total=charts.traffic_total(data, report),
-        nodes=_nodes(data),
-        origin=_origin(data, report, metadata),
+        nodes=_nodes(data, exists),
+        origin=_origin(data, report, metadata, exists),
         paper_note=(
             "The paper's figures are of its own 16 computers on a Gigabit switch."
             if figures.comparable(report)
@@ -171,16 +183,16 @@ def _scrolled(name: str, content: str) -> str:
     return f'<div class="scroll" tabindex="0" role="region" aria-label="{name}">{content}</div>'
 
 
-def _nodes(data: PlotData) -> str:
+def _nodes(data: PlotData, exists: Callable[[str], bool]) -> str:
     head = "".join(
         f"<th scope=col{'' if i < _TEXTS or name == 'logs' else ' class=n'}>{escape(name)}</th>"
         for i, name in enumerate(_NODE_COLUMNS)
     )
-    rows = "".join(_node(node) for node in data.nodes)
+    rows = "".join(_node(node, exists) for node in data.nodes)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
 
 
-def _node(node: NodeFigures) -> str:
+def _node(node: NodeFigures, exists: Callable[[str], bool]) -> str:
     numbers = (
         node.egress_kbps,
         node.ingress_kbps,
@@ -196,15 +208,16 @@ def _node(node: NodeFigures) -> str:
     right = "".join(
         f"<td class=n>{'' if n is None else escape(show(float(f'{n:.3g}')))}</td>" for n in numbers
     )
-    logs = ""
-    if node.log:
-        folder = escape(f"{PurePosixPath(node.log).parent}/")
-        logs = f'<a href="{folder}">MCAP</a> <a href="{escape(node.log)}">output</a>'
+    folder = f"{PurePosixPath(node.log).parent}/"
+    places = ((folder, "MCAP"), (node.log, "output")) if node.log else ()
+    logs = " ".join(f'<a href="{escape(place)}">{name}</a>' for place, name in places if exists(place))
     left = f"<th scope=row>{escape(node.platform)}</th><td>{escape(node.outcome)}</td>"
     return f"<tr>{left}{right}<td class=logs>{logs}</td></tr>"
 
 
-def _origin(data: PlotData, report: ExperimentReport, metadata: RunMetadata) -> str:
+def _origin(
+    data: PlotData, report: ExperimentReport, metadata: RunMetadata, exists: Callable[[str], bool]
+) -> str:
     host = report.host
     started = datetime.fromtimestamp(metadata.started_utc_ns / 1e9, UTC)
     load = "" if host.load_before is None else f"{host.load_before:.2f} before the start"
@@ -230,9 +243,7 @@ def _origin(data: PlotData, report: ExperimentReport, metadata: RunMetadata) -> 
         ("network, seed", escape(f"{metadata.net}, {metadata.seed}")),
         (
             "files",
-            '<a href="report.json">report.json</a> (figures), <a href="run.json">run.json</a> (the run), '
-            '<a href="run.mcap">run.mcap</a> (logs of all nodes for Foxglove and PlotJuggler), '
-            '<a href="logs/">logs/</a> (MCAP segments and output of every node)',
+            ", ".join(f'<a href="{name}">{name}</a> ({what})' for name, what in _FILES if exists(name)),
         ),
     )
     return f"<dl>{''.join(f'<dt>{name}</dt><dd>{value}</dd>' for name, value in rows if value)}</dl>"

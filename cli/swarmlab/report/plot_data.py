@@ -61,6 +61,8 @@ class PlotData(msgspec.Struct, frozen=True, kw_only=True):
     traffic: dict[str, TimeSeries] = {}
     """Egress of each node over time, kB/s."""
     neighbours: tuple[ObservedLink, ...] = ()
+    unaccepted: int = 0
+    """Datagrams of senders that were not accepted."""
     timelines: dict[str, MemberTimeline] = {}
     """Course of the mission on each member."""
     barriers: tuple[BarrierPassage, ...] = ()

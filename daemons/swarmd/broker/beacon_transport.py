@@ -14,13 +14,14 @@ from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
-from swarmd.broker.core.broker import UNKNOWN, BrokerCore
+from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.traffic import EVERYBODY
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security import Keys, Opener, Refusal, Sealer
+from swarmware.types.net import UNACCEPTED
 
 UNRETURNED_MAX: Final = 20
 """Own beacons without loopback, and without any other node's, after which multicast counts as missing."""
@@ -184,7 +185,7 @@ class BeaconTransport:
             beacon = codec.decode(opened.body)
         except WireError as error:
             self._limiter.bad(address)
-            self._counters.datagram_received(len(data), UNKNOWN)
+            self._counters.datagram_received(len(data), UNACCEPTED)
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
@@ -218,7 +219,7 @@ class BeaconTransport:
         refused = self._counters.refused
         known = self._core.has_link(sender_hw)
         link = self._counters.datagram_received(
-            size, self._core.nodes.platform(sender_hw) if known else UNKNOWN
+            size, self._core.nodes.platform(sender_hw) if known else UNACCEPTED
         )
         if refusal is Refusal.REPLAYED:
             refused.replayed += 1

@@ -1,11 +1,16 @@
 """Reports of the broker on links, neighbours, routes and traffic, and its subscriptions and limits."""
 
+from typing import Final
+
 import msgspec
 
 from swarmware.model.open_enum import OpenEnum
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.bounds import Count, Instant, Uint32
 from swarmware.types.registry import register
+
+UNACCEPTED: Final = "?"
+"""Name in the counters of links for all senders that were not accepted."""
 
 
 class LinkStatus(OpenEnum):
@@ -111,7 +116,8 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     connections, which `Traffic.tcp_sent_bytes` has as the kernel counts them."""
 
     platform: str
-    """Neighbour; `*` for multicast."""
+    """Neighbour; `*` for multicast; `?` for the datagrams of senders that were not accepted: the first ones
+    of every session, and refused ones."""
     transport: LinkTransport
     sent_frames: int = 0
     sent_bytes: int = 0

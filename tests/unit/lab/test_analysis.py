@@ -264,6 +264,7 @@ def test_blocks_barriers_and_known_links_are_taken_from_the_logs(tmp_path: Path)
     ]
     assert [(b.barrier, round(b.at_s, 6), b.members) for b in scene.barriers] == [("formed", 6.5, 1)]
     assert {link.hears for link in scene.neighbours} == {"gcs", "uav1"}, "not of an unknown sender"
+    assert scene.unaccepted == 9
     assert [node.platform for node in scene.nodes] == ["gcs", "uav1", "ugv1"]
 
 

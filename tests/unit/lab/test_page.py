@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
 from itertools import pairwise
 
@@ -95,7 +96,7 @@ class Outline(HTMLParser):
         assert self.open.pop() == tag
 
 
-def shown(data: PlotData, nodes: int = 16) -> str:
+def shown(data: PlotData, nodes: int = 16, exists: Callable[[str], bool] = lambda _: True) -> str:
     found = msgspec.structs.replace(GOOD, nodes=nodes)
     run = msgspec.structs.replace(
         facts(),
@@ -103,7 +104,7 @@ def shown(data: PlotData, nodes: int = 16) -> str:
         commit="abc1234",
         versions={"Python": "3.11"},
     )
-    return page.page(data, found, run, ["ready: 16 s, goal below <15> s"])
+    return page.page(data, found, run, ["ready: 16 s, goal below <15> s"], exists)
 
 
 @pytest.mark.parametrize("data", [scene(), EMPTY], ids=["full", "empty"])
@@ -233,6 +234,42 @@ def test_equal_links_are_a_sentence_and_different_ones_a_matrix() -> None:
     assert "no traffic" in link_chart.matrices(
         msgspec.structs.replace(equal, neighbours=equal.neighbours[1:])
     ), "a missing link is shown"
+
+
+def test_datagrams_of_senders_that_were_not_accepted_are_counted_and_belong_to_no_link() -> None:
+    assert "belong to no link" not in shown(scene())
+    found = shown(msgspec.structs.replace(scene(), unaccepted=29))
+    assert "29 datagrams belong to no link: their sender was not accepted" in found
+    assert ">?<" not in found
+
+
+def test_a_short_round_trip_is_not_none() -> None:
+    links = (ObservedLink("gcs", "uav1", 1.0, 0.0042), ObservedLink("uav1", "gcs", 1.0, 0.07))
+    text = link_chart.summary(msgspec.structs.replace(scene(), neighbours=links)).text
+    assert "0.0042 to 0.07 ms" in text
+
+
+def test_the_page_links_only_files_that_exist() -> None:
+    there = {"report.json", "run.json", "logs/", "logs/gcs/", "logs/gcs/node.log", "logs/uav1/"}
+    outline = Outline()
+    outline.feed(shown(scene(), exists=there.__contains__))
+    assert {link for link in outline.links if not link.startswith("#")} == there
+
+
+def test_on_paper_the_page_is_a4_without_the_player_and_nothing_is_cut() -> None:
+    style = shown(scene()).partition("<style>")[2].partition("</style>")[0]
+    assert re.search(r"@page \{ size: A4;", style)
+    rules = re.findall(r"([^{}]+)\{([^{}]*)\}", style.partition("@media print {")[2])
+
+    def declared(selector: str) -> str:
+        return "".join(body for names, body in rules if selector in re.split(r",\s*", names.strip()))
+
+    for hidden in (".player", "nav", "#tip"):
+        assert "display: none" in declared(hidden), hidden
+    for whole in ("figure", "tr", "dl"):
+        assert "break-inside: avoid" in declared(whole), whole
+    assert "overflow: visible" in declared(".scroll") and "min-width: 0" in declared("svg.chart")
+    assert "display: table-header-group" in declared("thead")
 
 
 def test_ticks_are_round_and_within_their_axis() -> None:

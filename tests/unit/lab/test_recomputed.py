@@ -53,3 +53,11 @@ def test_a_folder_without_a_report_is_named(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text('{"nodes": "many"}')
     with pytest.raises(InvalidInput, match=r"report\.json: Expected `int`"):
         experiment.page_table(tmp_path, Output(CliSettings()))
+
+
+def test_the_report_of_a_folder_without_a_merged_file_does_not_link_it(folder: Path) -> None:
+    experiment.report(folder, Output(CliSettings()))
+    assert 'href="run.mcap"' not in (folder / "report.html").read_text()
+    (folder / "run.mcap").write_bytes(b"")
+    experiment.report(folder, Output(CliSettings()))
+    assert 'href="run.mcap"' in (folder / "report.html").read_text()

@@ -6,7 +6,7 @@ import msgspec
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
-from swarmware.types.net import Traffic
+from swarmware.types.net import UNACCEPTED, Traffic
 from swarmware.types.rpc import Empty
 
 _DROP: Final = {"DUPLICATE": 3, "LATE": 2, "HELD BACK": 1}
@@ -32,7 +32,7 @@ async def list_counters(session: Session) -> None:
     columns = [Column("LINK"), Column("BY"), *map(_number, names)]
     rows = [
         (
-            one.platform,
+            "unaccepted" if one.platform == UNACCEPTED else one.platform,
             one.transport,
             one.sent_frames,
             one.sent_bytes,

@@ -38,7 +38,7 @@ from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.runtime.core import AT_ONCE
-from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, TimingSample, TreePlan
+from swarmware.types.net import UNACCEPTED, ChannelLimits, SetChannel, TimingBatch, TimingSample, TreePlan
 
 DUPLICATE_NS: Final = 5_000_000_000
 """A duplicate of a platform name is cleared after this time without a datagram of the second computer."""
@@ -51,8 +51,6 @@ SAMPLES_MAX: Final = 48
 """Samples after which a batch is written without waiting: they fit a slot of their stream."""
 CLAIMANTS_MAX: Final = 16
 CLAIMANT_NS: Final = 3_000_000_000
-UNKNOWN: Final = "?"
-"""Name of a sender in the counters that is not known, or not accepted."""
 PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
 """Kinds with guaranteed delivery of every item: rate limits do not apply to them."""
 _SEQUENCE_NS: Final = 100_000_000
@@ -255,13 +253,13 @@ class BrokerCore:
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
             if not outcome.accepted:
-                self.counters.datagram_received(size, UNKNOWN)
+                self.counters.datagram_received(size, UNACCEPTED)
                 if not by_multicast and len(self._claimants) < CLAIMANTS_MAX:
                     self._claimants[address] = now_ns + CLAIMANT_NS
                 return False, actions
         received = self._protocol.on_beacon(header, beacon, address, now_ns)
         if received is None:
-            self.counters.datagram_received(size, UNKNOWN)
+            self.counters.datagram_received(size, UNACCEPTED)
             return True, actions
         self.counters.datagram_received(size, self.nodes.platform(hw))
         if by_multicast:

@@ -20,12 +20,12 @@ from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame
 from swarmware.model.names import hardware_id
 from swarmware.transport.security import Keys, Refusal
+from swarmware.types.net import UNACCEPTED
 
 TURN: Final = 64
 """Datagrams read before control returns to the event loop."""
 DATAGRAM_MAX: Final = 2048
 SEALS_MAX: Final = 4096
-_UNKNOWN: Final = "?"
 
 Address = tuple[str, int]
 OnFrame = Callable[[bytes, LinkPeer], None]
@@ -182,7 +182,7 @@ class FrameDatagrams:
             sender_hw, sequence = frame_datagram.decode_header(data)
         except WireError as error:
             limiter.bad(address)
-            counters.datagram_received(len(data), _UNKNOWN)
+            counters.datagram_received(len(data), UNACCEPTED)
             counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
@@ -193,7 +193,7 @@ class FrameDatagrams:
         seal = None if peer is None else self._seal_of(peer)
         if peer is None or seal is None:
             limiter.bad(address)
-            counters.datagram_received(len(data), _UNKNOWN)
+            counters.datagram_received(len(data), UNACCEPTED)
             counters.refused.unknown_session += 1
             return
         start = frame_datagram.HEADER_BYTES
