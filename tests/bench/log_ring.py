@@ -1,14 +1,22 @@
-"""Frames of 140 bytes into the local ring, beside the bare MCAP writer and SQLite in one run."""
+"""Frames of 140 bytes into the local ring, beside the bare MCAP writer and SQLite in one run.
 
+And what it costs that a segment is complete after each batch: beside a file that one write extends.
+"""
+
+import os
+import shutil
 import sqlite3
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 from mcap.writer import Writer
 
+from swarmware.recorder import segment
+from swarmware.recorder.growing_file import GrowingFile
 from swarmware.recorder.ring import LogRing, segments
 from swarmware.recorder.segment import LogChannel, SegmentReader
 
@@ -66,6 +74,50 @@ def seconds(run: Callable[[Path], None], directory: Path) -> float:
     return best
 
 
+class OneWrite(GrowingFile):
+    """The file without its end: each batch is one write behind the last one."""
+
+    def flush(self) -> None:
+        """Writes the buffer."""
+        os.pwrite(self._fd, bytes(self._waiting), self._on_disk)
+        if self._new is not None:
+            self._new.rename(self._path)
+            self._new = None
+        self._on_disk += len(self._waiting)
+        self._waiting.clear()
+
+
+def entry_us(directory: Path, file: type[GrowingFile], batch: int) -> float:
+    """Processor time of one entry."""
+    with patch.object(segment, "GrowingFile", file):
+        ring = LogRing(directory, segment_bytes=1 << 30, ring_bytes=1 << 31)
+    channel = LogChannel("uav1", "nav/pose", "board", "Pose", "uav1:navigator:out")
+    count = min(COUNT, 2000 * batch)
+    start = time.process_time()
+    for number in range(count):
+        ring.append(channel, number, number, PAYLOAD)
+        if number % batch == 0:
+            ring.flush()
+    taken = time.process_time() - start
+    ring.close()
+    shutil.rmtree(directory)
+    return taken / count * 1e6
+
+
+def completeness(directory: Path) -> None:
+    """Prints the cost of an end after each batch, by the size of the batches; best of seven, in turns."""
+    print(f"\n{'entries in a batch':<20}{'µs/entry':>10}{'one write':>11}{'more':>8}{'µs/batch':>10}")
+    for batch in (1, 10, 50, 500):
+        best: dict[type[GrowingFile], float] = {}
+        for turn in range(7):
+            for file in (GrowingFile, OneWrite):
+                taken = entry_us(directory / f"{file.__name__}{batch}.{turn}", file, batch)
+                best[file] = min(best.get(file, taken), taken)
+        ours, reference = best[GrowingFile], best[OneWrite]
+        more = f"{ours / reference - 1:.0%}"
+        print(f"{batch:<20}{ours:>10.2f}{reference:>11.2f}{more:>8}{(ours - reference) * batch:>10.1f}")
+
+
 def main() -> None:
     """Prints the table."""
     with tempfile.TemporaryDirectory() as name:
@@ -83,6 +135,7 @@ def main() -> None:
         found = sum(1 for _ in SegmentReader(path).entries())
         rate = found / (time.perf_counter() - start)
         print(f"read back: {rate:,.0f} frames/s from {path.stat().st_size >> 20} MiB")
+        completeness(directory)
 
 
 if __name__ == "__main__":

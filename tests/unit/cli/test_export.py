@@ -14,11 +14,18 @@ import msgspec
 import pytest
 from mcap.reader import make_reader
 
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.export import export
+from swarmctl.commands.log.origins import origins
 from swarmctl.commands.log.viewer_form import viewer_schema
+from swarmctl.terminal.output import Output
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.geometry.geodesy import Origin
+from swarmware.geometry.world import World
+from swarmware.model import paths
+from swarmware.model.config import load, share_dir
 from swarmware.recorder.entry import LogEntry
+from swarmware.testing.tmpnode import make_node
 from swarmware.types import registry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.scalar import Blob, Float
@@ -229,10 +236,10 @@ def test_poses_are_on_the_map_panel_where_the_origin_of_their_map_is_known(tmp_p
         entry("nav/pose", Pose(1e12, -1e12, 0.0), 2),
         entry("sim/truth", Pose(1.0, 2.0, 3.0), 3),
     ]
-    for origins, expected in (({"uav1": origin}, 1), ({"uav2": origin}, 0), (None, 0)):
-        export(iter(poses), "mcap", f"{tmp_path}/x.mcap", origins)
+    for known, expected in (({"uav1": origin}, 1), ({"uav2": origin}, 0), (None, 0)):
+        export(iter(poses), "mcap", f"{tmp_path}/x.mcap", known)
         found = [content for _, name, content, _ in messages(tmp_path / "x.mcap") if name == LOCATION]
-        assert len(found) == expected, origins
+        assert len(found) == expected, known
     export(iter(poses), "mcap", f"{tmp_path}/x.mcap", {"uav1": origin})
     ((topic, _, fix, message),) = [one for one in messages(tmp_path / "x.mcap") if one[1] == LOCATION]
     assert topic == "/foxglove/uav1/nav/pose/location"
@@ -240,6 +247,20 @@ def test_poses_are_on_the_map_panel_where_the_origin_of_their_map_is_known(tmp_p
     assert fix["altitude"] == pytest.approx(520.0, abs=0.01)
     assert (fix["position_covariance_type"], fix["frame_id"]) == (0, "uav1")
     assert (message.log_time, message.publish_time) == (UTC + 1, UTC - 999)
+
+
+def test_the_origin_is_that_of_the_world_in_the_configuration_of_the_node(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make_node(tmp_path, services={"navigator": {"world": "field"}})
+    out = Output(CliSettings(config=str(folder)))
+    expected = load(paths.world(share_dir(), "field"), World).origin
+    assert origins({}, out) == {"uav1": expected} and expected != Origin()
+    for source in ("folder", "mongodb", "spool"):
+        assert origins({source: "x"}, out) == {}, "it does not state its origin"
+    other = make_node(tmp_path, platform="uav2", services={"navigator": {"world": "nowhere"}})
+    assert origins({}, Output(CliSettings(config=str(other)))) == {}
+    assert "no position of uav2 on the map panel" in capsys.readouterr().err
 
 
 def test_the_schema_of_every_registered_type_has_one_type_a_field_and_no_references() -> None:

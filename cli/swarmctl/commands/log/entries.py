@@ -63,8 +63,8 @@ def export_entries(options: Mapping[str, Any], form: str, target: str, out: Outp
 
     Raises: NotFound when no entry matches; Partial when a part could not be read; as `sources.source`.
     """
-    origins = map_origins(out.settings, options) if form == "mcap" else {}
     with sources.source(out.settings, options) as found:
+        origins = map_origins(options, out) if form == "mcap" else {}
         count = export.export(_selected(found, options, out), form, target, origins)
     out.say(f"{count} entries to {target}")
     sources.refuse_losses(found)

@@ -9,7 +9,8 @@ import msgspec
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.session import labs
 from swarmctl.session.session import config_dir
-from swarmware.errors import NotFound
+from swarmctl.terminal.output import Output
+from swarmware.errors import ConfigError, NotFound
 from swarmware.geometry.geodesy import Origin
 from swarmware.geometry.world import World
 from swarmware.model import paths
@@ -22,14 +23,24 @@ class _Navigator(msgspec.Struct, frozen=True):
     world: str = "formation"
 
 
-def origins(settings: CliSettings, options: Mapping[str, Any]) -> dict[str, Origin]:
+def origins(options: Mapping[str, Any], out: Output) -> dict[str, Origin]:
     """Origin by platform, of the nodes on this machine whose rings the options name.
 
-    A folder, database or spool does not state the origin of its maps: empty.
-    Raises: ConfigError when the configuration of a node is invalid.
+    A folder, database or spool does not state the origin of its maps: empty. A node whose configuration is
+    invalid is left out, with a warning: its log can be read all the same.
     """
-    if any(options.get(key) for key in ("folder", "mongodb", "spool")):
-        return {}
+    found: dict[str, Origin] = {}
+    if not any(options.get(key) for key in ("folder", "mongodb", "spool")):
+        for platform, folder in _nodes(out.settings):
+            try:
+                found[platform] = _origin(folder)
+            except ConfigError as error:
+                out.warn(f"no position of {platform} on the map panel: {error}")
+    return found
+
+
+def _nodes(settings: CliSettings) -> list[tuple[str, Path]]:
+    """Platforms and configuration folders."""
     if settings.config_dir is None:
         try:
             lab = labs.find(settings.lab)
@@ -37,9 +48,9 @@ def origins(settings: CliSettings, options: Mapping[str, Any]) -> dict[str, Orig
             if settings.lab:
                 raise
         else:
-            return {node.platform: _origin(node.config_dir) for node in lab.nodes}
+            return [(node.platform, node.config_dir) for node in lab.select(settings.node)]
     folder = config_dir(settings)
-    return {load_node(folder).platform: _origin(folder)}
+    return [(load_node(folder).platform, folder)]
 
 
 def _origin(folder: Path) -> Origin:
