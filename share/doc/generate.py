@@ -20,6 +20,7 @@ import click
 import msgspec
 
 import swarmware.types
+from swarmctl.commandline.arguments import meaning
 from swarmctl.main import cli
 from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
@@ -146,6 +147,12 @@ def cli_page() -> str:
         level = "##" if words.count(" ") == 1 else "###"
         out.append(f"\n{level} {words}\n\n{' '.join(about.split())}\n")
         out.append(f"\n    {words} {pieces}\n    $ {' '.join(example.split())}\n")
+        arguments = [param for param in command.params if isinstance(param, click.Argument)]
+        if arguments:
+            out.append("\n| argument | |\n|---|---|\n")
+            for one in arguments:
+                name = one.human_readable_name.replace("|", "\\|")
+                out.append(f"| `{name}` | {cell(meaning(words, one.name or ''))} |\n")
         rows = [record for option in own_options(command) if (record := option.get_help_record(ctx))]
         if rows:
             out.append("\n| option | |\n|---|---|\n")

@@ -9,7 +9,8 @@ from types import ModuleType
 import click
 import pytest
 
-from swarmctl.main import cli
+from swarmctl.commandline.arguments import ARGUMENTS, meaning
+from swarmctl.main import cli, main
 
 ROOT = Path(__file__).parents[2]
 
@@ -135,3 +136,37 @@ def test_a_command_in_a_sentence_exists_with_its_options(page: str) -> None:
                 for option in (*param.opts, *param.secondary_opts)
             }
             assert {arg for arg in args if arg.startswith("--")} <= options, f"{page}: `{quoted}`"
+
+
+def arguments() -> dict[str, list[str]]:
+    """Names of the arguments, by the words of their command."""
+    found = {
+        words.partition(" ")[2]: [p.name or "" for p in command.params if isinstance(p, click.Argument)]
+        for words, command in COMMANDS.items()
+    }
+    return {words: names for words, names in found.items() if names}
+
+
+def test_every_argument_has_a_meaning_and_every_meaning_an_argument() -> None:
+    without = [
+        f"{words} {name}"
+        for words, names in arguments().items()
+        for name in names
+        if not meaning(f"swarmctl {words}", name)
+    ]
+    assert without == []
+    used = {
+        one for words, names in arguments().items() for name in names for one in (name, f"{words} {name}")
+    }
+    assert sorted(ARGUMENTS.keys() - used) == []
+
+
+def test_the_help_has_arguments_under_a_heading_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["tree", "get", "--help"]) == 0
+    shown = capsys.readouterr().out
+    head, _, rest = shown.partition("Arguments:\n")
+    middle, _, options = rest.partition("\nOptions:\n")
+    assert "  PATH  " in middle
+    assert "`**` at any depth" in " ".join(middle.split()), "patterns are explained where one is an argument"
+    assert "PATH" not in options.split("Options of every command")[0]
+    assert head.startswith("Usage: swarmctl tree get")

@@ -1,6 +1,7 @@
 """Completion of arguments for the shell, from a cache, without a connection to a node."""
 
 import os
+import re
 from collections.abc import Callable, Container
 from typing import Any
 
@@ -32,12 +33,19 @@ def labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[st
         return []
 
 
-def resources(kinds: Container[str], access: str = "r") -> Completer:
-    """Paths of resources of these kinds, with their platform when a slash was typed, else without."""
+def resources(kinds: Container[str], access: str = "r", *, fields: bool = False) -> Completer:
+    """Paths of resources of these kinds, with their platform when a slash was typed, else without.
+
+    `fields`: also the fields of a resource, behind a dot.
+    """
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
         from swarmctl.commandline import completion_cache
 
+        if fields and "." in incomplete:
+            path, _, begun = incomplete.partition(".")
+            known = [name for name in _fields(ctx, path) if name != "value"]
+            return [f"{path}.{name}" for name in known if name.startswith(begun)]
         rows = [row for row in completion_cache.load()[2] if row.kind in kinds and access in row.access]
         if incomplete.startswith("/") or not (incomplete or settings(ctx).node):
             return completion_cache.steps((row.path for row in rows), incomplete)
@@ -65,3 +73,74 @@ def _keys(ctx: click.Context, incomplete: str, access: str) -> list[str]:
     rows = [row for row in completion_cache.load()[2] if row.kind in kinds and access in row.access]
     paths = dict.fromkeys(completion_cache.local(rows, settings(ctx).node))
     return completion_cache.steps((path.removeprefix("config/") for path in paths), incomplete)
+
+
+def field_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Fields of the resource in the argument `path`."""
+    # behind an option without its value no argument is parsed yet
+    given = ctx.params.get("path") or next(iter(ctx.args), "")
+    return [name for name in _fields(ctx, str(given)) if name.startswith(incomplete)]
+
+
+def values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Values of the resource or of the field in the argument `path`: of an enumeration, true and false."""
+    path, _, field = str(ctx.params.get("path", "")).partition(".")
+    return [value for value in _fields(ctx, path).get(field or "value", ()) if value.startswith(incomplete)]
+
+
+def field_values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Words `field=value` of the type of the argument `path`; bash splits them at the sign."""
+    known = _fields(ctx, str(ctx.params.get("path", "")))
+    given = [str(word) for word in ctx.params.get(param.name or "") or ()]
+    if given and given[-1] in known and not incomplete:
+        return known[given[-1]]
+    if len(given) > 1 and given[-1] == "=":
+        return [value for value in known.get(given[-2], ()) if value.startswith(incomplete)]
+    name, equals, begun = incomplete.partition("=")
+    if equals:
+        return [f"{name}={value}" for value in known.get(name, ()) if value.startswith(begun)]
+    if known.keys() == {"value"}:
+        return [value for value in known["value"] if value.startswith(incomplete)]
+    used = {word.partition("=")[0] for word in given}
+    return [f"{field}=" for field in known if field.startswith(incomplete) and field not in used]
+
+
+def condition_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Fields, and behind a comparison their values, of a condition on the resource in the argument `path`."""
+    known = _fields(ctx, str(ctx.params.get("path", "")))
+    if compared := re.search(r"([\w.]+)\s*[!=]=\s*(['\"]?)(\w*)$", incomplete):
+        field, quote, begun = compared.groups()
+        head = incomplete[: compared.start(2)]
+        shown = [value for value in known.get(field, ()) if value.startswith(begun)]
+        return [f"{head}{_literal(value, quote)}" for value in shown]
+    begun = re.search(r"[\w.]*$", incomplete)[0]  # type: ignore[index]  # matches every text
+    head = incomplete.removesuffix(begun)
+    return [f"{head}{name}" for name in known if name.startswith(begun)]
+
+
+def _literal(value: str, quote: str) -> str:
+    quote = quote or ("" if value in {"true", "false"} else "'")
+    return f"{quote}{value}{quote}"
+
+
+def missions(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """Missions of this installation, and of the ground station when they were listed; else files."""
+    from click.shell_completion import CompletionItem
+
+    from swarmctl.commandline import word_cache
+    from swarmware.model.config import share_dir
+
+    try:
+        shipped = [entry.name for entry in os.scandir(share_dir() / "missions") if entry.is_dir()]
+    except OSError:
+        shipped = []
+    found = [name for name in sorted({*shipped, *word_cache.load().missions}) if name.startswith(incomplete)]
+    return [*found] or [CompletionItem(incomplete, type="file")]
+
+
+def _fields(ctx: click.Context, path: str) -> dict[str, list[str]]:
+    from swarmctl.commandline import word_cache
+    from swarmctl.commandline.nodes import names_one
+
+    node = settings(ctx).node
+    return word_cache.fields_of(path, node if names_one(node) else "")

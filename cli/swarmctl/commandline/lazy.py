@@ -47,10 +47,23 @@ class Command(click.Command):
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The command's own options first, the shared ones below."""
-        own = [p.get_help_record(ctx) for p in self.get_params(ctx) if p not in self._shared]
-        shared = [p.get_help_record(ctx) for p in self._shared]
-        for title, records in (("Options", own), ("Options of every command", shared)):
+        """The arguments first, then the command's own options, the shared ones below."""
+        from swarmctl.commandline.arguments import meaning
+
+        params = self.get_params(ctx)
+        arguments: list[tuple[str, str] | None] = [
+            (param.human_readable_name, meaning(ctx.command_path, param.name or ""))
+            for param in params
+            if isinstance(param, click.Argument)
+        ]
+        own = [
+            param.get_help_record(ctx)
+            for param in params
+            if param not in self._shared and not isinstance(param, click.Argument)
+        ]
+        shared = [param.get_help_record(ctx) for param in self._shared]
+        parts = (("Arguments", arguments), ("Options", own), ("Options of every command", shared))
+        for title, records in parts:
             if rows := [record for record in records if record is not None]:
                 with formatter.section(title):
                     formatter.write_dl(rows)

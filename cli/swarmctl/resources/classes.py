@@ -2,12 +2,14 @@
 
 import msgspec
 
-from swarmctl.session.session import Session
+from swarmctl.commandline import word_cache
+from swarmctl.session.session import Session, config_dir
 from swarmware.errors import NoAnswer, NotFound
 from swarmware.model.names import join
 from swarmware.types import registry
 from swarmware.types.described import class_of
 from swarmware.types.description import TypeDescription, describe
+from swarmware.types.field_values import field_values
 from swarmware.types.tree import TypeRequest
 
 
@@ -47,7 +49,8 @@ async def payload_class(session: Session, platform: str, name: str) -> type[msgs
     key = (platform, name)
     if key not in session.classes:
         try:
-            session.classes[key] = class_of(await described(session, platform, name))
+            session.classes[key] = found = class_of(await described(session, platform, name))
+            word_cache.save(str(config_dir(session.settings)), fields={name: field_values(found)})
         except (NotFound, NoAnswer):
             session.classes[key] = None
     return session.classes[key]

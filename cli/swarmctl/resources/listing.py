@@ -5,11 +5,13 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commandline import completion_cache
+from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import VALUED, CachedResource
 from swarmctl.session.session import Session, config_dir
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
+from swarmware.types import registry
+from swarmware.types.field_values import field_values
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeValue
 
 PAGE: Final = 2000
@@ -193,6 +195,9 @@ def _remember(session: Session, pattern: str, entries: list[TreeEntry], platform
         return
     seen = [CachedResource(entry.path, entry.kind, entry.access) for entry in entries]
     whole = platforms if pattern == "/**" else [p for p in platforms if pattern == f"/{p}/**"]
-    completion_cache.save(
-        str(config_dir(session.settings)), sorted(platforms, key=names.natural), seen, whole
-    )
+    way = str(config_dir(session.settings))
+    completion_cache.save(way, sorted(platforms, key=names.natural), seen, whole)
+    known = {name for entry in entries if (name := entry.type) and registry.installed(name)}
+    fields = {name: field_values(registry.find(name)) for name in known}
+    fields |= {entry.path: {"value": list(entry.choices)} for entry in entries if entry.choices}
+    word_cache.save(way, {entry.path: entry.type for entry in entries if entry.type}, fields)

@@ -5,11 +5,17 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
+import msgspec
 import pytest
 
-from swarmctl.commandline import completion_cache
+from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import CachedResource, steps
+from swarmware.types.field_values import DEPTH, field_values
+from swarmware.types.mission import MissionAbort
+from swarmware.types.scalar import Text
+from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, Pose
 
 SEEN = [
     CachedResource("/gcs/tree", "branch", "r"),
@@ -29,6 +35,16 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     completion_cache.save("/etc/swarm", ["gcs", "uav1", "uav10"], SEEN)
     completion_cache.save_keys("/etc/swarm", "uav1", KEYS)
+    types = {
+        "/uav1/nav/pose": "Pose",
+        "/uav1/nav/goal": "Goal",
+        "/uav10/cmd/abort": "MissionAbort",
+        "/uav1/config/navigator/gain": "Text",
+        "/uav1/sys/arm": "ArmRequest",
+    }
+    fields = {cls.__name__: field_values(cls) for cls in (Pose, Goal, MissionAbort, ArmRequest, Text)}
+    fields["/uav1/config/navigator/gain"] = {"value": ["auto", "manual"]}
+    word_cache.save("/etc/swarm", types, fields, ["harbour"])
     return tmp_path / "swarm" / "seen.json"
 
 
@@ -70,9 +86,32 @@ def complete(words: str, cache: Path) -> list[str]:
         ("swarmctl node ls --node uav", ["uav1", "uav10"]),
         ("swarmctl node info g", ["gcs"]),
         ("swarmctl tree get /nope", []),
+        (
+            "swarmctl tree get /uav1/nav/pose.v",
+            ["/uav1/nav/pose." + v for v in ("vx_m_s", "vy_m_s", "vz_m_s")],
+        ),
+        ("swarmctl tree watch nav/pose.x", ["nav/pose.x_m"]),
+        ("swarmctl tree get -n uav1 nav/pose.x", ["nav/pose.x_m"]),
+        ("swarmctl tree get /uav1/nav/pose --field y", ["y_m"]),
+        ("swarmctl tree set /uav1/config/navigator/gain ", ["auto", "manual"]),
+        ("swarmctl tree set /uav1/config/navigator/gain m", ["manual"]),
+        ("swarmctl tree set /uav1/nav/goal.ki", ["/uav1/nav/goal.kind"]),
+        ("swarmctl tree set /uav1/nav/goal.kind h", ["hold"]),
+        ("swarmctl call /uav10/cmd/abort ", ["reason=", "then=", "epoch="]),
+        ("swarmctl call /uav10/cmd/abort reason=x th", ["then="]),
+        ("swarmctl call /uav1/sys/arm armed=", ["armed=true", "armed=false"]),
+        ("swarmctl call /uav1/sys/arm armed =", ["true", "false"]),
+        ("swarmctl call /uav1/sys/arm armed = f", ["false"]),
+        ("swarmctl pub nav/goal kind=h", ["kind=hold"]),
+        ("swarmctl wait /uav1/nav/pose vx", ["vx_m_s"]),
+        ("swarmctl wait /uav1/nav/goal kind==", None),
+        ("swarmctl mission start f", ["formation"]),
+        ("swarmctl mission start h", ["harbour"]),
     ],
 )
-def test_a_shell_is_offered_what_was_seen(words: str, offered: list[str], cache: Path) -> None:
+def test_a_shell_is_offered_what_was_seen(words: str, offered: list[str] | None, cache: Path) -> None:
+    if offered is None:
+        offered = [f"kind=='{kind.value}'" for kind in GoalKind]
     assert sorted(complete(words, cache)) == sorted(offered)
 
 
@@ -107,9 +146,42 @@ def test_a_platform_listed_whole_replaces_what_was_known_of_it(cache: Path) -> N
     assert "/uav1/config/broker/tcp_port" in paths
 
 
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"[]", b'{"way":1,"types":[],"fields":{},"missions":[]}', b"[" * 9000, b"\xff"]
+)
+def test_damaged_words_offer_nothing(content: bytes, cache: Path) -> None:
+    word_cache.file().write_bytes(content)
+    assert word_cache.load() == word_cache.empty()
+    assert complete("swarmctl tree get /uav1/nav/pose.v", cache) == []
+
+
+def test_words_of_another_swarm_are_not_kept(cache: Path) -> None:
+    word_cache.save("/tmp/lab", {"/usv1/nav/pose": "Pose"})
+    assert word_cache.load() == word_cache.empty("/tmp/lab")._replace(types={"/usv1/nav/pose": "Pose"})
+
+
+class Tree(msgspec.Struct):
+    """A type that holds itself."""
+
+    left: "Tree | None" = None
+    mode: Literal["a", "b"] | None = None
+    armed: bool = False
+    path: list[int] = []
+
+
+def test_fields_of_types_inside_types_have_dotted_names_and_their_values() -> None:
+    found = field_values(Tree)
+    assert found["mode"] == ["a", "b"]
+    assert found["left.armed"] == ["true", "false"]
+    assert found["path"] == []
+    assert max(name.count(".") for name in found) == DEPTH
+
+
 def test_a_home_that_cannot_be_written_to_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
     completion_cache.save("/etc/swarm", ["uav1"], SEEN)
+    word_cache.save("/etc/swarm", {"/uav1/nav/pose": "Pose"})
+    assert word_cache.load() == word_cache.empty()
     assert completion_cache.load() == ("", [], [])
 
 

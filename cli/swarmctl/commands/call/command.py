@@ -9,7 +9,7 @@ from swarmctl.commandline.parameters import at_path
 
 @click.command(cls=Command, context_settings={"ignore_unknown_options": True})
 @click.argument("path", shell_complete=completion.resources({"command"}, "w"))
-@click.argument("value", nargs=-1, metavar="[VALUE]…")
+@click.argument("value", nargs=-1, metavar="[VALUE]…", shell_complete=completion.field_values)
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation, such as for arming.")
 @click.pass_context
 def call(ctx: click.Context, path: str, value: tuple[str, ...], yes: bool) -> None:

@@ -2,6 +2,7 @@
 
 import click
 
+from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import PLATFORM, nodes_argument
 from swarmctl.commandline.settings import Nodes, settings
@@ -29,7 +30,9 @@ def ls(ctx: click.Context) -> None:
 
 
 @cmd.command(nodes=Nodes.NONE)
-@click.argument("missions", nargs=-1, required=True, metavar="FILE|FOLDER|NAME…")
+@click.argument(
+    "missions", nargs=-1, required=True, metavar="FILE|FOLDER|NAME…", shell_complete=completion.missions
+)
 @click.pass_context
 def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     """Check missions before anything moves: BDL files, mission folders, or names of shipped missions.
@@ -43,7 +46,7 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
 
 
 @cmd.command(nodes=Nodes.ONE)
-@click.argument("mission")
+@click.argument("mission", shell_complete=completion.missions)
 @click.option(
     "--member",
     "members",

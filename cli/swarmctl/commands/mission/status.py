@@ -1,6 +1,7 @@
 """Missions in the store of a ground station, and the state of the active one."""
 
-from swarmctl.session.session import Session
+from swarmctl.commandline import word_cache
+from swarmctl.session.session import Session, config_dir
 from swarmctl.terminal.table import Column
 from swarmware.model import names
 from swarmware.types.mission import MissionList, MissionState, MissionStatus
@@ -10,6 +11,7 @@ from swarmware.types.rpc import Empty
 async def list_missions(session: Session) -> None:
     """Prints the missions in the store of the platform of the session."""
     found = await session.ask("sys/mission/ls", Empty(), MissionList)
+    word_cache.save(str(config_dir(session.settings)), missions=[m.name for m in found.missions])
     if session.settings.structured:
         session.out.document(found)
         return

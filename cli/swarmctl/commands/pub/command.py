@@ -9,7 +9,7 @@ from swarmctl.commandline.settings import Nodes, settings
 
 @click.command(cls=Command, nodes=Nodes.ONE, context_settings={"ignore_unknown_options": True})
 @click.argument("path", shell_complete=completion.resources({"board", "event", "stream"}))
-@click.argument("value", nargs=-1, required=True, metavar="VALUE…")
+@click.argument("value", nargs=-1, required=True, metavar="VALUE…", shell_complete=completion.field_values)
 @click.option(
     "--rate",
     "rate_hz",

@@ -13,6 +13,7 @@ FIELDS = click.option(
     "names",
     multiple=True,
     metavar="NAME",
+    shell_complete=completion.field_names,
     help="A field of the value; several are allowed.",
 )
 
@@ -63,7 +64,7 @@ def show(ctx: click.Context, pattern: str) -> None:
 
 
 @cmd.command()
-@click.argument("path", shell_complete=completion.resources(VALUED))
+@click.argument("path", shell_complete=completion.resources(VALUED, fields=True))
 @FIELDS
 @click.option("--fresh", is_flag=True, help="Query the owner even if there is a fresh mirror.")
 @click.pass_context
@@ -80,8 +81,8 @@ def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> N
 
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
-@click.argument("path", shell_complete=completion.resources(VALUED | {"command"}, "w"))
-@click.argument("value")
+@click.argument("path", shell_complete=completion.resources(VALUED | {"command"}, "w", fields=True))
+@click.argument("value", shell_complete=completion.values)
 @click.option(
     "--if-version", "version", type=int, metavar="N", help="Set it only if it still has this version."
 )
@@ -103,7 +104,7 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 
 
 @cmd.command()
-@click.argument("path", shell_complete=completion.resources(VALUED))
+@click.argument("path", shell_complete=completion.resources(VALUED, fields=True))
 @FIELDS
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N values.")
 @click.pass_context

@@ -10,7 +10,13 @@ from swarmctl.commandline.parameters import at_path
 
 @click.command(cls=Command, context_settings={"ignore_unknown_options": True})
 @click.argument("path", shell_complete=completion.resources(VALUED))
-@click.argument("condition", nargs=-1, required=True, metavar="CONDITION")
+@click.argument(
+    "condition",
+    nargs=-1,
+    required=True,
+    metavar="CONDITION",
+    shell_complete=completion.condition_words,
+)
 @click.option(
     "--timeout",
     "wait_s",

@@ -1,0 +1,48 @@
+"""Meaning of the arguments of commands, for the part `Arguments` of their help."""
+
+from typing import Final
+
+PATHS: Final = "`*` matches in one segment, `**` at any depth, `{a,b}` alternatives; quote it in a shell."
+
+ARGUMENTS: Final = {
+    "condition": "As in missions: fields of the resource, <, ==, and, or, not, age(); in quotes.",
+    "experiment": "The swarm: formation.",
+    "file": "A file of live settings, as `config dump` writes it.",
+    "folder": "Folder of a run, as `lab run` printed it.",
+    "key": "Key SERVICE/NAME or a pattern of keys; none: all.",
+    "keys": "Keys SERVICE/NAME.",
+    "mission": "Name in the store of the ground station, folder, or file in BDL.",
+    "missions": "Files in BDL, folders of missions, or names of shipped missions.",
+    "name": "Name: small letters, digits and _.",
+    "other": "File of `config dump`, or the platform to compare with.",
+    "page": "Page of the documentation, such as howto/logs; none: the first.",
+    "path": f"/PLATFORM/RESOURCE or a pattern: {PATHS}",
+    "pattern": f"/PLATFORM/RESOURCE, a branch, or a pattern: {PATHS}",
+    "platform": "Name of the platform.",
+    "platforms": "Names or patterns of platforms: uav1, 'uav*', 'uav{1,3}'.",
+    "services": "Names of services, as `node info` prints them.",
+    "shell": "The shell: bash, zsh or fish.",
+    "value": "JSON, one plain word, or a word field=value for each field.",
+    "call path": "/PLATFORM/COMMAND, or a COMMAND of the platform of -n.",
+    "pub path": "Path on the joined node, such as test/height.",
+    "tree get path": f"/PLATFORM/RESOURCE, with .FIELD for a field, or a pattern: {PATHS}",
+    "tree watch path": f"/PLATFORM/RESOURCE, with .FIELD for a field, or a pattern: {PATHS}",
+    "tree set path": "/PLATFORM/RESOURCE, with .FIELD for a field; the platform may be a pattern.",
+    "tree set value": "JSON or a plain word.",
+    "config set value": "JSON or a plain word.",
+    "tree type name": "Name of a type, or path of a resource.",
+    "wait path": "/PLATFORM/RESOURCE, which may not exist yet; the platform may be a pattern.",
+    "traffic set pattern": f"RESOURCE, or a pattern: {PATHS}",
+    "health clear pattern": f"Name of a check, such as age/nav/pose, or a pattern: {PATHS}",
+    "config diff other": "File of `config dump`, or the platform to compare with.",
+    "config load file": "File of `config dump`.",
+    "config dump file": "File to write; none: stdout.",
+    "lab down name": "Name of the lab; none: the only one.",
+}
+"""Meanings by the name of the argument, or by the words of the command and the name."""
+
+
+def meaning(command_path: str, name: str) -> str:
+    """Meaning of an argument of `swarmctl tree get`; empty: none is known."""
+    words = command_path.partition(" ")[2]
+    return ARGUMENTS.get(f"{words} {name}", ARGUMENTS.get(name, ""))

@@ -1,0 +1,87 @@
+"""Cache for the completion of fields, values and missions that commands have met, in one file of the user."""
+
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from swarmctl.commandline import completion_cache
+from swarmware.runtime.filewriter import replace_file
+
+LIMIT: Final = 20_000
+"""Maximum number of paths, as of the cache of paths."""
+
+FieldValues = dict[str, list[str]]
+"""Dotted names of fields, each with the values that it may have; empty: any."""
+
+
+class CachedWords(NamedTuple):
+    """Words of one swarm."""
+
+    way: str
+    """Configuration folder of the joined node."""
+    types: dict[str, str]
+    """Type of a resource, of a command that of its request, by its global path."""
+    fields: dict[str, FieldValues]
+    """Fields by the name of the type; by the path of a resource with values of its own."""
+    missions: list[str]
+
+
+def file() -> Path:
+    """`words.json` beside the cache of paths."""
+    return completion_cache.file().with_name("words.json")
+
+
+def empty(way: str = "") -> CachedWords:
+    """No words yet of a swarm."""
+    return CachedWords(way, {}, {}, [])
+
+
+def load() -> CachedWords:
+    """The words; none without a valid file."""
+    try:
+        found: Any = json.loads(file().read_bytes())
+        fields = {
+            str(name): {str(field): [str(value) for value in values] for field, values in known.items()}
+            for name, known in found["fields"].items()
+        }
+        types = {str(path): str(name) for path, name in found["types"].items()}
+        return CachedWords(str(found["way"]), types, fields, [str(name) for name in found["missions"]])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return empty()
+
+
+def save(
+    way: str,
+    types: Mapping[str, str] | None = None,
+    fields: Mapping[str, FieldValues] | None = None,
+    missions: Iterable[str] | None = None,
+) -> None:
+    """Adds words that were met through a node; another joined node means another swarm: former ones go."""
+    before = load()
+    known = before if before.way == way else empty(way)
+    merged = CachedWords(
+        way,
+        dict(list({**known.types, **(types or {})}.items())[-LIMIT:]),
+        {**known.fields, **(fields or {})},
+        known.missions if missions is None else list(missions),
+    )
+    if merged == before:
+        return
+    target = file()
+    try:
+        target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        content = json.dumps(merged._asdict(), separators=(",", ":")).encode()
+        replace_file(target, content, mode=0o600, durable=False)
+    except OSError:
+        return  # without a writable home there is no completion of fields
+
+
+def fields_of(path: str, platform: str) -> FieldValues:
+    """Fields of the resource at a path; without a platform in it at `platform`, or (empty) at any."""
+    words = load()
+    if not path.startswith("/"):
+        ending = f"/{path}"
+        known = (one for one in words.types if one.endswith(ending) and one.count("/") == path.count("/") + 2)
+        path = f"/{platform}/{path}" if platform else next(known, path)
+    return words.fields.get(path) or words.fields.get(words.types.get(path, ""), {})
