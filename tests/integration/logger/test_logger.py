@@ -1,5 +1,7 @@
 """The logger as a real process: what moved in shared memory is on disk once, also after kill -9."""
 
+import statistics
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +93,8 @@ async def test_a_board_is_decimated_to_the_rate_of_its_descriptor(tmp_path: Path
                 break
         await flushed(module)
         stamps = [entry.stamp_ns for entry in FolderSource([log]).entries(Query(pattern="/uav1/test/level"))]
-        span_s = (stamps[-1] - stamps[0]) / 1e9
-        assert 3.0 < (len(stamps) - 1) / span_s < 7.0
+        gaps_s = [(later - former) / 1e9 for former, later in pairwise(stamps)]
+        assert 0.1 < statistics.median(gaps_s) < 0.4, "one stall of a busy machine is one gap of many"
 
 
 async def test_a_board_is_followed_when_its_values_outgrow_its_ring(tmp_path: Path) -> None:

@@ -13,12 +13,13 @@ from typing import Final
 import pytest
 from tests.simulation.directory.brokers import BrokerNode, header_of
 from tests.simulation.directory.swarm import SECOND, Swarm
+from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.broker import FormerState
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.former_session import FormerSession
 
-SEEDS: Final = 6
+SEEDS: Final = seeds(3, 6)
 NODES: Final = 25
 LOSS: Final = 1 / 6
 AWAY_S: Final = (0.02, 0.2, 0.6, 1.5, 3.0)
@@ -72,35 +73,29 @@ class Restarting(Swarm):
             self.away[name] = back_ns, self.crash(name)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(
     ("tick_hz", "subscribed", "every_s", "seconds"),
     [(10.0, True, 0.33, 6), (2.0, False, 0.5, 30), (1.0, True, 1.0, 50)],
 )
 def test_restarts_among_slow_senders_make_no_loop(
-    tick_hz: float, subscribed: bool, every_s: float, seconds: int
+    tick_hz: float, subscribed: bool, every_s: float, seconds: int, seed: int
 ) -> None:
-    for seed in range(SEEDS):
-        swarm = Restarting(seed, tick_hz, subscribed=subscribed)
-        try:
-            swarm.run_for(2 / tick_hz)
-            for _ in range(round(seconds / every_s)):
-                swarm.run_for(every_s)
-                swarm.move(every_s)
-                swarm.replace_one()
-        except AssertionError as error:
-            pytest.fail(f"seed {seed}: {error}")
-        assert swarm.changes > 500
+    swarm = Restarting(seed, tick_hz, subscribed=subscribed)
+    swarm.run_for(2 / tick_hz)
+    for _ in range(round(seconds / every_s)):
+        swarm.run_for(every_s)
+        swarm.move(every_s)
+        swarm.replace_one()
+    assert swarm.changes > 500
 
 
-def test_nodes_that_lost_their_data_make_no_loop_either(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seed", seeds(2, 3))
+def test_nodes_that_lost_their_data_make_no_loop_either(tmp_path: Path, seed: int) -> None:
     quiet_ns = FormerSession(tmp_path).quiet_ns(SECOND)
-    for seed in range(3):
-        swarm = Restarting(seed, 2.0, subscribed=False)
-        try:
-            for _ in range(60):
-                swarm.run_for(0.5)
-                swarm.move(0.5)
-                swarm.replace_one(quiet_ns)
-        except AssertionError as error:
-            pytest.fail(f"seed {seed}: {error}")
-        assert swarm.changes > 500
+    swarm = Restarting(seed, 2.0, subscribed=False)
+    for _ in range(60):
+        swarm.run_for(0.5)
+        swarm.move(0.5)
+        swarm.replace_one(quiet_ns)
+    assert swarm.changes > 500
