@@ -7,15 +7,21 @@ RUN := $(BIN)/python -m
 LAB_ARGS ?= --nodes 16
 REPORT ?= report
 SITE ?= share/doc/site
+# tests with whole vehicles, which fly in real time
+LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
-.PHONY: lab test lint check hooks bench figures docs site dist boot-test clean
+.PHONY: lab test simulations lint check hooks bench figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests; what computes shares the cores, what has real processes has them alone
-	$(RUN) pytest -q -n auto tests/unit tests/architecture tests/simulation
-	$(RUN) pytest -q tests/integration
+test: $(VENV)/.test ## all tests; what computes and what waits shares the cores, a lab has them alone
+	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
+	$(RUN) pytest -q -n 2 --dist loadfile $(LABS:%=--ignore=%) tests/integration
+	$(RUN) pytest -q $(LABS)
+
+simulations: $(VENV)/.test ## the simulations with all their seeds; test runs a part of them
+	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation
 
 lint: $(VENV)/.test ## style, types, layering
 	$(BIN)/ruff check .
@@ -24,7 +30,7 @@ lint: $(VENV)/.test ## style, types, layering
 	$(BIN)/lint-imports --no-cache
 
 check: lint ## the fast part: lint, unit and architecture tests
-	$(RUN) pytest -q -n auto tests/unit tests/architecture
+	$(RUN) pytest -q -n auto --dist worksteal tests/architecture tests/unit
 
 hooks: $(VENV)/.test ## git runs the quick checks before each commit (.pre-commit-config.yaml)
 	$(BIN)/pre-commit install

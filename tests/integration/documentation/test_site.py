@@ -1,6 +1,7 @@
 """The documentation site, built once: complete, readable and searchable without a network."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -36,6 +37,9 @@ class Addresses(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built here, unless SWARM_SITE names the one that was built from these sources just now."""
+    if built := os.environ.get("SWARM_SITE"):
+        return Path(built)
     folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
         ["make", "site", f"SITE={folder}"], cwd=ROOT, capture_output=True, text=True, check=False

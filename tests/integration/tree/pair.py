@@ -1,7 +1,6 @@
 """Real nodes over loopback, a process each, and what tests wait for."""
 
 import asyncio
-import socket
 from collections.abc import AsyncIterator, Callable, Coroutine, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import wraps
@@ -10,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
+from tests.integration.broker.swarm import free_port
 
 from swarmware.errors import SwarmError
 from swarmware.module.board import BoardReader
@@ -113,9 +113,7 @@ async def platforms(
     start: bool = True,
 ) -> AsyncIterator[list[Platform]]:
     """Nodes that run; `hear`: who hears whom, `tree`: settings of the tree, `services`: of each process."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        port = sock.getsockname()[1]
+    port = free_port()
     roles = {name: "maintainer" if name == "gcs" else "node" for name in names}
     await asyncio.to_thread(make_swarm, root / "keys", roles)
     async with AsyncExitStack() as stack:
