@@ -19,6 +19,7 @@ THIN = {
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",
+    "lib/swarmware/module/requester.py": "the name of the sender of a request, for records",
     "lib/swarmware/runtime/backoff.py": "the one back-off",
     "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
     "lib/swarmware/runtime/filewriter.py": "the one atomic file writer",

@@ -144,3 +144,12 @@ def _fields(ctx: click.Context, path: str) -> dict[str, list[str]]:
 
     node = settings(ctx).node
     return word_cache.fields_of(path, node if names_one(node) else "")
+
+
+def services(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Services of the selected platforms: owners of a board `app/NAME/status`."""
+    from swarmctl.commandline import completion_cache
+
+    paths = completion_cache.local(completion_cache.load()[2], settings(ctx).node)
+    found = (path.split("/")[1] for path in paths if path.startswith("app/") and path.endswith("/status"))
+    return [name for name in dict.fromkeys(found) if name.startswith(incomplete) and name != "swarmctl"]

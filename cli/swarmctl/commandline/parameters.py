@@ -49,6 +49,17 @@ def at_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
     return found._replace(node=",".join(platforms)) if platforms else found
 
 
+def named_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
+    """The settings with the nodes that arguments or options name.
+
+    Raises: UsageError when none is named: the joined node is not meant by default.
+    """
+    found = at_nodes(ctx, platforms)
+    if not found.node:
+        raise click.UsageError("expected names of platforms, or --all", ctx)
+    return found
+
+
 def at_path(ctx: click.Context, path: str) -> tuple[CliSettings, str]:
     """The settings with the nodes of a path, which may be a pattern, and the path without them."""
     platform, _, local = path.removeprefix("/").partition("/")

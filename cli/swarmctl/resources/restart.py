@@ -46,7 +46,7 @@ async def restart(
             f"expected one of {', '.join(known)}"
         )
     chosen = list(wanted) or known
-    armed = await _armed(session, platform)
+    armed = await is_armed(session)
     if armed and not force and not GROUNDED.issuperset(chosen):
         flies = ", ".join(name for name in chosen if name not in GROUNDED)
         raise Denied(f"{platform} is armed and flies with {flies}; expected a disarmed vehicle, or --force")
@@ -62,9 +62,10 @@ async def restart(
     session.out.table(columns, [(one.name, one.state, one.pid or None, one.restarts) for one in done])
 
 
-async def _armed(session: Session, platform: str) -> bool:
+async def is_armed(session: Session) -> bool:
+    """Whether the platform is a vehicle that is armed."""
     try:
-        found = await newest(session, names.join(platform, "vehicle/state"))
+        found = await newest(session, names.join(session.platform, "vehicle/state"))
     except NotFound:
         return False  # not a vehicle
     return registry.decode(VehicleState, found.data).armed

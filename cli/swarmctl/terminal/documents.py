@@ -11,9 +11,13 @@ from swarmware.types.json_form import json_schema
 
 DOCUMENTS: Final = {
     "node ls": "swarmctl.commands.node.overview:NodeList",
-    "node info": "swarmware.types.system:NodeInfo",
+    "node info": "swarmctl.commands.node.identity:ShownNode",
+    "node drain": "swarmctl.commands.node.draining:NodeDrained",
+    "node undrain": "swarmctl.commands.node.draining:NodeDrained",
     "node restart": "swarmctl.resources.restart:RestartedServices",
     "app restart": "swarmctl.resources.restart:RestartedServices",
+    "app start": "swarmctl.commands.app.stopping:ServicesChanged",
+    "app stop": "swarmctl.commands.app.stopping:ServicesChanged",
     "app ls": "swarmctl.commands.app.listing:ApplicationList",
     "tree ls": "swarmware.types.tree:TreeListing",
     "tree show": "swarmware.types.tree:TreeListing",

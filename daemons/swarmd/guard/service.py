@@ -12,6 +12,7 @@ from swarmd.guard.core.supervision import (
     ReadHeartbeats,
     ReportRestart,
     Spawn,
+    Stop,
     Terminate,
     WatchProcess,
 )
@@ -20,9 +21,18 @@ from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.requester import requester
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.service import Service
-from swarmware.types.health import GuardStatus, RestartOrder, ServiceState, WatchedService
+from swarmware.types.health import (
+    UNSTOPPABLE,
+    GuardStatus,
+    RestartOrder,
+    ServiceState,
+    StartOrder,
+    StopOrder,
+    WatchedService,
+)
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
@@ -58,7 +68,8 @@ class Guard(Service):
             "guard/restarts", WatchedService, kind="event", link="notify", log="all", slots=32, slot_bytes=512
         )
         if before is not None:
-            self._core.restore(before)
+            stopped = frozenset(name for name in names if self._supervisor.stays_stopped(name))
+            self._core.restore(before, stopped)
         module.serve("sys/guard/status", Empty, self._on_status, reply=GuardStatus)
         module.serve(
             "sys/guard/restart",
@@ -67,11 +78,25 @@ class Guard(Service):
             reply=GuardStatus,
             description="Restart a service",
         )
+        module.serve(
+            "sys/guard/stop",
+            StopOrder,
+            self._on_stop_order,
+            reply=GuardStatus,
+            description="Stop a service until it is started again",
+        )
+        module.serve(
+            "sys/guard/start",
+            StartOrder,
+            self._on_start_order,
+            reply=GuardStatus,
+            description="Start a service that was stopped",
+        )
 
     def _choose(self) -> Supervisor:
         node = self._node
         if node.config.processes == "one" and node.host is not None:
-            return InProcessSupervisor(node.host.restart)
+            return InProcessSupervisor(node.host, self._on_exit)
         if self.config.supervisor == "systemd":
             return SystemdSupervisor(node.config_dir, node.run_dir, self._on_exit)
         return ProcessSupervisor(node.config_dir, node.run_dir, self._on_exit)
@@ -145,6 +170,8 @@ class Guard(Service):
                     self._on_exit(name, pid, ExitStatus())
             case Terminate(name, pid):
                 self._supervisor.terminate(name, pid)
+            case Stop(name, pid):
+                self._supervisor.stop(name, pid)
             case Kill(name, pid, reason):
                 self.module.log.warning("%s: killed, pid %d: %s", name, pid, reason)
                 self._supervisor.kill(name, pid)
@@ -176,6 +203,26 @@ class Guard(Service):
     # -- requests
 
     def _on_status(self, _: Empty, __: Meta) -> GuardStatus:
+        return self._core.status()
+
+    def _check(self, service: str) -> None:
+        if service not in self._core and service not in UNSTOPPABLE:
+            raise NotFound(
+                f"service {service!r}: not under this guard; expected one of {', '.join(self._names)}"
+            )
+
+    def _on_stop_order(self, order: StopOrder, meta: Meta) -> GuardStatus:
+        self._check(order.service)
+        by = requester(self.module, meta)
+        self._driver.feed(self._core.on_stop_order(order.service, by, self.module.now_ns()))
+        self.module.log.warning("%s: stopped by %s", order.service, by)
+        return self._core.status()
+
+    def _on_start_order(self, order: StartOrder, meta: Meta) -> GuardStatus:
+        self._check(order.service)
+        if order.service in self._core:
+            self._driver.feed(self._core.on_start_order(order.service, self.module.now_ns()))
+            self.module.log.info("%s: started by %s", order.service, requester(self.module, meta))
         return self._core.status()
 
     def _on_order(self, order: RestartOrder, _: Meta) -> GuardStatus:

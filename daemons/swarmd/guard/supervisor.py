@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from swarmware.errors import NotFound
+from swarmware.node.node import Services
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import StartedProcess
 from swarmware.service.starting import clear_start_record, spawn, start_record, starting_pid
@@ -50,6 +51,14 @@ class Supervisor(Protocol):
 
     def terminate(self, name: str, pid: int) -> None:
         """Request the service to end."""
+        ...
+
+    def stop(self, name: str, pid: int) -> None:
+        """Request the service to end, and not to be started again before `spawn`."""
+        ...
+
+    def stays_stopped(self, name: str) -> bool:
+        """Whether a service that an earlier guard stopped is still prevented from running."""
         ...
 
     def kill(self, name: str, pid: int) -> None:
@@ -111,6 +120,14 @@ class ProcessSupervisor:
     def terminate(self, name: str, pid: int) -> None:
         """Send SIGTERM to the process of a service."""
         self._signal(name, pid, signal.SIGTERM)
+
+    def stop(self, name: str, pid: int) -> None:
+        """Send SIGTERM to the process of a service: only `spawn` starts it again."""
+        self.terminate(name, pid)
+
+    def stays_stopped(self, name: str) -> bool:
+        """Return True: the guard alone starts services."""
+        return True
 
     def kill(self, name: str, pid: int) -> None:
         """Send SIGKILL, which also ends a stopped process."""
@@ -191,20 +208,22 @@ class SystemdSupervisor(ProcessSupervisor):
 
 
 class InProcessSupervisor:
-    """Restarts services that run as tasks in the process of the guard."""
+    """Restarts, stops and starts services that run as tasks in the process of the guard."""
 
     kind = SupervisorKind.RUNNER
     stops_services = False
 
-    def __init__(self, restart: Callable[[str], None]) -> None:
-        self._restart = restart
+    def __init__(self, host: Services, on_exit: OnExit) -> None:
+        self._host = host
+        self._on_exit = on_exit
 
     def starting_pid(self, name: str) -> int:
         """Return 0: the runner of the process has started every service."""
         return 0
 
     def spawn(self, name: str) -> int:
-        """Return 0: the runner of the process starts the service."""
+        """Let the runner of the process start the service, if it was stopped; return 0."""
+        self._host.release(name)
         return 0
 
     def watch(self, name: str, pid: int, started: int) -> bool:
@@ -217,9 +236,17 @@ class InProcessSupervisor:
     def terminate(self, name: str, pid: int) -> None:
         """Cancel the task of the service, which is then started again."""
         try:
-            self._restart(name)
+            self._host.restart(name)
         except NotFound as error:
             log.warning("%s", error)
+
+    def stop(self, name: str, pid: int) -> None:
+        """Stop the task of the service, which is not started again before `spawn`."""
+        self._host.halt(name, lambda: self._on_exit(name, pid, ExitStatus()))
+
+    def stays_stopped(self, name: str) -> bool:
+        """Whether this process stopped it: a new process has started all services."""
+        return self._host.halted(name)
 
     def kill(self, name: str, pid: int) -> None:
         """Cancel the task of the service: a task cannot be killed."""

@@ -145,7 +145,9 @@ class Health(Service):
     def _node_stops(self) -> bool:
         """Whether services are being stopped: what depends on a stopped one is not faulty."""
         status = self._guard_board.value
-        return status is not None and any(one.state in ENDING for one in status.services)
+        return status is not None and any(
+            one.state in ENDING and not one.stopped_by for one in status.services
+        )
 
     # -- applications
 

@@ -10,7 +10,7 @@ import msgspec
 from swarmd.mission.checking import Checker, refuse
 from swarmd.mission.config import Config
 from swarmd.mission.store import MissionStore
-from swarmware.errors import NotFound, SwarmError
+from swarmware.errors import MissionError, NotFound, SwarmError
 from swarmware.mission.assignment import Assignment, MemberAssignment, Platform, assign
 from swarmware.mission.folder import Folder, files_hash, from_files
 from swarmware.mission.model import content_hash
@@ -65,7 +65,7 @@ class Dispatcher:
         Raises: as `task`.
         """
         folder, warnings = await self._checked(task)
-        assignment = await self._assigned(task, folder, platforms)
+        assignment = await self._assigned(task, folder, platforms, absent)
         left_out = _left_out(task, assignment, platforms, absent)
         return MissionPlan(folder.manifest.name, folder.hash, assignment.members, left_out, warnings)
 
@@ -77,7 +77,7 @@ class Dispatcher:
         Raises: MissionError, NotFound, ConfigError; then no order was sent.
         """
         folder, warnings = await self._checked(task)
-        assignment = await self._assigned(task, folder, platforms)
+        assignment = await self._assigned(task, folder, platforms, absent)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
         # the own order needs no link: it is checked after the other orders were sent
         members = sorted(
@@ -136,9 +136,11 @@ class Dispatcher:
         refuse(findings)
         return folder, tuple(map(str, findings))
 
-    async def _assigned(self, task: MissionTask, folder: Folder, platforms: list[Platform]) -> Assignment:
+    async def _assigned(
+        self, task: MissionTask, folder: Folder, platforms: list[Platform], absent: list[LeftOut]
+    ) -> Assignment:
         """The assignment of roles; the values of parameters are checked with the text of each role."""
-        assignment = assign(folder, self._chosen(task, platforms), task.params)
+        assignment = assign(folder, self._chosen(task, platforms, absent), task.params)
         if task.params:  # the defaults were checked with the folder
             await self._checker.check_params(folder, assignment)
         return assignment
@@ -151,9 +153,12 @@ class Dispatcher:
         return msgspec.structs.replace(stored, where=task.name)
 
     @staticmethod
-    def _chosen(task: MissionTask, platforms: list[Platform]) -> list[Platform]:
+    def _chosen(task: MissionTask, platforms: list[Platform], absent: list[LeftOut]) -> list[Platform]:
         known = {platform.name: platform for platform in platforms}
+        reasons = {left.platform: left.why for left in absent}
         for name in task.members:
+            if name in reasons:
+                raise MissionError(f"platform {name!r}: cannot take part: {reasons[name]}")
             if name not in known:
                 raise NotFound(f"platform {name!r}: not known here; expected some of {', '.join(known)}")
         return [known[name] for name in task.members] if task.members else platforms

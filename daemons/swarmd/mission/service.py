@@ -12,13 +12,14 @@ from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.builtin import built_in
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
-from swarmd.mission.core.admission import OrderAdmission
+from swarmd.mission.core.admission import OrderAdmission, drained_text
 from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.drain import Drain
 from swarmd.mission.member_states import MemberStates
 from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
@@ -29,6 +30,8 @@ from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, SwarmError
 from swarmware.mission.assignment import Platform
 from swarmware.mission.outcome import BlockOutcome
+from swarmware.model import paths
+from swarmware.model.clock import utc_ns
 from swarmware.model.names import hardware_id
 from swarmware.model.platform_kind import VEHICLES
 from swarmware.model.resource import Resource
@@ -37,6 +40,7 @@ from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.requester import requester
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
 from swarmware.transport.security import read_roster
@@ -44,6 +48,7 @@ from swarmware.types.mission import (
     INACTIVE,
     AbortAnswer,
     BarrierResult,
+    DrainOrder,
     LeftOut,
     MissionAbort,
     MissionList,
@@ -95,6 +100,7 @@ class Mission(Service):
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
         self._admission = OrderAdmission(module.platform, self._kind)
+        self._drain = Drain(paths.drain_record(node.data_path))
         self._values = Values(module)
         self._core = MissionExecutor(
             module.platform,
@@ -183,6 +189,13 @@ class Mission(Service):
         module.serve(
             "sys/mission/ls", Empty, self._on_list, reply=MissionList, description="Missions of the store"
         )
+        module.serve(
+            "sys/mission/drain",
+            DrainOrder,
+            self._on_drain,
+            reply=MissionStatus,
+            description="Take no role in a new mission, until this is ended",
+        )
 
     # -- input
 
@@ -201,7 +214,8 @@ class Mission(Service):
         if self._has_taken(order):
             return MissionReceipt(True, received_ns)
         try:
-            binding = self._admission.verify(order, received_ns, self._expiry(order, received_ns), sender)
+            expires_ns = self._expiry(order, received_ns)
+            binding = self._admission.verify(order, received_ns, expires_ns, sender, self._drain.by)
             mission = await self._checker.load(order.text, order.file, binding)
             run = self._admission.run(order, mission)
             self._values.open(run.mission.resources())
@@ -242,9 +256,9 @@ class Mission(Service):
         return await self._dispatcher.plan(task, self._platforms(), self._absent())
 
     def _platforms(self) -> list[Platform]:
-        """This platform and all others that are present."""
-        others = (Platform(name, state.kind) for name, state in self._present().items())
-        return [Platform(self.module.platform, self._kind), *others]
+        """This platform and all others that are present, without those that are drained."""
+        states = {self.module.platform: self._now_state(), **self._present()}
+        return [Platform(name, state.kind) for name, state in states.items() if not state.drained_by]
 
     def _instructed_ns(self, meta: Meta) -> int:
         """When the instruction was given at this platform, or arrived from another one."""
@@ -271,6 +285,17 @@ class Mission(Service):
             self._present(),
             core.unmet,
         )
+
+    def _on_drain(self, order: DrainOrder, meta: Meta) -> MissionStatus:
+        by = requester(self.module, meta)
+        if order.drained and not self._drain.by:
+            self._drain.begin(by, utc_ns())
+            log.warning("drained by %s: no role in a new mission", by)
+        elif not order.drained and self._drain.by:
+            self._drain.end()
+            log.warning("drain ended by %s", by)
+        self._state.write(self._now_state())
+        return self._on_status(Empty(), meta)
 
     async def _on_list(self, request: Empty, meta: Meta) -> MissionList:
         return MissionList(await self._store.list())
@@ -369,14 +394,18 @@ class Mission(Service):
             case Announce(state):
                 if state.state not in INACTIVE:
                     self._member_states.on_mission()
-                self._state.write(msgspec.structs.replace(state, kind=self._kind))
+                self._state.write(self._own(state))
 
     def _progress(self, step: ProgressStep) -> MissionProgress:
         epoch, now_ns = self._core.epoch, self.module.now_ns()
         return MissionProgress(step.mission, epoch, step.block, step.type, step.event, now_ns, step.text)
 
     def _now_state(self) -> MissionState:
-        return msgspec.structs.replace(self._core.state(), kind=self._kind)
+        return self._own(self._core.state())
+
+    def _own(self, state: MissionState) -> MissionState:
+        """A state of the core with what is known of this platform."""
+        return msgspec.structs.replace(state, kind=self._kind, drained_by=self._drain.by)
 
     def _present(self) -> dict[str, MissionState]:
         self._member_states.take_news()
@@ -384,7 +413,10 @@ class Mission(Service):
 
     def _absent(self) -> list[LeftOut]:
         self._member_states.take_news()
-        return self._census.absent(self.module.now_ns())
+        absent = self._census.absent(self.module.now_ns())
+        if self._drain.by:
+            absent.append(LeftOut(self.module.platform, drained_text(self._drain.by)))
+        return absent
 
     def _roster(self) -> frozenset[str]:
         """All members on the roster, also those never received; empty without keys."""

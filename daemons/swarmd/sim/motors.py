@@ -10,6 +10,7 @@ from swarmd.sim.core.vehicle_core import Action, VehicleCore
 from swarmware.errors import Denied
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.requester import requester
 from swarmware.module.writer import BoardWriter
 from swarmware.types.vehicle import ArmRequest, KillRequest, MotorAction, MotorOrder, VehicleState
 
@@ -64,7 +65,7 @@ class Motors:
         return self._core.on_kill(self._module.now_ns())
 
     def _done(self, what: MotorAction, reason: str, meta: Meta, order_motors: OrderMotors) -> VehicleState:
-        by = self._sender(meta)
+        by = requester(self._module, meta)
         order = MotorOrder(what, by, round(self._vehicle.pose().z_m, 2), reason)
         try:
             state, actions = order_motors()
@@ -77,11 +78,3 @@ class Motors:
         level = logging.WARNING if what is MotorAction.KILL else logging.INFO
         self._module.log.log(level, "%s by %s %s", what, by, reason)
         return state
-
-    def _sender(self, meta: Meta) -> str:
-        if meta.sender is not None:
-            return str(meta.sender)
-        if meta.sender_hw == self._module.node.hardware:
-            return self._module.platform
-        conversion = self._module.remote_clocks.conversion(meta.sender_hw)
-        return f"{meta.sender_hw:08x}" if conversion is None else conversion.platform

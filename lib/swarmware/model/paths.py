@@ -79,6 +79,11 @@ def world(share_dir: Path, name: str) -> Path:
     return share_dir / "worlds" / f"{name}.toml"
 
 
+def drain_record(data_dir: Path) -> Path:
+    """File that states who drained the platform; absent: it is not drained."""
+    return data_dir / "drained.json"
+
+
 def log(data_dir: Path) -> Path:
     """Folder of the local log."""
     return data_dir / "log"

@@ -5,6 +5,7 @@ import contextlib
 import logging
 import os
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar, Final, Protocol, Self
 from weakref import WeakSet
@@ -53,6 +54,18 @@ class Services(Protocol):
 
         Raises: NotFound when it does not run in this process.
         """
+        ...
+
+    def halt(self, name: str, on_end: Callable[[], None]) -> None:
+        """Stop one of the services until `release`; `on_end` is called when it has ended."""
+        ...
+
+    def release(self, name: str) -> None:
+        """Start a service that was stopped by `halt`."""
+        ...
+
+    def halted(self, name: str) -> bool:
+        """Whether a service was stopped by `halt`."""
         ...
 
 

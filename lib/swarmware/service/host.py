@@ -21,6 +21,8 @@ from swarmware.service.status import Reporter, beat
 from swarmware.types.system import AppState
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from swarmware.node.node import Node
     from swarmware.service.service import Service
 
@@ -62,6 +64,14 @@ class PreparedService(msgspec.Struct, frozen=True):
         return self.cls.name
 
 
+class Halt:
+    """A request to stop one service; it is not started again before `released`."""
+
+    def __init__(self, on_end: Callable[[], None]) -> None:
+        self.on_end = on_end
+        self.released = asyncio.Event()
+
+
 class ServiceEnded(SwarmError):
     """`run` of a service returned without a request to stop."""
 
@@ -79,6 +89,8 @@ class ServiceHost:
         self._running: dict[str, Service] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._again: set[str] = set()
+        self._halts: dict[str, Halt] = {}
+        self._ending: set[asyncio.Task[None]] = set()
         self._started: dict[str, asyncio.Event] = {name: asyncio.Event() for name in self._prepared}
         self._reporters: dict[str, Reporter] = {}
 
@@ -115,28 +127,58 @@ class ServiceHost:
         self._again.add(name)
         task.cancel()
 
+    def halt(self, name: str, on_end: Callable[[], None]) -> None:
+        """Stop a service until `release`; `on_end` is called when it has ended."""
+        if name in self._halts:
+            return
+        self._halts[name] = Halt(on_end)
+        if (task := self._tasks.get(name)) is not None and name in self._running:
+            ending = asyncio.get_running_loop().create_task(self._halt(name, task), name=f"halt:{name}")
+            self._ending.add(ending)
+            ending.add_done_callback(self._ending.discard)
+
+    async def _halt(self, name: str, task: asyncio.Task[None]) -> None:
+        await self._stop_one(name)
+        task.cancel()
+
+    def halted(self, name: str) -> bool:
+        """Whether a service was stopped by `halt` and not released."""
+        return name in self._halts
+
+    def release(self, name: str) -> None:
+        """Start a service that was stopped by `halt`; nothing happens to another."""
+        if (halt := self._halts.pop(name, None)) is not None:
+            halt.released.set()
+
     async def stop(self) -> None:
         """Stop every service, the last started first."""
         for name in reversed(self.names):
-            service = self._running.get(name)
-            if service is None:
-                continue
-            service.module.keep_boards(False)
-            if reporter := self._reporters.get(name):
-                reporter.state = AppState.STOPPING
-                reporter.report()  # it leaves the node in order, so it must not count as died
-            try:
-                await asyncio.wait_for(service.stop(), service.stop_s)
-            except TimeoutError:
-                log.warning("%s: did not finish within %s s", name, service.stop_s)
-            except Exception:
-                log.exception("%s: failed while stopping", name)
+            await self._stop_one(name)
+
+    async def _stop_one(self, name: str) -> None:
+        service = self._running.get(name)
+        if service is None:
+            return
+        service.module.keep_boards(False)
+        if reporter := self._reporters.get(name):
+            reporter.state = AppState.STOPPING
+            reporter.report()  # it leaves the node in order, so it must not count as died
+        try:
+            await asyncio.wait_for(service.stop(), service.stop_s)
+        except TimeoutError:
+            log.warning("%s: did not finish within %s s", name, service.stop_s)
+        except Exception:
+            log.exception("%s: failed while stopping", name)
 
     async def _keep(self, item: PreparedService) -> None:
         alone = len(self._prepared) == 1
         policy = RestartPolicy(pauses_s=BACKOFF_S, settled_s=SETTLED_S, limit=0)
         logged: str | None = None
         while True:
+            if (halt := self._halts.get(item.name)) is not None:
+                log.info("%s: stopped on request", item.name)
+                halt.on_end()
+                await halt.released.wait()
             policy.on_ready(time.monotonic_ns())
             try:
                 await self._run_once(item, policy.restarts)
@@ -150,6 +192,8 @@ class ServiceHost:
                 elif text != logged:  # once: the same error returns at each start
                     log.error("%s: failed: %s", item.name, text)
                 logged = text
+            if item.name in self._halts:
+                continue
             pause_s = policy.on_end(time.monotonic_ns()) or 0.0
             level = (
                 logging.WARNING if policy.consecutive <= len(BACKOFF_S) or logged is None else logging.DEBUG
@@ -178,7 +222,7 @@ class ServiceHost:
                 reporter.report()  # before the next heartbeat
                 self._started[item.name].set()
                 await asyncio.wait([task])
-                if not (task.cancelled() and item.name in self._again):
+                if not (task.cancelled() and (item.name in self._again or item.name in self._halts)):
                     await task
                     raise ServiceEnded(
                         f"service {item.name}: run() returned; expected it to run until it is cancelled"

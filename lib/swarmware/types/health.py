@@ -1,7 +1,7 @@
 """Health: checks and their results, faults, and the supervision of processes by the guard."""
 
 from enum import StrEnum
-from typing import Annotated, Literal, cast
+from typing import Annotated, Final, Literal, cast
 
 import msgspec
 
@@ -230,6 +230,15 @@ class WatchedService(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Found running, not started by this guard."""
     reason: str = ""
     """Why it was last restarted: `died: signal 9`, `died: exit 1`, `hung: no beat for 3.2 s`."""
+    stopped_by: str = ""
+    """Who stopped it: it starts again on request, or with the node; empty: it was not stopped."""
+
+
+UNSTOPPABLE: Final[dict[str, str]] = {
+    "guard": "it starts the others again",
+    "broker": "the node is reached through it, also to start it again",
+}
+"""Services that an operator cannot stop, with the reason."""
 
 
 @register
@@ -241,9 +250,34 @@ class GuardStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     services: tuple[WatchedService, ...] = ()
     restarts: int = 0
 
+    def why_not_stopped(self, service: str) -> str:
+        """Reason for which an operator cannot stop a service; empty: it can be stopped."""
+        if (why := UNSTOPPABLE.get(service)) is not None:
+            return f"service {service!r}: cannot be stopped: {why}"
+        if self.supervisor == SupervisorKind.SYSTEMD:
+            return (
+                f"service {service!r}: its unit is under systemd;"
+                f" expected `systemctl stop swarmd@{service}` on its machine"
+            )
+        return ""
+
 
 @register
 class RestartOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request to restart one service of a node."""
+
+    service: str
+
+
+@register
+class StopOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request to stop one service of a node until it is started again."""
+
+    service: str
+
+
+@register
+class StartOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request to start one service of a node that was stopped."""
 
     service: str

@@ -243,9 +243,15 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     """Name of the played mission, or of the built-in one that brings the vehicle to safety."""
     kind: PlatformKind = NO_KIND
     """Kind of the platform, for the assignment of roles."""
+    drained_by: str = ""
+    """Operator who drained the platform: it takes no role in a new mission; empty: none."""
 
     forms: ClassVar[tuple[Form, ...]] = (
-        Form("always", _HEAD_PARTS, "MessagePack array of active, arrivals, meetings, text and mission"),
+        Form(
+            "always",
+            _HEAD_PARTS,
+            "MessagePack array of active, arrivals, meetings, text, mission and, if drained, drained_by",
+        ),
     )
 
     def pack(self) -> bytes:
@@ -257,8 +263,9 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
             KINDS.index(self.kind),
             round(min(max(self.progress_ratio, 0.0), 1.0) * 255),
         )
+        tail = (self.active, self.arrivals, self.meetings, self.text, self.mission)
         return head + _tail_encoder.encode(
-            _Tail(self.active, self.arrivals, self.meetings, self.text, self.mission)
+            _DrainedTail(*tail, self.drained_by) if self.drained_by else _Tail(*tail)
         )
 
     @classmethod
@@ -287,6 +294,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
             tail.text,
             tail.mission,
             KINDS[kind],
+            tail.drained_by,
         )
 
 
@@ -298,8 +306,19 @@ class _Tail(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mission: str
 
 
+class _DrainedTail(_Tail, frozen=True, array_like=True, gc=False):
+    drained_by: str = ""
+
+
 _tail_encoder = msgspec.msgpack.Encoder()
-_tail_decoder = msgspec.msgpack.Decoder(_Tail)
+_tail_decoder = msgspec.msgpack.Decoder(_DrainedTail)
+
+
+@register
+class DrainOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request to drain a platform, which then takes no role in a new mission, or to end that."""
+
+    drained: bool
 
 
 @register

@@ -413,6 +413,51 @@ def test_a_changed_file_is_in_force_after_a_restart_unless_a_live_setting_overri
         file.write_text(before)
 
 
+def test_a_service_that_is_stopped_stays_so_is_no_fault_and_runs_again_when_it_is_started(ctl: Ctl) -> None:
+    assert ctl("app stop logger -n uav1").code == 2, "it asks first"
+    refused = ctl("app stop broker -n uav1 --yes")
+    assert (refused.code, "cannot be stopped" in refused.err) == (5, True), refused.err
+    stopped = ctl("app stop logger -n 'uav{1,2}' --yes --json")
+    assert stopped.code == 0, stopped.err
+    try:
+        services = [node["result"]["services"][0] for node in stopped.document["nodes"]]
+        assert [(one["state"], one["stopped_by"].endswith("gcs")) for one in services] == [
+            ("stopped", True)
+        ] * 2
+        shown = ctl("app ls -n uav1 --json").document
+        assert [(one["service"], one["platform"]) for one in shown["stopped"]] == [("logger", "uav1")]
+        running = {app["name"] for unit in shown["units"] for app in unit["table"]["applications"]}
+        assert "logger" not in running
+        faults = ctl("health faults -n uav1 --json").document["faults"]
+        assert [fault for fault in faults if "log" in fault["check"]] == []
+        checks = {one["check"]: one["state"] for one in ctl("health info uav1 --json").document["checks"]}
+        assert checks["age/nav/pose"] == "ok", "the other resources are still checked"
+    finally:
+        started = ctl("app start logger -n 'uav{1,2}'")
+    assert started.code == 0, started.err
+    assert ctl("app ls -n uav1 --json").document["stopped"] == []
+
+
+def test_a_drained_vehicle_takes_no_role_until_it_is_undrained_also_after_a_restart(ctl: Ctl) -> None:
+    done = ctl("node drain uav1 --json")
+    assert (done.code, done.document["drained_by"].endswith("gcs")) == (0, True), done.err
+    try:
+        # the state of the vehicle reaches the ground station with its next beacon
+        while "uav1: takes no part: drained by" not in ctl("mission start formation").err:
+            assert ctl("node ls").code == 0
+        named = ctl("mission start formation --member uav1 --member gcs --yes")
+        assert (named.code, "'uav1': cannot take part: drained by" in named.err) == (7, True), named.err
+        assert ctl("app restart mission -n uav1 --yes").code == 0
+        assert ctl("mission status -n uav1 --json").document["state"]["drained_by"]
+        row = next(line for line in ctl("node ls").out.splitlines() if line.startswith("uav1"))
+        assert "drained by" in row
+    finally:
+        ended = ctl("node undrain uav1,uav2 --json")
+    assert [node["result"]["drained_by"] for node in ended.document["nodes"]] == ["", ""]
+    while "drained" in ctl("mission start formation").err:
+        assert ctl("node ls").code == 0
+
+
 def test_live_settings_go_from_one_vehicle_to_another_by_a_file(ctl: Ctl, tmp_path: Path) -> None:
     assert ctl("config set navigator/altitude_ki 0.25 -n uav1").code == 0
     assert ctl(f"config dump {tmp_path}/gains.toml -n uav1").code == 0

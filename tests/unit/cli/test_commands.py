@@ -16,7 +16,7 @@ from swarmctl.commands.app.listing import list_applications
 from swarmctl.commands.config.changes import undo_setting
 from swarmctl.commands.health.report import clear_faults, list_faults
 from swarmctl.commands.mission.start import start
-from swarmctl.commands.node.overview import show_node
+from swarmctl.commands.node.identity import show_node
 from swarmctl.commands.topo.topology import show_topology
 from swarmctl.commands.traffic.rates import set_limit
 from swarmctl.commands.tree.listing import draw_resources, list_resources
@@ -127,7 +127,7 @@ async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
         "uav1", "main", PlatformKind.UAV, "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one"
     )
     for output in ("table", "json"):
-        session = ScriptedSession({"/uav1/sys/node/info": info}, output=output, node="uav1")
+        session = ScriptedSession({"sys/node/info": info}, output=output, node="uav1")
         await show_node(session)
         if output == "json":
             assert session.document["uptime_s"] == 61.0

@@ -144,3 +144,15 @@ def test_an_order_is_the_same_after_the_wire() -> None:
         params={"height": 8.0, "course": ((0.0, 1.0), (2.0, 3.0)), "slot": 3, "on": True, "who": "a"}
     )
     assert registry.decode(MissionOrder, registry.encode(sent)) == sent
+
+
+def test_a_drained_platform_takes_no_order_and_says_who_drained_it() -> None:
+    with pytest.raises(MissionError, match=r"drained by ann@gcs; `swarmctl node undrain` ends it"):
+        OrderAdmission("uav1", PlatformKind.UAV).verify(order(), S, 10 * S, "gcs", "ann@gcs")
+
+
+def test_the_beacon_carries_who_drained_a_platform_only_where_it_is_drained() -> None:
+    drained = msgspec.structs.replace(STATE, drained_by="ann@gcs")
+    assert len(drained.pack()) == len(STATE.pack()) + len("ann@gcs") + 1
+    assert MissionState.unpack(drained.pack()).drained_by == "ann@gcs"
+    assert MissionState.unpack(STATE.pack()).drained_by == ""

@@ -1,5 +1,6 @@
 """Who could take part in a mission, and who is known but could not."""
 
+import msgspec
 import pytest
 
 from swarmd.mission.core.census import Census
@@ -57,3 +58,12 @@ def test_who_states_a_run_is_found_by_its_epoch() -> None:
     census.on_state("uav2", IDLE, 10 * S)
     census.on_state("uav3", MissionState(6, "h", MissionPhase.DONE, kind=PlatformKind.UAV), 10 * S)
     assert census.in_run(7) == ["uav1"]
+
+
+def test_who_is_drained_is_present_and_cannot_take_part() -> None:
+    census = Census("gcs", 3 * S)
+    census.on_state("uav1", msgspec.structs.replace(IDLE, drained_by="ann@gcs"), 10 * S)
+    census.on_state("uav2", IDLE, 10 * S)
+    assert set(census.present(11 * S)) == {"uav1", "uav2"}
+    assert why(census, 11 * S) == {"uav1": "drained by ann@gcs; `swarmctl node undrain` ends it"}
+    assert why(census, 20 * S)["uav1"].startswith("lost")

@@ -268,3 +268,29 @@ async def test_services_are_asked_to_end_the_last_started_first_and_say_goodbye(
         assert status.value.state == "stopping"
         await over(running)
         assert not (node.shm_dir / "test.begun.ring").exists(), "an orderly end leaves no board"
+
+
+@pytest.mark.parametrize("others", [(), (Other,)])
+async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_is_released(
+    tmp_path: Path, others: tuple[type[Service], ...]
+) -> None:
+    async with tmp_node(tmp_path) as node:
+        host, running = hosted(node, Steady, *others)
+        await host.started()
+        ended = asyncio.Event()
+        host.halt("steady", ended.set)
+        host.halt("steady", ended.set)
+        async with asyncio.timeout(10):
+            await ended.wait()
+        assert host.halted("steady")
+        node.table.refresh(probe=True)
+        assert "steady" not in {entry.name for entry in node.table}
+        assert not running.done(), "the process and its other services run on"
+        assert Steady.begun == 1
+        host.release("steady")
+        host.release("steady")
+        async with asyncio.timeout(10):
+            while Steady.begun < 2:  # noqa: ASYNC110 - the service itself has no event
+                await asyncio.sleep(0)
+        assert not host.halted("steady")
+        await over(running)

@@ -2,6 +2,7 @@
 
 import click
 
+from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.settings import settings
 from swarmctl.vehicles.options import timeout_option
@@ -29,7 +30,7 @@ def ls(ctx: click.Context) -> None:
 
 
 @cmd.command()
-@click.argument("services", nargs=-1, required=True, metavar="NAME…")
+@click.argument("services", nargs=-1, required=True, metavar="NAME…", shell_complete=completion.services)
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.option("--force", is_flag=True, help="Also services with which an armed vehicle flies.")
 @timeout_option(30.0)
@@ -45,3 +46,39 @@ def restart(ctx: click.Context, services: tuple[str, ...], yes: bool, force: boo
     from swarmctl.session.each_node import run_each
 
     run_each(settings(ctx), restart, services, wait_s, yes=yes, force=force)
+
+
+@cmd.command()
+@click.argument("services", nargs=-1, required=True, metavar="NAME…", shell_complete=completion.services)
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.option("--force", is_flag=True, help="Also services with which an armed vehicle flies.")
+@timeout_option(30.0)
+@click.pass_context
+def stop(ctx: click.Context, services: tuple[str, ...], yes: bool, force: bool, wait_s: float) -> None:
+    """Stop services of platforms: the guard starts them again after `app start` or a start of the node.
+
+    No fault is raised, and `app ls` shows who stopped them. The broker and the guard cannot be stopped, and
+    on an armed vehicle what it flies with only by --force. Where services are units of systemd it is
+    systemctl that stops them.
+
+    Example: swarmctl app stop logger --node uav1 --yes
+    """
+    from swarmctl.commands.app import stopping
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), stopping.stop, services, wait_s, yes=yes, force=force)
+
+
+@cmd.command()
+@click.argument("services", nargs=-1, required=True, metavar="NAME…", shell_complete=completion.services)
+@timeout_option(30.0)
+@click.pass_context
+def start(ctx: click.Context, services: tuple[str, ...], wait_s: float) -> None:
+    """Start services of platforms that were stopped or given up, and wait until each runs.
+
+    Example: swarmctl app start logger --node uav1
+    """
+    from swarmctl.commands.app import stopping
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), stopping.start, services, wait_s)

@@ -3,19 +3,32 @@
 import msgspec
 
 from swarmctl.commandline.nodes import is_selection
+from swarmctl.resources.fanout import ask_all
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import NotFound, Partial
 from swarmware.model import names
+from swarmware.types.health import GuardStatus
 from swarmware.types.register import KnownUnit, Register
 from swarmware.types.rpc import Empty
+
+
+class StoppedService(msgspec.Struct, frozen=True):
+    """A service that an operator stopped."""
+
+    platform: str
+    service: str
+    by: str
+    """Who stopped it."""
 
 
 class ApplicationList(msgspec.Struct, frozen=True):
     """Tables of applications, one per unit."""
 
     units: list[KnownUnit]
+    stopped: list[StoppedService]
+    """Services that an operator stopped; the guard does not start them."""
 
 
 async def list_applications(session: Session) -> None:
@@ -33,10 +46,18 @@ async def list_applications(session: Session) -> None:
         raise NotFound(
             f"register of {', '.join(asked)}: not known here; expected a table of its register daemon"
         )
-    rows = [
+    statuses, _ = await ask_all(session, asked, "sys/guard/status", Empty(), GuardStatus)
+    stopped = [
+        StoppedService(name, one.name, one.stopped_by)
+        for name, status in statuses.items()
+        for one in status.services
+        if one.stopped_by
+    ]
+    rows: list[tuple[Cell, ...]] = [
         (
             f"{unit.table.platform}.{unit.table.unit}",
             f"{app.name}#{app.instance}",
+            "running",
             app.pid,
             spoken((unit.table.stamp_ns - app.started_ns) / 1e9 + unit.age_s),
             app.provides,
@@ -47,9 +68,11 @@ async def list_applications(session: Session) -> None:
         for unit in units
         for app in unit.table.applications
     ]
+    rows += [(one.platform, one.service, f"stopped by {one.by}", *[None] * 6) for one in stopped]
     columns = [
         Column("UNIT"),
         Column("APPLICATION"),
+        Column("STATE"),
         Column("PID", right=True),
         Column("UP", right=True),
         Column("RESOURCES", right=True),
@@ -58,7 +81,7 @@ async def list_applications(session: Session) -> None:
         Column("MASTER"),
     ]
     if session.settings.structured:
-        session.out.document(ApplicationList(units))
+        session.out.document(ApplicationList(units, stopped))
     else:
         session.out.table(columns, rows)
     for unit in units:

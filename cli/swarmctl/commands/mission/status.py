@@ -50,7 +50,7 @@ def _show(session: Session, found: MissionStatus) -> None:
             f"{state.progress_ratio * 100:.0f} %",
             ", ".join(state.active),
             ", ".join(arrival.barrier for arrival in state.arrivals),
-            state.text,
+            state.text or (f"drained by {state.drained_by}" if state.drained_by else ""),
         )
         for platform, state in _rows(found)
     ]

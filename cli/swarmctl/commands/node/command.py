@@ -3,7 +3,7 @@
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import at_nodes, nodes_argument
+from swarmctl.commandline.parameters import at_nodes, named_nodes, nodes_argument
 from swarmctl.commandline.settings import settings
 from swarmctl.vehicles.options import timeout_option
 
@@ -37,7 +37,7 @@ def info(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 
     Example: swarmctl node info uav1
     """
-    from swarmctl.commands.node.overview import show_node
+    from swarmctl.commands.node.identity import show_node
     from swarmctl.session.each_node import run_each
 
     run_each(at_nodes(ctx, platforms), show_node)
@@ -61,3 +61,37 @@ def restart(ctx: click.Context, platforms: tuple[str, ...], yes: bool, force: bo
     from swarmctl.session.each_node import run_each
 
     run_each(at_nodes(ctx, platforms), restart, (), wait_s, yes=yes, force=force)
+
+
+@cmd.command()
+@nodes_argument("PLATFORM…")
+@click.option("--now", is_flag=True, help="End the running mission: vehicles land.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation, which --now requires.")
+@timeout_option(600.0)
+@click.pass_context
+def drain(ctx: click.Context, platforms: tuple[str, ...], now: bool, yes: bool, wait_s: float) -> None:
+    """Drain nodes: they take no role in a new mission until `node undrain`, also after a restart of the node.
+
+    It waits until the running mission of each has ended; --now ends it. `node ls` and `mission status` show
+    who drained a node, and `mission start` names it as the reason.
+
+    Example: swarmctl node drain uav1
+    """
+    from swarmctl.commands.node import draining
+    from swarmctl.session.each_node import run_each
+
+    run_each(named_nodes(ctx, platforms), draining.drain, wait_s, now=now, yes=yes)
+
+
+@cmd.command()
+@nodes_argument("PLATFORM…")
+@click.pass_context
+def undrain(ctx: click.Context, platforms: tuple[str, ...]) -> None:
+    """End the drain of nodes: they take roles in missions again.
+
+    Example: swarmctl node undrain uav1
+    """
+    from swarmctl.commands.node import draining
+    from swarmctl.session.each_node import run_each
+
+    run_each(named_nodes(ctx, platforms), draining.undrain)

@@ -6,12 +6,11 @@ import msgspec
 
 from swarmctl.commandline.nodes import names_one
 from swarmctl.resources.fanout import ask_all, read_boards, warn_errors
-from swarmctl.resources.last_words import LastWords, last_words
+from swarmctl.resources.last_words import last_words
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column
-from swarmware.errors import NoAnswer, Partial, SwarmError
-from swarmware.model import names
+from swarmware.errors import Partial, SwarmError
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
 from swarmware.types.net import RouteState
@@ -104,7 +103,7 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
             one.armed,
             None if one.height_m is None else f"{round(one.height_m, 1) + 0.0:.1f}",
             None if one.battery_ratio is None else f"{one.battery_ratio:.0%}",
-            f"{one.mission.mission} {one.mission.state}".strip() if one.mission else None,
+            _mission_text(one.mission) if one.mission else None,
             one.route.via if one.route and one.route.hops > 1 else None,
             one.route.hops if one.route else 0 if one.platform == session.here else None,
         )
@@ -124,6 +123,12 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
         Column("HOPS", right=True, drop=2),
     ]
     return columns, rows
+
+
+def _mission_text(state: MissionState) -> str:
+    """formation running | formation done, drained by operator@gcs."""
+    drained = f"drained by {state.drained_by}" if state.drained_by else ""
+    return ", ".join(filter(None, (f"{state.mission} {state.state}".strip(), drained)))
 
 
 def _presence(node: NodeOverview) -> str:
@@ -150,48 +155,3 @@ async def list_nodes(session: Session) -> None:
     warn_errors(session, errors)
     if errors:
         raise Partial(f"nodes: {len(errors)} of {len(nodes)} did not answer")
-
-
-async def show_node(session: Session) -> None:
-    """Prints the identity of one node.
-
-    Of a lost platform the last known state is printed. Raises: NoAnswer then; as `Session.ask`.
-    """
-    target = session.platform
-    if not await session.in_reach(target):
-        _show_lost(session, await last_words(session, target))
-        raise NoAnswer(f"node {target!r}: known, but {session.here} has no route to it now")
-    found = await session.ask(names.join(target, "sys/node/info"), Empty(), NodeInfo)
-    if session.settings.structured:
-        session.out.document(found)
-        return
-    rows = [
-        ("platform", f"{found.platform}, unit {found.unit}"),
-        ("kind", f"{found.kind}, template {found.template}"),
-        ("version", found.version),
-        ("up", spoken(found.uptime_s)),
-        ("services", ", ".join(found.services)),
-        ("processes", found.processes),
-        ("configuration", found.config_dir),
-        ("boot", f"{found.boot_id:016x}"),
-    ]
-    session.out.table([Column("WHAT"), Column("IS")], rows)
-
-
-def _show_lost(session: Session, words: LastWords) -> None:
-    if words.seen_s is None or session.settings.structured:
-        return  # the document of this command is the identity, which no process answers
-    pose, vehicle, battery, mission = words.pose, words.vehicle, words.battery, words.mission
-    rows: list[tuple[Cell, ...]] = [("platform", words.platform), ("lost", f"{spoken(words.seen_s)} ago")]
-    if pose is not None:
-        rows += [
-            ("position", f"{pose.x_m:.1f} m east, {pose.y_m:.1f} m north"),
-            ("height", f"{pose.z_m + 0.0:.1f} m"),
-        ]
-    if battery is not None:
-        rows.append(("battery", f"{battery.remaining_ratio:.0%}"))
-    if vehicle is not None:
-        rows.append(("mode", f"{vehicle.mode}, {'armed' if vehicle.armed else 'disarmed'}"))
-    if mission is not None:
-        rows.append(("mission", f"{mission.mission} {mission.state}".strip()))
-    session.out.table([Column("LAST KNOWN"), Column("IS")], rows)

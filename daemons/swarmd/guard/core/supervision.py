@@ -1,11 +1,13 @@
 """Supervision of services: when each is started, killed, restarted, given up or stopped."""
 
+from collections.abc import Container
 from enum import StrEnum
 from typing import Final
 
 import msgspec
 
 from swarmd.guard.config import Config
+from swarmware.errors import Denied
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.exit_status import ExitStatus
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
@@ -42,6 +44,7 @@ TRANSITIONS: Final[dict[tuple[ServiceState, ServiceEvent], ServiceState]] = {
     (ServiceState.FAILED, ServiceEvent.ADOPT): ServiceState.RUNNING,
     (ServiceState.FAILED, ServiceEvent.STOP): ServiceState.STOPPED,
     (ServiceState.STOPPING, ServiceEvent.EXIT): ServiceState.STOPPED,
+    (ServiceState.STOPPED, ServiceEvent.SPAWN): ServiceState.STARTING,
 }
 
 
@@ -61,6 +64,13 @@ class Kill(msgspec.Struct, frozen=True):
 
 class Terminate(msgspec.Struct, frozen=True):
     """Request the process of a service to end."""
+
+    service: str
+    pid: int
+
+
+class Stop(msgspec.Struct, frozen=True):
+    """Stop a service that must not start again by itself."""
 
     service: str
     pid: int
@@ -89,7 +99,7 @@ class ReadHeartbeats(msgspec.Struct, frozen=True):
     """Read application files and heartbeats, call their events, then `on_heartbeats_read`."""
 
 
-Action = Spawn | Kill | Terminate | ReportRestart | WatchProcess | ClearStartRecord | ReadHeartbeats
+Action = Spawn | Kill | Terminate | Stop | ReportRestart | WatchProcess | ClearStartRecord | ReadHeartbeats
 
 
 class SupervisedService(msgspec.Struct):
@@ -111,6 +121,8 @@ class SupervisedService(msgspec.Struct):
     """It ran under the previous guard."""
     kill_reason: str = ""
     """Reason for which the guard ended it, reported with its exit."""
+    stopped_by: str = ""
+    """Operator who stopped it; empty: none."""
 
     def transition(self, event: ServiceEvent, now_ns: int) -> None:
         """Change the state as the table of transitions says."""
@@ -121,7 +133,14 @@ class SupervisedService(msgspec.Struct):
     def status(self) -> WatchedService:
         """State for the status board and the events."""
         return WatchedService(
-            self.name, self.state, self.pid, self.restarts, self.since_ns, self.adopted, self.reason
+            self.name,
+            self.state,
+            self.pid,
+            self.restarts,
+            self.since_ns,
+            self.adopted,
+            self.reason,
+            self.stopped_by,
         )
 
 
@@ -172,13 +191,14 @@ class GuardCore:
         services = tuple(watched.status() for watched in self._services.values())
         return GuardStatus(self._supervisor, services, sum(watched.restarts for watched in services))
 
-    def restore(self, before: GuardStatus) -> None:
-        """Restore the counters of a guard that was killed from its status."""
+    def restore(self, before: GuardStatus, may_be_stopped: Container[str] = ()) -> None:
+        """Restore counters, and which services an operator stopped, from the status of a killed guard."""
         for old in before.services:
             if (watched := self._services.get(old.name)) is not None:
                 watched.restarts = old.restarts
                 watched.reason = old.reason
                 watched.ran_before = old.state == ServiceState.RUNNING
+                watched.stopped_by = old.stopped_by if old.name in may_be_stopped else ""
 
     # -- events
 
@@ -189,6 +209,11 @@ class GuardCore:
         for watched in self._services.values():
             if watched.name in running:
                 actions += self._adopt(watched, running[watched.name], now_ns)
+                if watched.stopped_by:  # the former guard was killed before it had ended
+                    actions += self.on_stop_order(watched.name, watched.stopped_by, now_ns)
+                continue
+            if watched.stopped_by:
+                watched.transition(ServiceEvent.STOP, now_ns)
                 continue
             spawn = self._spawn(watched, now_ns)
             if watched.name in starting:
@@ -248,6 +273,10 @@ class GuardCore:
             watched.policy.on_ready(watched.since_ns)
         watched.transition(ServiceEvent.EXIT, now_ns)
         watched.pid = 0
+        if watched.stopped_by and self._stopping is None:
+            if watched.state is not ServiceState.STOPPED:
+                watched.transition(ServiceEvent.STOP, now_ns)
+            return []
         if self._stopping is not None:
             if (watched.state, ServiceEvent.STOP) in TRANSITIONS:
                 watched.transition(ServiceEvent.STOP, now_ns)  # it ended before it was requested to
@@ -268,17 +297,55 @@ class GuardCore:
         watched = self._services[name]
         if self._stopping is not None:
             return []
+        if watched.state is ServiceState.STOPPING:
+            return []  # the operator starts it when it has ended
         watched.policy.reset()
+        watched.stopped_by = ""
         if watched.state in {ServiceState.RUNNING, ServiceState.STARTING}:
             watched.kill_reason = "restarted on request"
             watched.deadline_ns = now_ns + self._stop_ns
             watched.beat = -1
             return [Terminate(name, watched.pid)]
-        if watched.state in {ServiceState.FAILED, ServiceState.BACK_OFF}:
+        if watched.state in {ServiceState.FAILED, ServiceState.BACK_OFF, ServiceState.STOPPED}:
             watched.reason = "restarted on request"
             watched.restarts += 1
             return [self._spawn(watched, now_ns)]
         return []
+
+    def on_stop_order(self, name: str, by: str, now_ns: int) -> list[Action]:
+        """An operator stops a service; it is not started again before `on_start_order` or a new node.
+
+        Raises: Denied for a service that cannot be stopped.
+        """
+        if why := self.status().why_not_stopped(name):
+            raise Denied(why)
+        watched = self._services[name]
+        if self._stopping is not None or watched.state in {ServiceState.STOPPING, ServiceState.STOPPED}:
+            return []
+        watched.stopped_by = by
+        running = watched.state in {ServiceState.RUNNING, ServiceState.STARTING}
+        watched.transition(ServiceEvent.STOP, now_ns)
+        if not running:
+            return []
+        watched.kill_reason = ""
+        watched.deadline_ns = now_ns + self._stop_ns
+        return [Stop(name, watched.pid)]
+
+    def on_start_order(self, name: str, now_ns: int) -> list[Action]:
+        """An operator starts a service that was stopped or given up; nothing happens to one that runs.
+
+        Raises: Denied while it is still being stopped.
+        """
+        watched = self._services[name]
+        if watched.state is ServiceState.STOPPING:
+            raise Denied(
+                f"service {name!r}: still being stopped; expected its end, within {self._stop_ns / 1e9:g} s"
+            )
+        if self._stopping is not None or watched.state not in {ServiceState.STOPPED, ServiceState.FAILED}:
+            return []
+        watched.policy.reset()
+        watched.stopped_by = ""
+        return [self._spawn(watched, now_ns)]
 
     def on_stop(self, now_ns: int) -> list[Action]:
         """Stop all services one after the other, in the reverse order of their start."""

@@ -8,6 +8,11 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionOrder
 
 
+def drained_text(by: str) -> str:
+    """Reason for which a drained platform takes no role."""
+    return f"drained by {by}; `swarmctl node undrain` ends it"
+
+
 class OrderAdmission:
     """Checks orders: first the order itself, then, once its mission is read, whether this platform can play
     it."""
@@ -16,13 +21,22 @@ class OrderAdmission:
         self._platform = platform
         self._kind = kind
 
-    def verify(self, order: MissionOrder, now_ns: int, expires_ns: int, sender: str | None = None) -> Binding:
+    def verify(
+        self,
+        order: MissionOrder,
+        now_ns: int,
+        expires_ns: int,
+        sender: str | None = None,
+        drained_by: str = "",
+    ) -> Binding:
         """Checks an order; returns the binding with which its mission is read here.
 
         `expires_ns` is the order's expiry on this platform's clock; `sender` is the platform that sent it,
-        None where it is not authenticated.
+        None where it is not authenticated; `drained_by` the operator who drained this platform.
         Raises: MissionError with the reason.
         """
+        if drained_by:
+            raise MissionError(drained_text(drained_by))
         # the expiry is on the issuer's clock, and members reply to the issuer: it must be the sender
         if sender is not None and sender != order.issuer:
             raise MissionError(

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmd.mission.core.admission import drained_text
 from swarmware.types.mission import LeftOut, MissionState
 
 
@@ -42,9 +43,12 @@ class Census:
         return [name for name, received in self._received.items() if received.state.epoch == epoch]
 
     def absent(self, now_ns: int) -> list[LeftOut]:
-        """Known platforms that cannot take part now, with the reason."""
-        known = {*self._received, *self._reached, *self._roster} - {*self.present(now_ns), self._me}
-        return [LeftOut(name, self._why(name, now_ns)) for name in sorted(known)]
+        """Known platforms that cannot take part now, with the reason: lost, or drained by an operator."""
+        present = self.present(now_ns)
+        known = {*self._received, *self._reached, *self._roster} - {*present, self._me}
+        found = {name: self._why(name, now_ns) for name in known}
+        found |= {name: drained_text(state.drained_by) for name, state in present.items() if state.drained_by}
+        return [LeftOut(name, found[name]) for name in sorted(found)]
 
     def _why(self, name: str, now_ns: int) -> str:
         received = self._received.get(name)

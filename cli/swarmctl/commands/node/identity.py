@@ -1,0 +1,89 @@
+"""One node: its identity as it answers, or its last known state and the reason why it does not answer."""
+
+import msgspec
+
+from swarmctl.resources.last_words import LastWords, last_words
+from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Cell, Column
+from swarmware.errors import NoAnswer
+from swarmware.types.rpc import Empty
+from swarmware.types.system import NodeInfo
+
+
+class ShownNode(msgspec.Struct, frozen=True):
+    """Identity of a node; of one that does not answer, its last known state."""
+
+    platform: str
+    answers: bool
+    unit: str | None = None
+    """Null with the other fields of the identity: it does not answer."""
+    kind: str | None = None
+    template: str | None = None
+    version: str | None = None
+    boot_id: int | None = None
+    uptime_s: float | None = None
+    services: tuple[str, ...] | None = None
+    config_dir: str | None = None
+    processes: str | None = None
+    reason: str = ""
+    """Why it does not answer; empty: it does."""
+    last: LastWords | None = None
+    """Last known state; null: it answers."""
+
+
+async def show_node(session: Session) -> None:
+    """Prints the identity of one node; of one that does not answer, the last known state and the reason.
+
+    Raises: NoAnswer in the second case; NotFound for an unknown platform.
+    """
+    target = session.platform
+    if not await session.in_reach(target):
+        reason = f"node {target!r}: known, but {session.here} has no route to it now"
+        await _show_lost(session, reason)
+        raise NoAnswer(reason)
+    try:
+        found = await session.ask("sys/node/info", Empty(), NodeInfo)
+    except NoAnswer as error:
+        await _show_lost(session, str(error))
+        raise
+    if session.settings.structured:
+        names = (*NodeInfo.__struct_fields__,)
+        session.out.document(ShownNode(answers=True, **{name: getattr(found, name) for name in names}))
+        return
+    rows = [
+        ("platform", f"{found.platform}, unit {found.unit}"),
+        ("kind", f"{found.kind}, template {found.template}"),
+        ("version", found.version),
+        ("up", spoken(found.uptime_s)),
+        ("services", ", ".join(found.services)),
+        ("processes", found.processes),
+        ("configuration", found.config_dir),
+        ("boot", f"{found.boot_id:016x}"),
+    ]
+    session.out.table([Column("WHAT"), Column("IS")], rows)
+
+
+async def _show_lost(session: Session, reason: str) -> None:
+    """Prints the last known state of a platform that does not answer."""
+    words = await last_words(session, session.platform)
+    if session.settings.structured:
+        kind = str(words.mission.kind) if words.mission is not None and words.mission.kind else None
+        session.out.document(ShownNode(words.platform, False, kind=kind, reason=reason, last=words))
+        return
+    if words.seen_s is None:
+        return
+    pose, vehicle, battery, mission = words.pose, words.vehicle, words.battery, words.mission
+    rows: list[tuple[Cell, ...]] = [("platform", words.platform), ("lost", f"{spoken(words.seen_s)} ago")]
+    if pose is not None:
+        rows += [
+            ("position", f"{pose.x_m:.1f} m east, {pose.y_m:.1f} m north"),
+            ("height", f"{pose.z_m + 0.0:.1f} m"),
+        ]
+    if battery is not None:
+        rows.append(("battery", f"{battery.remaining_ratio:.0%}"))
+    if vehicle is not None:
+        rows.append(("mode", f"{vehicle.mode}, {'armed' if vehicle.armed else 'disarmed'}"))
+    if mission is not None:
+        rows.append(("mission", f"{mission.mission} {mission.state}".strip()))
+    session.out.table([Column("LAST KNOWN"), Column("IS")], rows)
