@@ -72,6 +72,16 @@ def test_three_nodes_fly_the_formation_and_the_report_has_everything(
     assert summary is not None
     topics = {channel.topic for channel in summary.channels.values()}
     assert topics >= {"/uav1/nav/pose", "/ugv1/nav/pose", "/foxglove/tf", "/foxglove/log"}
+    on_map = {
+        f"/foxglove/{name}/{path}"
+        for name in ("uav1", "ugv1")
+        for path in ("sensor/gnss", "nav/pose/location")
+    }
+    assert on_map <= {
+        channel.topic
+        for channel in summary.channels.values()
+        if summary.schemas[channel.schema_id].name == "foxglove.LocationFix"
+    }, "the map panel shows the flight"
     logs = sorted(out.glob("logs/*/*.mcap"))
     assert {path.parent.name for path in logs} == {"gcs", "ugv1", "uav1"}
     for path in logs:

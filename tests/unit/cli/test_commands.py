@@ -18,6 +18,7 @@ from swarmctl.commands.health.report import clear_faults, list_faults
 from swarmctl.commands.mission.start import start
 from swarmctl.commands.node.identity import show_node
 from swarmctl.commands.topo.topology import show_topology
+from swarmctl.commands.traffic.counters import list_counters
 from swarmctl.commands.traffic.rates import set_limit
 from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
@@ -397,3 +398,12 @@ async def test_a_limit_that_silences_a_vehicle_or_its_barriers_is_confirmed(
         assert session.asked == []
     await set_limit(session, pattern, max_hz, 0.0, yes=bool(asks))
     assert "/uav1/sys/broker/set_channel" in session.asked
+
+
+async def test_the_counters_of_senders_that_were_not_accepted_have_a_name() -> None:
+    links = [["uav2", "udp", 1, 90, 2, 180], ["?", "udp", 0, 0, 29, 3984]]
+    found = msgspec.convert([0] * 16 + [1.0, [], links], Traffic)
+    session = ScriptedSession({"sys/broker/traffic": found})
+    await list_counters(session)
+    lines = session.stdout.getvalue().splitlines()
+    assert [line.split()[0] for line in lines if "udp" in line] == ["uav2", "unaccepted"]
