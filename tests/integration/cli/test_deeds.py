@@ -152,7 +152,7 @@ def test_a_wait_at_another_node_begins_before_the_resource_exists(lab: Lab, ctl:
     with lab.started(f"wait /gcs/test/depth {condition} --json {there}") as waiting:
         assert waiting.stderr is not None
         assert "does not exist yet" in json.loads(waiting.stderr.readline())["message"]
-        assert ctl("pub test/depth 1 --hold 0.3").code == 0
+        assert ctl("pub test/depth 1.0 --hold 0.3").code == 0
         assert waiting.poll() is None
         while waiting.poll() is None:
             assert ctl("pub test/depth 2.5").code == 0

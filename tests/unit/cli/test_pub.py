@@ -87,6 +87,13 @@ async def test_a_resource_of_the_template_without_an_owner_keeps_its_type_kind_u
         await publish(session, PATH, wanted("3", type="Int"), yes=False)
 
 
+async def test_what_a_former_command_left_in_the_tree_does_not_determine_the_type() -> None:
+    session = Publishing(TreeEntry(PATH, Kind.EVENT, "Int", owner="swarmctl"))
+    await publish(session, PATH, wanted("2.5"), yes=False)
+    assert session.written == [Float(2.5)]
+    assert session.resources[0].kind is Kind.BOARD
+
+
 async def test_values_are_repeated_at_their_rate_and_counted_in_the_document() -> None:
     session = Publishing(output="json")
     await publish(session, PATH, wanted("1.5", rate_hz=1000.0, count=4), yes=False)

@@ -93,7 +93,8 @@ async def _described(
     session: Session, full: str, entry: TreeEntry | None, wanted: ValuesToPublish
 ) -> tuple[Resource, msgspec.Struct]:
     """Descriptor of the resource, and the value of its type."""
-    present = entry if entry is not None and entry.type else None
+    # what a former `pub` left in the tree does not determine the type of this one
+    present = entry if entry is not None and entry.type and entry.owner != NAME else None
     name = present.type if present else wanted.type or scalar_type(wanted.words)
     if not name:
         raise InvalidInput(f"{full}: a new resource whose value has fields; expected --type TYPE")
