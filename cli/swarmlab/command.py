@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import click
 
+from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import at_nodes, nodes_argument
 from swarmctl.commandline.settings import Nodes, settings
@@ -128,6 +129,20 @@ def ls(ctx: click.Context) -> None:
     from swarmlab.run.listing import list_labs
 
     list_labs(Output(settings(ctx)))
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("platform", shell_complete=lambda ctx, param, word: completion.platforms(word))
+@click.pass_context
+def env(ctx: click.Context, platform: str) -> None:
+    """Print the variable by which modules, swarmd and swarmctl join a node of a lab.
+
+    Example: eval "$(swarmctl lab env uav1)"
+    """
+    from swarmctl.terminal.output import Output
+    from swarmlab.run.listing import print_environment
+
+    print_environment(platform, Output(settings(ctx)))
 
 
 @cmd.command()

@@ -5,8 +5,13 @@
         goal = m.inbox("cmd/goto", Goal)                     # messages: each exactly once
         path = m.stream_writer("plan/path", Pose)            # stream: every step, in order
 
-`swarmctl docs` opens the documentation in a browser: quick start, tutorials, how-to guides, reference of this
-library (`swarmctl docs reference/library`). In the sources it is the folder share/doc.
+`swarmctl docs` opens the documentation in a browser: quick start, tutorials (`swarmctl docs tutorials`),
+how-to guides, reference of this library (`swarmctl docs reference/library`). In the sources it is the
+folder share/doc.
+
+`swarmctl new module NAME` makes a module to begin with, and its test; so do `new driver`, `new service`,
+`new block` and `new mission`. Examples are in share/swarm/examples, of the sources or of the environment in
+which the package is installed.
 
 `help(swarmware.Module)` lists what a module can do, `help(swarmware.Service)` how it becomes a daemon that
 `swarmd run NAME` starts. Payload types are in `swarmware.types`, or are your own `msgspec.Struct`s.

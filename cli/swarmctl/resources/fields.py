@@ -102,11 +102,14 @@ def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def block(rows: list[tuple[str, str]], width: int | None) -> list[str]:
-    """A line per field, names and values aligned; long values continue below, never inside a word."""
+    """A line per field, names and values aligned; long values continue below, never inside a word.
+
+    A single value without a name is not indented.
+    """
     longest = max((len(name) for name, _ in rows), default=0)
     lines: list[str] = []
     for name, text in rows:
-        head = f"{INDENT}{name:<{longest}}  "
+        head = f"{INDENT}{name:<{longest}}  " if longest else ""
         lines += wrapped(text, width, head, " " * len(head))
     return lines
 

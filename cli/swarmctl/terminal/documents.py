@@ -59,6 +59,7 @@ DOCUMENTS: Final = {
     "log stats": "swarmctl.commands.log.entries:LogStatistics",
     "lab up": "swarmlab.run.listing:LabLine",
     "lab ls": "swarmlab.run.listing:LabList",
+    "lab env": "swarmlab.run.listing:LabEnvironment",
     "lab down": "swarmlab.run.lifecycle:EndedLabs",
     "lab logs": "swarmlab.run.listing:ProcessLogLine",
     "lab run": "swarmlab.report.report:ExperimentReport",

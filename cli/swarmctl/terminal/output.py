@@ -73,6 +73,7 @@ class Output:
 
     def _talk(self, kind: str, text: str) -> None:
         self._redrawn = 0  # this line stays above the next redrawn text
+        self._out.flush()  # where both go to one file, messages and results stay in their order
         line = text if kind == "message" else f"{kind}: {text}"
         print(json_line({kind: text}) if self.settings.structured else line, file=self._err, flush=True)
 

@@ -1,6 +1,7 @@
 """The labs of this user, and the output of their processes."""
 
 import os
+import shlex
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ from swarmctl.session.labs import LabNode, LabState
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Column
+from swarmware.model.config import CONFIG_VARIABLE
 
 
 class LabLine(msgspec.Struct, frozen=True):
@@ -35,6 +37,14 @@ class LabList(msgspec.Struct, frozen=True):
     """The labs of this user."""
 
     labs: list[LabLine]
+
+
+class LabEnvironment(msgspec.Struct, frozen=True):
+    """What a program needs to join a node of a lab."""
+
+    platform: str
+    config_dir: str
+    """Value of SWARM_CONFIG."""
 
 
 class ProcessLogLine(msgspec.Struct, frozen=True):
@@ -86,6 +96,18 @@ def list_labs(out: Output) -> None:
         for x in lines
     ]
     out.table(_COLUMNS, rows)
+
+
+def print_environment(platform: str, out: Output) -> None:
+    """Prints the line for a shell after which programs join a node of the lab.
+
+    Raises: NotFound when there is no such lab or node.
+    """
+    node = labs.find(out.settings.lab).node(platform)
+    if out.settings.structured:
+        out.document(LabEnvironment(node.platform, str(node.config_dir)))
+    else:
+        out.text(f"export {CONFIG_VARIABLE}={shlex.quote(str(node.config_dir))}")
 
 
 def print_logs(lines: int, out: Output, *, follow: bool) -> None:

@@ -112,7 +112,14 @@ def lab() -> Iterator[Lab]:
     folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
     kept = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
     name = f"cli{os.getpid()}"
-    env = {**kept, "SWARMCTL_LABS": str(folder), "XDG_CACHE_HOME": str(folder / "cache"), "NO_COLOR": "1"}
+    env = {
+        **kept,
+        "SWARMCTL_LABS": str(folder),
+        "XDG_CACHE_HOME": str(folder / "cache"),
+        "NO_COLOR": "1",
+        "PYTHONPATH": str(folder / "packages"),  # of drivers and services that a test installs
+    }
+    (folder / "packages").mkdir()  # before an interpreter notes that there is none
     found = Lab(name, folder, env)
     up = found.ctl(f"lab up formation --nodes {len(NODES)} --name {name} --detach", timeout_s=60)
     try:

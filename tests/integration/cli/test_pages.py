@@ -6,20 +6,26 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from textwrap import indent
 from typing import NamedTuple
 
 import pytest
 from tests.integration.cli.conftest import Lab
+from tests.integration.cli.terminal import Terminal
 from tests.integration.recorder.mongod import Mongod
 
 ROOT = Path(__file__).parents[3]
 PAGES = ROOT / "share/doc"
+TUTORIALS = "tutorials/"
 BY_OTHERS = {"operations.md"}
 """Pages whose commands another test runs: tests/boot on a booted systemd."""
+COMMANDS = ("sh", "console")
+FILES = ("ini", "json", "python", "toml")
+"""Languages of files: below a line that ends with `path`: the file is written, elsewhere it is an excerpt."""
 BLOCK = re.compile(
-    r"(?:^<!-- not run: ([^\n]+) -->\n)?^```(sh|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL
+    rf"(?:^<!-- not run: ([^\n]+) -->\n|`([\w./-]+)`:\n\n)?^```({'|'.join(COMMANDS + FILES)})\n(.*?)^```$",
+    re.MULTILINE | re.DOTALL,
 )
-BLOCK_S = 90.0
 
 
 class Block(NamedTuple):
@@ -31,6 +37,8 @@ class Block(NamedTuple):
     text: str
     reason: str
     """Why no test can run it; empty: it is run."""
+    file: str
+    """Path of the file that a reader writes."""
 
     @property
     def place(self) -> str:
@@ -40,28 +48,14 @@ class Block(NamedTuple):
 def blocks(path: Path) -> Iterator[Block]:
     text = path.read_text("utf-8")
     for match in BLOCK.finditer(text):
-        line = text[: match.start(3)].count("\n") + 1
-        yield Block(str(path.relative_to(PAGES)), line, match[2], match[3], match[1] or "")
+        line = text[: match.start(4)].count("\n") + 1
+        yield Block(str(path.relative_to(PAGES)), line, match[3], match[4], match[1] or "", match[2] or "")
 
 
 FOUND = [block for path in sorted(PAGES.rglob("*.md")) for block in blocks(path)]
-RUN = sorted({block.page for block in FOUND if not block.reason} - BY_OTHERS)
-PARSED = [block for block in FOUND if block.reason or block.page in BY_OTHERS]
-
-
-def bash(text: str, folder: Path, env: dict[str, str], options: str = "-eo pipefail") -> tuple[int, str]:
-    done = subprocess.run(
-        ["bash", *options.split(), "-c", text],
-        cwd=folder,
-        env=env,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-        timeout=BLOCK_S,
-    )
-    return done.returncode, done.stdout
+TYPED = [block for block in FOUND if block.language in COMMANDS]
+RUN = sorted({block.page for block in TYPED if not block.reason} - BY_OTHERS)
+PARSED = [block for block in TYPED if block.reason or block.page in BY_OTHERS]
 
 
 def typed(block: Block) -> Iterator[tuple[str, str]]:
@@ -78,9 +72,18 @@ def as_printed(output: str, printed: str) -> bool:
 
 @pytest.fixture
 def environment(lab: Lab) -> dict[str, str]:
-    """That of a reader: the environment in which Swarmware is installed is active, and a lab runs."""
+    """That of a reader: the environment in which Swarmware is installed is active, and a lab runs.
+
+    What `pip` installs, without a network, the lab finds, and it is removed with the lab.
+    """
     here = Path(sys.executable).parent
-    return {**lab.env, "PATH": f"{here}{os.pathsep}{os.environ['PATH']}"}
+    pip = {"DISABLE_PIP_VERSION_CHECK": "1", "NO_BUILD_ISOLATION": "0", "NO_COMPILE": "0", "NO_DEPS": "1"}
+    pip |= {"NO_INDEX": "1", "ROOT_USER_ACTION": "ignore", "TARGET": lab.env["PYTHONPATH"]}
+    return {
+        **lab.env,
+        **{f"PIP_{name}": value for name, value in pip.items()},
+        "PATH": f"{here}{os.pathsep}{os.environ['PATH']}",
+    }
 
 
 @pytest.fixture
@@ -97,33 +100,61 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
         server.stop()
 
 
+@pytest.fixture
+def terminal(environment: dict[str, str], database: str, tmp_path: Path) -> Iterator[Terminal]:
+    found = Terminal(tmp_path, {**environment, "MONGODB": database})
+    try:
+        yield found
+    finally:
+        found.close()
+
+
 @pytest.mark.parametrize("page", RUN)
-def test_the_commands_of_a_page_do_what_it_says(
-    page: str, environment: dict[str, str], database: str, tmp_path: Path
-) -> None:
-    env = {**environment, "MONGODB": database}
+def test_the_commands_of_a_page_do_what_it_says(page: str, terminal: Terminal) -> None:
     for block in FOUND:
-        if block.page != page or block.reason:
-            continue
-        if block.language == "sh":
-            code, output = bash(block.text, tmp_path, env)
-            assert code == 0, f"{block.place}: exit code {code}\n{output}"
-            assert "Traceback" not in output, f"{block.place}\n{output}"
-            continue
+        if block.page == page and not block.reason:
+            follow(block, terminal)
+
+
+def follow(block: Block, terminal: Terminal) -> None:
+    """Do what a reader does with a block."""
+    if block.language == "sh":
+        code, output = terminal.run(block.text)
+        assert code == 0, f"{block.place}: exit code {code}\n{output}"
+        assert "Traceback" not in output, f"{block.place}\n{output}"
+    elif block.language == "console":
         for command, printed in typed(block):
-            _, output = bash(command, tmp_path, env, "")
+            _, output = terminal.run(command, strict=False)
             assert as_printed(output, printed), f"{block.place}: {command}\n{output}"
+    elif block.file:
+        (terminal.folder / block.file).write_text(block.text)
+    elif block.page.startswith(TUTORIALS):
+        assert excerpt(block.text, terminal.folder), f"{block.place}: in no file below {terminal.folder}"
+
+
+def excerpt(text: str, folder: Path) -> bool:
+    """Whether these lines, indented as they may be, are in a file of the folder."""
+    return any(
+        indent(text, " " * columns) in path.read_text(errors="replace")
+        for path in folder.rglob("*")
+        if path.is_file()
+        for columns in (0, 4, 8)
+    )
 
 
 @pytest.mark.parametrize("block", PARSED, ids=lambda block: block.place)
 def test_a_block_that_cannot_be_run_is_parsed(block: Block, tmp_path: Path) -> None:
-    code, output = bash(block.text, tmp_path, dict(os.environ), "-n")
-    assert (code, output) == (0, "")
+    done = subprocess.run(
+        ["bash", "-n"], input=block.text, capture_output=True, text=True, check=False, cwd=tmp_path
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_the_pages_of_all_tasks_are_run() -> None:
     tasks = {f"howto/{path.name}" for path in (PAGES / "howto").glob("*.md")} - {"howto/index.md"}
-    assert tasks | {"quickstart.md", "reference/paths.md"} <= {block.page for block in FOUND}
+    lessons = {f"{TUTORIALS}{path.name}" for path in (PAGES / TUTORIALS).glob("*.md")}
+    assert lessons - {f"{TUTORIALS}index.md"} <= set(RUN)
+    assert tasks | {"quickstart.md", "reference/paths.md"} <= {block.page for block in TYPED}
     assert {"howto/logs.md", "howto/faults.md", "quickstart.md", "reference/paths.md"} <= set(RUN)
 
 

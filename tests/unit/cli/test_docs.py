@@ -2,10 +2,13 @@
 
 import json
 import pydoc
+import re
 from pathlib import Path
 
 import pytest
 
+import swarmware
+from swarmctl.commands.new.scaffold import KINDS
 from swarmctl.main import main as swarmctl
 
 opened: list[str] = []
@@ -111,7 +114,28 @@ def test_without_a_browser_the_path_is_named(
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("swarmware", "swarmctl docs"), ("swarmware.Module", "joins the node"), ("swarmware.Service", "run")],
+    [
+        ("swarmware", "`swarmctl docs` opens the documentation"),
+        ("swarmware", "`swarmctl docs tutorials`"),
+        ("swarmware", "`swarmctl docs reference/library`"),
+        ("swarmware", "`swarmctl new module NAME`"),
+        ("swarmware", "share/swarm/examples"),
+        ("swarmware", "variable SWARM_CONFIG, else /etc/swarm"),
+        ("swarmware.Module", "joins the node"),
+        ("swarmware.Service", "run"),
+    ],
 )
 def test_the_help_of_python_says_where_to_look(name: str, words: str) -> None:
-    assert words in pydoc.plain(pydoc.render_doc(name))
+    shown = re.sub(r"\s+", " ", pydoc.plain(pydoc.render_doc(name)))
+    assert words in shown
+
+
+def test_what_the_help_of_python_names_exists() -> None:
+    text = swarmware.__doc__ or ""
+    root = Path(__file__).parents[3]
+    pages = re.findall(r"`swarmctl docs ([\w/]+)`", text)
+    assert len(pages) == 2
+    for page in pages:
+        assert any((root / "share/doc" / f"{page}{end}").is_file() for end in (".md", "/index.md")), page
+    assert re.findall(r"\bnew (\w+)", text) == list(KINDS)
+    assert all((root / place).is_dir() for place in re.findall(r"\bshare/\w+(?:/\w+)*", text))

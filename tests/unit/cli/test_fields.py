@@ -75,3 +75,8 @@ def test_nothing_is_wider_than_the_terminal_and_no_word_is_broken() -> None:
     assert set(" ".join(block(rows, 80)).split()) >= words
     assert len(flow(rows, None, "")) == 1, "a pipe gets one line per value"
     assert wrapped("a-b " * 30, 20, "", " ")[0].endswith("a-b")
+
+
+def test_a_single_value_is_not_indented_and_fields_are() -> None:
+    assert block(shown_fields(21.5, "degC"), None) == ["21.5 degC"]
+    assert block([("n", "1")], None) == ["  n  1"]

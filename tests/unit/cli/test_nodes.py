@@ -153,6 +153,7 @@ WITHOUT_NODES = {
     "docs": "opens a page",
     "kill": "one vehicle, named twice",
     "lab down": "of a lab",
+    "lab env": "one node, named once",
     "lab ls": "of labs",
     "lab report": "of a folder",
     "lab run": "of a new lab",

@@ -117,10 +117,11 @@ def rendered(scaffold: Path, name: str) -> dict[str, str]:
     sources = [path for path in sorted(scaffold.rglob("*")) if path.is_file() and _CACHE not in path.parts]
     if not sources:
         raise NotFound(f"scaffold {scaffold}: not found; expected it in this installation")
-    return {
+    files = {
         _renamed(str(path.relative_to(scaffold)), name): _renamed(path.read_text("utf-8"), name)
         for path in sources
     }
+    return dict(sorted(files.items()))
 
 
 def _renamed(text: str, name: str) -> str:
