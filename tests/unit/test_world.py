@@ -41,7 +41,7 @@ def test_the_formation_course_leads_past_obstacles_and_over_one() -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "missing required field `description`"),
+        ("", "key description: missing; expected a text"),
         ('description = "x"\n[bounds]\nx_m = [5.0, 1.0]\ny_m = [0.0, 1.0]', r"x_m: \[5.0, 1.0\], expected"),
         ('description = "x"\n[bounds]\nx_m = [0.0, 1.0]\ny_m = [0.0, 1.0]\nz = 1', "key bounds.z: unknown"),
         (
