@@ -1,6 +1,7 @@
 """Processes that the tests of this folder start: `python actors.py NAME CONFIG_DIR …`."""
 
 import asyncio
+import signal
 import sys
 from collections.abc import Awaitable, Callable
 
@@ -26,6 +27,15 @@ async def receive(config_dir: str) -> None:
             say("goal", goal.seq)
 
 
+async def relieve(config_dir: str) -> None:
+    """Receives from SIGUSR1 on: a restart without the time that an interpreter needs to start."""
+    called = asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, called.set)
+    say("waiting")
+    await called.wait()
+    await receive(config_dir)
+
+
 async def hoard(config_dir: str) -> None:
     """Never looks into its inbox."""
     async with Module("receiver", config_dir=config_dir) as m:
@@ -40,9 +50,11 @@ async def publish(config_dir: str) -> None:
         pose = m.writer("nav/pose", Pose, rate_hz=100)
         steps = m.stream_writer("plan/steps", Int)
         say("ready")
-        async for tick in m.every(0.01):
-            pose.write(Pose(float(tick), 0.0))
-            steps.write(Int(tick))
+        number = 0  # a busy machine skips ticks
+        async for _ in m.every(0.01):
+            number += 1
+            pose.write(Pose(float(number), 0.0))
+            steps.write(Int(number))
 
 
 async def serve(config_dir: str) -> None:
@@ -79,6 +91,7 @@ async def flood(config_dir: str, count: str) -> None:
 
 ACTORS: dict[str, Callable[..., Awaitable[None]]] = {
     "receive": receive,
+    "relieve": relieve,
     "hoard": hoard,
     "publish": publish,
     "serve": serve,
@@ -88,8 +101,6 @@ ACTORS: dict[str, Callable[..., Awaitable[None]]] = {
 
 async def act() -> None:
     """SIGTERM ends an actor as it ends a service: everything is left in order."""
-    import signal
-
     task = asyncio.current_task()
     assert task is not None
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)

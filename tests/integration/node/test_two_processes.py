@@ -1,6 +1,7 @@
 """Real processes of one node: boards, streams, messages and requests between them, killed and restarted."""
 
 import asyncio
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import AbstractAsyncContextManager
@@ -110,7 +111,8 @@ def test_the_sender_is_told_when_the_receiver_is_killed_in_the_middle(config_dir
 
 def test_a_receiver_restarted_within_the_time_gets_the_message(config_dir: Path) -> None:
     async def run() -> None:
-        async with Module("test", config_dir=config_dir) as m:
+        async with Module("test", config_dir=config_dir) as m, actor("relieve", config_dir) as relief:
+            assert await relief.line() == "waiting"  # an absent receiver is waited for one second
             async with actor("hoard", config_dir) as receiver:
                 await receiver.line()
                 for number in range(2):
@@ -118,10 +120,10 @@ def test_a_receiver_restarted_within_the_time_gets_the_message(config_dir: Path)
                 waiting = asyncio.create_task(m.send("cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=30))
                 await asyncio.sleep(0.05)
                 await receiver.kill()
-            async with actor("receive", config_dir) as receiver:
-                assert await receiver.line() == "ready"
-                assert (await waiting).delivered
-                assert await receiver.line() == "goal 3"
+                relief.signal(signal.SIGUSR1)
+            assert await relief.line() == "ready"
+            assert (await waiting).delivered
+            assert await relief.line() == "goal 3"
 
     asyncio.run(run())
 
