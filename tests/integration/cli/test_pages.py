@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ from tests.integration.recorder.mongod import Mongod
 ROOT = Path(__file__).parents[3]
 PAGES = ROOT / "share/doc"
 TUTORIALS = "tutorials/"
+MACHINES = ("base", "uav1")
+"""Network namespaces of the page of two machines."""
 BY_OTHERS = {"operations.md"}
 """Pages whose commands another test runs: tests/boot on a booted systemd."""
 COMMANDS = ("sh", "console")
@@ -101,7 +104,29 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
 
 
 @pytest.fixture
-def terminal(environment: dict[str, str], database: str, tmp_path: Path) -> Iterator[Terminal]:
+def machines(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The network namespaces of the page that makes them: permitted here, and removed at the end."""
+    if "two-machines" not in request.node.callspec.id:
+        yield
+        return
+    if os.geteuid() != 0 or shutil.which("ip") is None:
+        pytest.skip("network namespaces need root rights and `ip` of iproute2")
+    probe = ["ip", "netns", "add", MACHINES[0]]
+    if (done := subprocess.run(probe, capture_output=True, text=True, check=False)).returncode:
+        pytest.skip(f"network namespaces are not permitted here: {done.stderr.strip()}")
+    subprocess.run(["ip", "netns", "delete", MACHINES[0]], check=True)
+    try:
+        yield
+    finally:
+        for name in MACHINES:
+            # the last step of the page has removed it, if the page was followed to its end
+            subprocess.run(["ip", "netns", "delete", name], capture_output=True, check=False)
+
+
+@pytest.fixture
+def terminal(
+    environment: dict[str, str], database: str, machines: None, tmp_path: Path
+) -> Iterator[Terminal]:
     found = Terminal(tmp_path, {**environment, "MONGODB": database})
     try:
         yield found

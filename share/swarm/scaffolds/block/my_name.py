@@ -1,4 +1,4 @@
-"""The block MyName: the vehicle visits the corners of a square, and comes back."""
+"""The block MyName: the vehicle visits the corners of a square, and returns."""
 
 from typing import Annotated, ClassVar
 
@@ -36,7 +36,7 @@ class MyName:
 
     spec: ClassVar = BlockType(
         "MyName",
-        "Visits the corners of a square, and comes back.",
+        "Visits the corners of a square, and returns.",
         Parameters,
         timeout_s=60.0,
         kinds=VEHICLES,
