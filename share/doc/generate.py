@@ -232,7 +232,8 @@ def types_page() -> str:
         ]
         if own:
             docs = field_docs(module)
-            out.append(f"\n## Types of {found.name}\n\n{cell(inspect.getdoc(module) or '')}\n")
+            about = cell(inspect.getdoc(module) or "")
+            out.append(f"\n## Types of {found.name}\n\n{about} In Python: `{module.__name__}`.\n")
             out += [struct_section(cls, docs) for cls in own]
     out.append("\n## Descriptors\n\nThese types are parts of payloads and files, not payloads themselves.\n")
     for module, classes in (

@@ -16,6 +16,7 @@ from swarmware.model.config import NodeConfig
 from swarmware.service.config_keys import KeyDescription, described_keys, permitted, toml_type, without_none
 from swarmware.service.installed import find, installed
 from swarmware.types import registry
+from swarmware.types.units import UNITS
 
 HERE = Path(__file__).parent / "reference"
 TEMPLATES = HERE.parent.parent / "swarm" / "templates"
@@ -149,6 +150,11 @@ def exit_codes() -> str:
     return "".join(out)
 
 
+def units() -> str:
+    """The ends of names of fields, and their units."""
+    return "".join(["\n", head("end of the name", "unit"), *(row(f"`{end}`", unit) for end, unit in UNITS)])
+
+
 _GENERATED = re.compile(
     r"(<!-- from the code: [^>]*-->\n)(.*?)(<!-- end of what is from the code -->)", re.DOTALL
 )
@@ -165,5 +171,6 @@ REFERENCE = {
     HERE / "templates.md": templates,
     HERE / "documents.md": schemas,
     HERE / "exit-codes.md": exit_codes,
+    HERE / "library.md": units,
 }
 """What of each page is made from the code."""

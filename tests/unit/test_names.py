@@ -73,6 +73,11 @@ def test_a_bad_pattern_is_refused_by_name(pattern: str) -> None:
         names.Pattern(pattern)
 
 
+def test_alternatives_with_a_slash_are_refused_with_the_segment_and_the_rule() -> None:
+    with pytest.raises(InvalidInput, match=r"not closed in '\{nav'; expected '\}' in the same segment"):
+        names.Pattern("/uav1/{nav/pose,sensor/imu}")
+
+
 @given(LOCAL)
 def test_a_path_is_a_pattern_that_matches_itself_only(local: str) -> None:
     pattern = names.Pattern(local)

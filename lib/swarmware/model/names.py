@@ -223,5 +223,7 @@ def _alternatives(text: str, segment: str) -> list[str]:
         else:
             raise InvalidInput(f"pattern {text!r}: unexpected {char!r}; expected [a-z0-9_/], *, **, {{a,b}}")
     if len(done) > 1:
-        raise InvalidInput(f"pattern {text!r}: a '{{' is not closed; expected '}}'")
+        raise InvalidInput(
+            f"pattern {text!r}: a '{{' is not closed in {segment!r}; expected '}}' in the same segment"
+        )
     return open_[0]

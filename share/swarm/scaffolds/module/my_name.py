@@ -4,6 +4,7 @@ Run it on a node:  SWARM_CONFIG=/etc/swarm python my_name.py
 """
 
 import asyncio
+import logging
 
 from swarmware import Module
 from swarmware.module.meta import Meta
@@ -55,4 +56,5 @@ async def main() -> None:
 
 
 if __name__ == "__main__":
+    logging.basicConfig(level=logging.INFO)  # `module.log` prints to stderr
     asyncio.run(main())
