@@ -24,13 +24,13 @@ def options(description: str | None) -> argparse.ArgumentParser:
 
 
 @contextmanager
-def formation_lab(running: str, own: str) -> Iterator[LabState]:
+def formation_lab(running: str, own: str, nodes: int = NODES) -> Iterator[LabState]:
     """The running lab of this name; without a name a lab called `own`, which ends with the block."""
     if running:
         yield labs.find(running)
         return
     swarmctl = [sys.executable, "-m", "swarmctl", "--quiet", "lab"]
-    up = ["up", "formation", "--nodes", str(NODES), "--name", own, "--detach"]
+    up = ["up", "formation", "--nodes", str(nodes), "--name", own, "--detach"]
     subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
     try:
         yield labs.find(own)

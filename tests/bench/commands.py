@@ -1,0 +1,96 @@
+"""Time of each command that reads, in a process of its own, beside a bare Python; fails above the limit.
+
+    python tests/bench/commands.py [--runs N] [--lab NAME] [--json]
+
+The median of the runs from the start of the process to its end, answer of the swarm included. `--lab`: a
+running lab with the platform `uav1`. No other load should run.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Final
+
+from lab import formation_lab, options
+
+from swarmctl.terminal.table import Column, fitted_table
+
+OWN: Final = "bench-commands"
+NODES: Final = 3
+LIMIT_MS: Final = 150.0
+RUNS: Final = 9
+COMMANDS: Final = (
+    "--version",
+    "node ls",
+    "node info uav1",
+    "app ls -n uav1",
+    "tree ls /uav1",
+    "tree get /uav1/nav/pose",
+    "tree type Pose",
+    "call /uav1/sys/node/info",
+    "wait /uav1/nav/pose age()<60 --timeout 5",
+    "topo",
+    "link ls",
+    "traffic ls",
+    "mission ls",
+    "mission status",
+    "mission check formation",
+    "time ls",
+    "health ls",
+    "health faults",
+    "log query /uav1/nav/pose --limit 5",
+    "log stats",
+    "config get navigator/* -n uav1",
+    "lab ls",
+)
+"""Commands that a person waits for; those that watch, fly or open a page end on a signal or by themselves."""
+
+
+def median_ms(command: Sequence[str], runs: int, env: dict[str, str]) -> float:
+    """Time of one process; a command that fails ends the measurement."""
+    took = []
+    for _ in range(runs):
+        began = perf_counter()
+        done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+        took.append((perf_counter() - began) * 1000)
+        if done.returncode:
+            raise SystemExit(f"{' '.join(command)}: exit code {done.returncode}\n{done.stderr}")
+    return statistics.median(took)
+
+
+def main() -> int:
+    parser = options(__doc__)
+    parser.add_argument("--runs", type=int, default=RUNS)
+    args = parser.parse_args()
+    with formation_lab(args.lab, OWN, NODES) as lab:
+        env = {**os.environ, "SWARMCTL_LAB": lab.name, "NO_COLOR": "1"}
+        env.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package is compiled
+        bare_ms = median_ms([sys.executable, "-c", "pass"], args.runs, env)
+        found = {
+            line: median_ms([sys.executable, "-m", "swarmctl", *line.split()], args.runs, env)
+            for line in COMMANDS
+        }
+    if args.json:
+        print(json.dumps({"python_ms": bare_ms, "limit_ms": LIMIT_MS, "commands_ms": found}, indent=2))
+    else:
+        rows = [("python -c pass", f"{bare_ms:.0f}", "1.0", "")]
+        rows += [
+            (line, f"{ms:.0f}", f"{ms / bare_ms:.1f}", "MISSED" if ms > LIMIT_MS else "")
+            for line, ms in found.items()
+        ]
+        columns = (
+            Column("command"),
+            Column("ms", right=True),
+            Column("x bare Python", right=True),
+            Column(f"limit {LIMIT_MS:.0f} ms"),
+        )
+        print(fitted_table(columns, rows).text)
+    return 1 if any(ms > LIMIT_MS for ms in found.values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
