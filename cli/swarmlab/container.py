@@ -15,7 +15,7 @@ import tomli_w
 from swarmlab.provision.provisioning import LIDAR, STATION, TEMPLATES, VEHICLE
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
-from swarmware.transport.security import make_swarm
+from swarmware.transport.security.root import make_swarm
 
 CONFIG: Final = Path("/etc/swarm")
 KEYS: Final = Path("/var/lib/swarm-keys")

@@ -40,7 +40,8 @@ from swarmware.model.names import data_id, hardware_id
 from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import make_node
-from swarmware.transport.security import Keys, Opened, Opener, Sealer
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Opened, Opener, Sealer
 from swarmware.types.mission import MissionPhase, MissionState
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 from swarmware.types.registry import pack

@@ -26,7 +26,8 @@ from swarmd.broker.config import Config
 from swarmware.module.module import Module
 from swarmware.testing.process import Process, run_python, spawn
 from swarmware.testing.tmpnode import make_node
-from swarmware.transport.security import Keys, make_swarm
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import make_swarm
 from swarmware.types.scalar import Blob
 
 ROUNDS = 5

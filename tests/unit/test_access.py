@@ -10,7 +10,7 @@ from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.sender import arrival_ns, sender_of, with_sender
-from swarmware.transport.security import Roster, RosterMember
+from swarmware.transport.security.roster import Roster, RosterMember
 
 GCS = Sender("gcs", Role.OPERATOR)
 

@@ -25,7 +25,8 @@ from swarmware.model import config, document, template
 from swarmware.model.config import NodeConfig, share_dir
 from swarmware.model.stored_setting import SettingChange
 from swarmware.transport.appfile.entry import AppEntry, decode, encode
-from swarmware.transport.security import Keys, make_swarm
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import make_swarm
 
 DEEP = 5_000
 BOMBS = {
@@ -152,11 +153,13 @@ def roster(path: Path) -> None:
     Keys.load(keys / "uav1", "uav1")
 
 
-def group_key(path: Path) -> None:
+def former_group_keys(path: Path) -> None:
     keys = path.parent / "keys"
     if not keys.exists():
         make_swarm(keys, ["uav1"])
-    (keys / "uav1" / "group.key").write_bytes(path.read_bytes())
+    former = keys / "uav1" / "group.keys"
+    former.write_bytes(path.read_bytes())
+    former.chmod(0o600)
     Keys.load(keys / "uav1", "uav1")
 
 
@@ -172,7 +175,7 @@ READERS = [
     facts,
     journal,
     roster,
-    group_key,
+    former_group_keys,
 ]
 
 SHARE = share_dir()

@@ -20,7 +20,7 @@ from swarmlab.provision.plan import PlannedNode
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
 from swarmware.model import paths
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.transport.security import make_swarm
+from swarmware.transport.security.root import make_swarm
 
 SHM: Final = Path("/dev/shm")
 LOOPBACK: Final = "127.0.0.1"

@@ -20,7 +20,8 @@ from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
-from swarmware.transport.security import Keys, Opener, Refusal, Sealer
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Opener, Refusal, Sealer
 from swarmware.types.net import UNACCEPTED
 
 UNRETURNED_MAX: Final = 20
@@ -69,7 +70,7 @@ class BeaconTransport:
         self._feed = feed
         self._keep_period = keep_period
         self._hardware = core.identity.hw
-        self._epoch = keys.group.epoch
+        self._epoch = keys.group.mark
         self._session = core.session
         self._sealer = Sealer(keys.group, self._hardware, core.session)
         self._opener = Opener(keys.group)

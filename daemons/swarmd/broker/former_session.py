@@ -9,7 +9,7 @@ from swarmd.broker.core.beacon.declared_period import CEILINGS_NS
 from swarmd.broker.core.topology.neighbour import notice_ns
 from swarmware.errors import Denied
 from swarmware.runtime.filewriter import replace_file
-from swarmware.transport.security import next_session
+from swarmware.transport.security.session import next_session
 
 SESSION: Final = "broker.session"
 PERIOD: Final = "broker.period"

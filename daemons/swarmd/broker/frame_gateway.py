@@ -23,7 +23,7 @@ from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.messaging.endpoint import MessageEndpoint
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 from swarmware.types.net import Denial, LinkTransport
 
 log = logging.getLogger("swarm.broker")

@@ -16,7 +16,7 @@ from swarmd.broker.links.udp import loopback_only
 from swarmd.broker.shell import BrokerShell
 from swarmware.model.clock import utc_ns
 from swarmware.service.service import Service
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 
 log = logging.getLogger("swarm.broker")
 

@@ -31,7 +31,7 @@ from swarmd.broker.own_boards import OwnBoards
 from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 from swarmware.types.net import ChannelLimits, Denial, Neighbours, Routes, SetChannel, Traffic, TreePlan
 from swarmware.types.rpc import Empty
 

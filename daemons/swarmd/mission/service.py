@@ -43,7 +43,7 @@ from swarmware.module.module import Module
 from swarmware.module.requester import requester
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
-from swarmware.transport.security import read_roster
+from swarmware.transport.security.roster import read_roster
 from swarmware.types.mission import (
     INACTIVE,
     AbortAnswer,

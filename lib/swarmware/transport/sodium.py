@@ -16,6 +16,8 @@ KEY_BYTES: Final = 32
 NONCE_BYTES: Final = 12
 TAG_BYTES: Final = 16
 SIGNATURE_BYTES: Final = 64
+BOX_BYTES: Final = 48
+"""What `seal_box` adds: a public key made for this box, and a tag."""
 _SHA512_BYTES: Final = 64
 
 if lib.sodium_init() < 0:
@@ -118,6 +120,46 @@ def curve_shared(secret: bytes, public: bytes) -> bytes:
         raise InvalidInput("a public key of low order, which any secret key turns to zero")
     found: bytes = _buffer(shared)[:]
     return found
+
+
+def curve_of_signing(public: bytes) -> bytes:
+    """The X25519 form of an Ed25519 public key.
+
+    Raises: InvalidInput when it has another size, or is not a point of the curve's large subgroup.
+    """
+    curve = _new("unsigned char[]", KEY_BYTES)
+    if lib.crypto_sign_ed25519_pk_to_curve25519(curve, _sized(public, KEY_BYTES, "a public key")):
+        raise InvalidInput("a public key that is not one of Ed25519")
+    found: bytes = _buffer(curve)[:]
+    return found
+
+
+def seal_box(public: bytes, data: bytes) -> bytes:
+    """The data encrypted for the owner of an X25519 public key; nobody can tell who sealed it.
+
+    Raises: InvalidInput when the key has another size, or is a point of low order.
+    """
+    box = _new("unsigned char[]", len(data) + BOX_BYTES)
+    if lib.crypto_box_seal(box, data, len(data), _sized(public, KEY_BYTES, "a public key")):
+        raise InvalidInput("a public key of low order, which any secret key turns to zero")
+    sealed: bytes = _buffer(box)[:]
+    return sealed
+
+
+def open_box(public: bytes, secret: bytes, box: bytes) -> bytes | None:
+    """The data that `seal_box` encrypted for this key pair; None: for another one, or it was changed.
+
+    Raises: InvalidInput when a key has another size.
+    """
+    _sized(public, KEY_BYTES, "a public key")
+    _sized(secret, KEY_BYTES, "a secret key")
+    if len(box) < BOX_BYTES:
+        return None
+    data = _new("unsigned char[]", len(box) - BOX_BYTES)
+    if lib.crypto_box_seal_open(data, box, len(box), public, secret):
+        return None
+    opened: bytes = _buffer(data)[:]
+    return opened
 
 
 def sha512(data: bytes) -> bytes:

@@ -22,7 +22,7 @@ from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.tmpnode import make_node
-from swarmware.transport.security import make_swarm
+from swarmware.transport.security.root import make_swarm
 from swarmware.types.health import CheckReports
 from swarmware.types.net import BoardPublication, BoardSubscription, Neighbours, Routes, Traffic, TreePlan
 from swarmware.types.rpc import Empty

@@ -15,7 +15,8 @@ from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmware.model.names import hardware_id
 from swarmware.module.writer import BoardWriter
-from swarmware.transport.security import Keys, Sealer
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Sealer
 from swarmware.types.net import Traffic
 from swarmware.types.vehicle import Pose
 

@@ -18,7 +18,9 @@ from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
-from swarmware.transport.security import Keys, Roster, RosterMember, make_swarm, sign_roster
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import make_swarm
+from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
 from swarmware.transport.sodium import SigningKey
 from swarmware.types.scalar import Text
 

@@ -11,7 +11,7 @@ from swarmware.module.stream import StreamReader
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
-from swarmware.transport.security import make_swarm
+from swarmware.transport.security.root import make_swarm
 from swarmware.types.health import Fault, HealthState, Phase
 from swarmware.types.net import Routes
 

@@ -17,7 +17,7 @@ from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
-from swarmware.transport.security import make_swarm
+from swarmware.transport.security.root import make_swarm
 from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, TreeSet, TreeSetDone, TreeValue
 
 T = TypeVar("T", bound=msgspec.Struct)

@@ -15,7 +15,8 @@ from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
-from swarmware.transport.security import Keys, Sealer
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Sealer
 
 SECOND = 1_000_000_000
 

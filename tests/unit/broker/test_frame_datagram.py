@@ -20,7 +20,8 @@ from swarmd.broker.core.forwarding.frame_datagram import (
 from swarmd.broker.links.pair_seal import PairEnd, PairSeal
 from swarmware.errors import WireError
 from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode
-from swarmware.transport.security import Keys, Opened, Refusal
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Opened, Refusal
 from swarmware.transport.sodium import TAG_BYTES
 from swarmware.types import registry
 from swarmware.types.scalar import Text

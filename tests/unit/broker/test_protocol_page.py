@@ -75,7 +75,7 @@ from swarmware.model.access import Role
 from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
-from swarmware.transport.security import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
+from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text
 from swarmware.types.vehicle import Pose

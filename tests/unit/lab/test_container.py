@@ -11,7 +11,7 @@ from swarmlab import container
 from swarmware.errors import ConfigError
 from swarmware.model.config import NodeConfig, parse
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 
 
 def test_each_container_gets_a_name_of_its_own_and_the_same_again(tmp_path: Path) -> None:

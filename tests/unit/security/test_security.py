@@ -3,7 +3,6 @@
 import stat
 from pathlib import Path
 
-import msgspec
 import pytest
 import zmq
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
@@ -12,21 +11,11 @@ from hypothesis import strategies as st
 from zmq.utils import z85
 
 from swarmware.errors import ConfigError, Denied, InvalidInput
-from swarmware.transport.security import (
-    REPLAY_WINDOW,
-    GroupKey,
-    Keys,
-    Opened,
-    Opener,
-    Refusal,
-    Roster,
-    RosterMember,
-    Sealer,
-    make_swarm,
-    next_session,
-    read_roster,
-    sign_roster,
-)
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import make_swarm
+from swarmware.transport.security.roster import Roster, RosterMember, read_roster, sign_roster
+from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Refusal, Sealer
+from swarmware.transport.security.session import next_session
 from swarmware.transport.sodium import SigningKey
 
 GROUP = GroupKey(3, bytes(range(32)))
@@ -217,7 +206,7 @@ def test_a_member_signs_what_the_roster_can_check(tmp_path: Path) -> None:
 
 def test_secrets_are_for_their_owner_alone(tmp_path: Path) -> None:
     make_swarm(tmp_path, ["uav1"])
-    for name in ("root.key", "uav1/node.key", "uav1/group.key"):
+    for name in ("root.key", "group.key", "uav1/node.key"):
         assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o600
 
 
@@ -258,7 +247,7 @@ def test_a_revoked_member_is_a_stranger(tmp_path: Path) -> None:
     assert Keys("gcs", bytes(32), read, GROUP).by_curve(b"\1" * 32) is None
 
 
-@pytest.mark.parametrize("name", ["node.key", "group.key", "roster.json", "root.pub"])
+@pytest.mark.parametrize("name", ["node.key", "roster.json", "root.pub"])
 @pytest.mark.parametrize("damage", [b"", b"garbage", b"{}\n00\n", None])
 def test_a_missing_or_damaged_file_is_named(tmp_path: Path, name: str, damage: bytes | None) -> None:
     make_swarm(tmp_path, ["uav1"])
@@ -268,13 +257,6 @@ def test_a_missing_or_damaged_file_is_named(tmp_path: Path, name: str, damage: b
     else:
         file.write_bytes(damage)
     with pytest.raises((ConfigError, Denied), match=r"roster|key|root\.pub"):
-        Keys.load(tmp_path / "uav1", "uav1")
-
-
-def test_a_group_key_of_the_wrong_size_is_refused(tmp_path: Path) -> None:
-    make_swarm(tmp_path, ["uav1"])
-    (tmp_path / "uav1" / "group.key").write_bytes(msgspec.json.encode(GroupKey(0, b"short")))
-    with pytest.raises(ConfigError, match="expected 32 bytes"):
         Keys.load(tmp_path / "uav1", "uav1")
 
 

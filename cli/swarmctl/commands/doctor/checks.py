@@ -20,7 +20,7 @@ from swarmware.model.frame import decode
 from swarmware.recorder.address import password_in, without_password
 from swarmware.service.installed import find
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.reap import reap
 from swarmware.transport.shm.ring import RingReader

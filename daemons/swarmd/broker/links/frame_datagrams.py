@@ -19,7 +19,8 @@ from swarmware.errors import ConfigError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame
 from swarmware.model.names import hardware_id
-from swarmware.transport.security import Keys, Refusal
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Refusal
 from swarmware.types.net import UNACCEPTED
 
 TURN: Final = 64

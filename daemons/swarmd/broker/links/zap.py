@@ -8,7 +8,7 @@ from typing import Final
 import zmq
 
 from swarmd.broker.links.zmq_socket import Socket, ZmqSocket
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 
 DOMAIN: Final = "swarm"
 COMPLAINTS: Final = 100

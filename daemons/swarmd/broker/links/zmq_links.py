@@ -16,7 +16,7 @@ from swarmd.broker.links.zap import DOMAIN, Zap
 from swarmd.broker.links.zmq_socket import POLLOUT, ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
 from swarmware.model.frame import FRAME_LIMIT, Frame
-from swarmware.transport.security import Keys
+from swarmware.transport.security.keys import Keys
 from swarmware.types.net import ConnectionStatus
 
 SEND_HIGH_WATER: Final = 4

@@ -1,0 +1,165 @@
+"""The roster: the members of the swarm with keys and roles, signed by the swarm's root."""
+
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import ConfigError, Denied, SwarmError
+from swarmware.model import document
+from swarmware.model.access import Role
+from swarmware.model.names import check_platform
+from swarmware.transport.sodium import BOX_BYTES, KEY_BYTES, SigningKey, verify
+
+GROUP_BOX_BYTES: Final = KEY_BYTES + BOX_BYTES
+
+
+class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One member of the swarm, admitted by the swarm's root."""
+
+    platform: str
+    sign_public: bytes
+    """Ed25519 public key."""
+    curve_public: bytes
+    """X25519 public key, raw 32 bytes."""
+    role: str = "node"
+    """Name of the member's `access.Role`."""
+    serial: int = 0
+    """Number of this admission, which no other one has."""
+    group_box: bytes = b""
+    """The group key, sealed to `curve_public`; empty for a revoked member, and where no root of this version
+    made the roster."""
+
+    @property
+    def user(self) -> str:
+        """Platform and admission in one word: it names the other end of a connection."""
+        return f"{self.platform}#{self.serial}"
+
+
+class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The members, signed by the swarm's root."""
+
+    version: int
+    """Rises with each change."""
+    members: tuple[RosterMember, ...]
+    revoked: tuple[int, ...] = ()
+    """Serials of revoked members."""
+    key_epoch: int = 0
+    """Number of the group key, which rises with each rotation."""
+    swarm: str = ""
+    """Name of the swarm."""
+
+    def valid(self) -> tuple[RosterMember, ...]:
+        """The members that are not revoked."""
+        return tuple(member for member in self.members if member.serial not in self.revoked)
+
+    def roles(self) -> dict[str, Role]:
+        """Role of each valid member."""
+        return {member.platform: Role.named(member.role) for member in self.valid()}
+
+    def find(self, platform: str) -> RosterMember | None:
+        """The platform's valid entry."""
+        return next((member for member in self.valid() if member.platform == platform), None)
+
+
+class RosterChange(msgspec.Struct, frozen=True):
+    """What a new roster changes for the node that takes it."""
+
+    roster: Roster
+    came: tuple[RosterMember, ...] = ()
+    """Members that were admitted, also those admitted again with another key."""
+    gone: tuple[RosterMember, ...] = ()
+    """Former entries of members that were revoked or replaced."""
+    changed: tuple[RosterMember, ...] = ()
+    """Members with another role."""
+    rotated: bool = False
+    """There is a new group key."""
+    revoked_self: bool = False
+    """This node is no member with its present key."""
+
+
+def difference(before: Roster, after: Roster) -> RosterChange:
+    """Who came and went between two rosters; the caller determines `revoked_self`."""
+    former = {member.serial: member for member in before.valid()}
+    present = {member.serial: member for member in after.valid()}
+    same = [(former[serial], member) for serial, member in present.items() if serial in former]
+    replaced = [(old, new) for old, new in same if old.curve_public != new.curve_public]
+    return RosterChange(
+        after,
+        came=tuple(new for serial, new in present.items() if serial not in former)
+        + tuple(new for _, new in replaced),
+        gone=tuple(old for serial, old in former.items() if serial not in present)
+        + tuple(old for old, _ in replaced),
+        changed=tuple(new for old, new in same if old.role != new.role),
+        rotated=after.key_epoch != before.key_epoch,
+    )
+
+
+def sign_roster(roster: Roster, root: SigningKey) -> bytes:
+    """Encode the roster: one line of JSON, one line with the root's signature of the first."""
+    body = msgspec.json.encode(roster)
+    return join_signed(body, root.sign(body))
+
+
+def join_signed(body: bytes, signature: bytes) -> bytes:
+    """The text of a roster: its line of JSON, and the line with the signature."""
+    return body + b"\n" + signature.hex().encode() + b"\n"
+
+
+def split_signed(text: bytes, source: str) -> tuple[bytes, bytes]:
+    """The line of JSON and the signature of a roster's text. Raises: ConfigError for any other text."""
+    body, _, rest = text.partition(b"\n")
+    try:
+        return body, bytes.fromhex(rest.decode("ascii").strip())
+    except ValueError as error:
+        raise ConfigError(f"{source}: expected a line of JSON and a line with its signature") from error
+
+
+def read_roster(path: Path, root_public: bytes) -> Roster:
+    """Read and verify the roster in a file.
+
+    Raises: ConfigError when it is damaged, Denied when the root did not sign it.
+    """
+    try:
+        return parse_roster(path.read_bytes(), root_public, str(path))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
+    """Decode and verify the text of a roster.
+
+    Raises: ConfigError when it is damaged, Denied when the root did not sign it.
+    """
+    body, signature = split_signed(text, source)
+    try:
+        genuine = verify(root_public, signature, body)
+    except ValueError as error:
+        raise ConfigError(f"{source}: the root's public key: {error}") from error
+    if not genuine:
+        raise Denied(f"{source}: not signed by this swarm's root")
+    roster = document.json(document.text(body, source), Roster, source)
+    serials = set[int]()
+    for member in roster.members:
+        try:
+            _check(member)
+        except SwarmError as error:
+            raise ConfigError(f"{source}: {member.platform}: {error}") from None
+        if member.serial in serials:
+            raise ConfigError(f"{source}: {member.platform}: serial {member.serial} is used twice")
+        serials.add(member.serial)
+    valid = [member.platform for member in roster.valid()]
+    if len(set(valid)) != len(valid):
+        twice = next(name for name in valid if valid.count(name) > 1)
+        raise ConfigError(f"{source}: {twice}: two valid entries, expected one")
+    return roster
+
+
+def _check(member: RosterMember) -> None:
+    check_platform(member.platform)
+    Role.named(member.role)
+    for key in (member.sign_public, member.curve_public):
+        if len(key) != KEY_BYTES:
+            raise ConfigError(f"a key of {len(key)} bytes, expected {KEY_BYTES}")
+    if len(member.group_box) not in (0, GROUP_BOX_BYTES):
+        raise ConfigError(f"a group_box of {len(member.group_box)} bytes, expected {GROUP_BOX_BYTES}")
