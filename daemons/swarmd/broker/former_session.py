@@ -9,7 +9,6 @@ from swarmd.broker.core.beacon.declared_period import CEILINGS_NS
 from swarmd.broker.core.topology.neighbour import notice_ns
 from swarmware.errors import Denied
 from swarmware.runtime.filewriter import replace_file
-from swarmware.transport.security.session import next_session
 
 SESSION: Final = "broker.session"
 PERIOD: Final = "broker.period"
@@ -54,14 +53,20 @@ class FormerSession:
         return CEILINGS_NS[-1]
 
     def next_session(self, wanted: int) -> int:
-        """The session number of this start, greater than all earlier ones.
+        """The session number of this start, greater than all earlier ones, also when the wall clock was set
+        back: neighbours refuse old sessions, and a repeated one would repeat nonces. `wanted`: a wall-clock
+        stamp.
 
         Raises: Denied when it cannot be stored.
         """
         try:
-            return next_session(self._session, wanted)
+            before = int.from_bytes(self._session.read_bytes()[:8], "little") if self._session.exists() else 0
+            session = max(wanted, before + 1)
+            self._session.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(self._session, session.to_bytes(8, "little"), mode=0o600)
         except OSError as error:
             raise Denied(f"{self._session}: cannot be written: {error.strerror}") from error
+        return session
 
     def keep(self, declared_period_ns: int) -> None:
         """Stores the longest period that this session declared, for the next start."""

@@ -135,7 +135,7 @@ def curve_of_signing(public: bytes) -> bytes:
 
 
 def seal_box(public: bytes, data: bytes) -> bytes:
-    """The data encrypted for the owner of an X25519 public key; nobody can tell who sealed it.
+    """The data encrypted for the owner of an X25519 public key, without a name of the sender.
 
     Raises: InvalidInput when the key has another size, or is a point of low order.
     """

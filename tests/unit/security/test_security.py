@@ -15,7 +15,6 @@ from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import make_swarm
 from swarmware.transport.security.roster import Roster, RosterMember, read_roster, sign_roster
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Refusal, Sealer
-from swarmware.transport.security.session import next_session
 from swarmware.transport.sodium import SigningKey
 
 GROUP = GroupKey(3, bytes(range(32)))
@@ -162,14 +161,6 @@ def test_a_sequence_number_is_sealed_once() -> None:
     for sequence in (5, 4):
         with pytest.raises(InvalidInput, match="expected more than 5"):
             sealer.seal(sequence, CLEAR, b"")
-
-
-def test_sessions_rise_when_the_wall_clock_goes_back(tmp_path: Path) -> None:
-    file = tmp_path / "data" / "broker.session"
-    assert next_session(file, 1000) == 1000
-    assert next_session(file, 2000) == 2000
-    assert next_session(file, 500) == 2001
-    assert next_session(file, 500) == 2002
 
 
 def test_made_keys_are_loaded_and_belong_together(tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ class Root:
     def revoke(self, *platforms: str) -> bytes:
         """Revoke members and rotate the group key; returns the signed roster.
 
-        Raises: NotFound for a platform that is no valid member.
+        Raises: NotFound for a platform that is not a valid member.
         """
         revoked = list(self.roster.revoked)
         for platform in platforms:

@@ -75,7 +75,7 @@ class RosterChange(msgspec.Struct, frozen=True):
     rotated: bool = False
     """There is a new group key."""
     revoked_self: bool = False
-    """This node is no member with its present key."""
+    """This node is not a member with its present key."""
 
 
 def difference(before: Roster, after: Roster) -> RosterChange:

@@ -17,7 +17,7 @@ SESSIONS_MAX: Final = 4
 SENDER_LIMIT: Final = 4096
 """Maximum senders in an opener; only those with a valid seal are added."""
 EPOCHS: Final = 16
-"""Key epochs that a datagram can tell apart: four bits."""
+"""Key epochs that a datagram distinguishes: four bits."""
 
 _WINDOW_MASK: Final = (1 << REPLAY_WINDOW) - 1
 _SESSION = struct.Struct("<IQ")
