@@ -1,7 +1,6 @@
 """A command group that imports a command only when it is called; that keeps `swarmctl --help` fast."""
 
 import os
-import shutil
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
@@ -136,7 +135,9 @@ class LazyGroup(Group):
 
 def external(name: str) -> click.Command | None:
     """A program `swarmctl-NAME` on PATH as a command that hands over to it."""
-    program = shutil.which(EXTERNAL + name) if "/" not in name else None
+    from shutil import which  # it imports the modules of all archives
+
+    program = which(EXTERNAL + name) if "/" not in name else None
     if program is None:
         return None
 

@@ -17,7 +17,7 @@ from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
 from swarmware.module.module import Module
-from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.appfile.table import populated
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeList, TreeListing
@@ -229,9 +229,7 @@ async def connect(settings: CliSettings, out: Output | None = None) -> AsyncIter
     """
     folder = config_dir(settings)
     node = load_node(folder)
-    table = AppTable(node.run_path)
-    table.refresh(probe=True)
-    if not len(table):
+    if not populated(node.run_path):
         raise NoAnswer(f"node {node.platform} ({folder}): its services do not run; expected them to")
     async with Module(NAME, config_dir=folder) as module:
         yield Session(module, settings, out or Output(settings))

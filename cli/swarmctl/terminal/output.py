@@ -1,7 +1,6 @@
 """Output of a command: results on stdout as table or JSON, messages on stderr."""
 
 import os
-import shutil
 import sys
 from collections.abc import Sequence
 from typing import Any, Final, TextIO
@@ -44,7 +43,7 @@ class Output:
     @property
     def width(self) -> int | None:
         """Columns of the terminal; None: stdout is none, lines are as long as they are."""
-        return shutil.get_terminal_size().columns if self._out.isatty() else None
+        return _columns() if self._out.isatty() else None
 
     @property
     def lively(self) -> bool:
@@ -87,7 +86,7 @@ class Output:
 
     def redraw(self, text: str) -> None:
         """Print lines in the place of those of the last call, each cut at the width of the terminal."""
-        width = shutil.get_terminal_size().columns
+        width = _columns()
         lines = [line[:width] for line in text.splitlines()]
         back = f"\x1b[{self._redrawn}F\x1b[J" if self._redrawn else ""
         self._redrawn = len(lines)
@@ -145,6 +144,13 @@ class Output:
 
         yaml.safe_dump(form, self._out, sort_keys=False, allow_unicode=True, explicit_start=True)
         self._out.flush()
+
+
+def _columns() -> int:
+    """Columns of the terminal."""
+    from shutil import get_terminal_size  # it imports the modules of all archives
+
+    return get_terminal_size().columns
 
 
 def json_line(form: dict[str, Any]) -> str:

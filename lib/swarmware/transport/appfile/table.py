@@ -120,6 +120,21 @@ class AppTable:
         return next((entry for entry in self if entry.name == name), None)
 
 
+def populated(run_dir: Path) -> bool:
+    """Whether an application runs on the node of this run directory; the contents of the files are not read."""
+    for path in paths.applications(run_dir).glob(paths.APPLICATION_PATTERN):
+        try:
+            fd = os.open(path, _FLAGS)
+        except OSError:
+            continue  # it has just left, or is not a file
+        try:
+            if held_by_other(fd):
+                return True
+        finally:
+            os.close(fd)
+    return False
+
+
 def scan(run_dir: Path) -> list[AppEntry]:
     """The applications that run on the node of this run directory."""
     table = AppTable(run_dir)
