@@ -1,11 +1,17 @@
-"""`swarmctl --help` stays fast because it imports next to nothing: counted, not timed."""
+"""`swarmctl` stays fast because it imports little and collects no garbage meanwhile: counted, not timed."""
 
+import ast
 import json
 import subprocess
 import sys
-from typing import Final
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
 
+import click
 import pytest
+
+from swarmctl.main import cli
 
 HEAVY: Final = {
     *(
@@ -26,6 +32,33 @@ HEAVY: Final = {
 
 BUDGET: Final = 60
 """Modules besides those of a bare interpreter that imports click; 13 when this was written."""
+
+READER_HEAVY: Final = {
+    *("importlib.metadata", "multiprocessing", "shutil", "tempfile", "http", "email", "xml", "unittest"),
+    *("jsonschema", "matplotlib", "mcap", "msgpack", "nacl", "numpy", "psutil", "pymongo", "rich", "sphinx"),
+    *("sortedcontainers", "uvloop", "yaml", "zmq", "zstandard", "swarmd"),
+}
+"""A command that reads a running node uses none of these: each takes milliseconds."""
+
+READER_BUDGET: Final = 260
+"""Modules that one of them imports besides those of `click`; 220 to 240 when this was written."""
+
+TOP_LEVEL: Final = {"--version", "--help", "completion"}
+
+BENCH: Final = Path(__file__).parents[1] / "bench/commands.py"
+
+_READERS_PROBE: Final = """
+import contextlib, io, json, sys
+import click
+before = set(sys.modules)
+from swarmctl.main import main
+found = {{}}
+for line in {lines}:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        code = main([*line.split(), "--config", {folder!r}])
+    found[line] = sorted(set(sys.modules) - before), code
+print(json.dumps(found))
+"""
 
 _PROBE: Final = """
 import json, sys
@@ -65,3 +98,57 @@ def test_only_the_broker_loads_libzmq() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True"]
+
+
+def bench_table(name: str) -> Any:
+    """A table of the bench, which is no importable module."""
+    for statement in ast.parse(BENCH.read_text()).body:
+        if isinstance(statement, ast.AnnAssign) and ast.unparse(statement.target) == name:
+            assert statement.value is not None
+            return ast.literal_eval(statement.value)
+    raise AssertionError(name)
+
+
+def all_commands(command: click.Command, words: tuple[str, ...] = ()) -> Iterator[str]:
+    if isinstance(command, click.Group):
+        ctx = click.Context(command)
+        for name in command.list_commands(ctx):
+            found = command.get_command(ctx, name)
+            assert found is not None
+            yield from all_commands(found, (*words, name))
+    else:
+        yield " ".join(words)
+
+
+def test_commands_that_read_import_nothing_heavy(tmp_path: Path) -> None:
+    lines = [line for line in bench_table("COMMANDS") if line.partition(" ")[0] not in TOP_LEVEL]
+    code = _READERS_PROBE.format(lines=lines, folder=str(tmp_path / "none"))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded: set[str] = set()
+    for line, (modules_now, exit_code) in json.loads(done.stdout).items():
+        assert exit_code in {0, 7}, line  # there is no node in that folder: as far as all imports
+        new, loaded = set(modules_now) - loaded, set(modules_now)
+        assert not new & READER_HEAVY, line
+        assert len(new) <= READER_BUDGET, (line, sorted(new))
+
+
+def test_each_command_is_measured_or_has_a_reason_why_not() -> None:
+    measured = {
+        line
+        for line in all_commands(cli)
+        if any(f"{m} ".startswith(f"{line} ") for m in bench_table("COMMANDS"))
+    }
+    left = [line for lines in bench_table("NOT_MEASURED").values() for line in lines.split(", ")]
+    assert sorted([*measured, *left]) == sorted(all_commands(cli))
+
+
+def test_a_command_collects_no_garbage_while_it_starts() -> None:
+    code = (
+        "import gc, sys; sys.argv = ['swarmctl', '--version']; from swarmctl.__main__ import program\n"
+        "before = sum(one['collections'] for one in gc.get_stats())\n"
+        "try: program()\n"
+        "except SystemExit as done:\n"
+        "    print(done.code, sum(one['collections'] for one in gc.get_stats()) - before)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "0 0"

@@ -17,6 +17,7 @@ from typing import Final
 
 from lab import formation_lab, options
 
+from swarmctl.main import COMMANDS as TOP_COMMANDS
 from swarmctl.terminal.table import Column, fitted_table
 
 OWN: Final = "bench-commands"
@@ -25,10 +26,13 @@ LIMIT_MS: Final = 150.0
 RUNS: Final = 9
 COMMANDS: Final = (
     "--version",
+    "--help",
+    "completion bash",
     "node ls",
     "node info uav1",
     "app ls -n uav1",
     "tree ls /uav1",
+    "tree show /uav1",
     "tree get /uav1/nav/pose",
     "tree type Pose",
     "call /uav1/sys/node/info",
@@ -42,12 +46,31 @@ COMMANDS: Final = (
     "time ls",
     "health ls",
     "health faults",
+    "health info uav1",
     "log query /uav1/nav/pose --limit 5",
     "log stats",
     "config get navigator/* -n uav1",
+    "config describe navigator/altitude_kp -n uav1",
+    "config diff -n uav1",
+    "config dump -n uav1",
+    "config history -n uav1",
     "lab ls",
+    "lab env uav1",
+    "lab logs gcs",
 )
-"""Commands that a person waits for; those that watch, fly or open a page end on a signal or by themselves."""
+"""Commands that a person waits for, and the help of each top command."""
+NOT_MEASURED: Final = {
+    "acts": "node restart, node drain, node undrain, app restart, app start, app stop, tree set, pub,"
+    " traffic set, mission start, mission abort, hold, land, return, arm, disarm, kill, health clear,"
+    " config set, config undo, config load, lab up, lab down, lab run,"
+    " new block, new driver, new mission, new module, new service",
+    "runs until a signal or for a time": "tree bw, tree delay, tree hz, tree watch, traffic top,"
+    " mission watch, log tail",
+    "imports every service, whose settings it checks": "doctor, config show",
+    "takes as long as the log is large": "log export, lab report",
+    "opens a browser": "docs",
+}
+"""All other commands, by the reason."""
 
 
 def median_ms(command: Sequence[str], runs: int, env: dict[str, str]) -> float:
@@ -72,7 +95,7 @@ def main() -> int:
         bare_ms = median_ms([sys.executable, "-c", "pass"], args.runs, env)
         found = {
             line: median_ms([sys.executable, "-m", "swarmctl", *line.split()], args.runs, env)
-            for line in COMMANDS
+            for line in (*COMMANDS, *(f"{name} --help" for name in TOP_COMMANDS))
         }
     if args.json:
         print(json.dumps({"python_ms": bare_ms, "limit_ms": LIMIT_MS, "commands_ms": found}, indent=2))

@@ -85,6 +85,9 @@ class Scan:
         self._size = size
         self._base = 0
         self._data = b""
+        self._header_at = -1
+        """Offset of the last valid header: that behind a record is the first of the next one."""
+        self._last_header = (0, 0)
 
     def __iter__(self) -> Iterator[Record]:
         while (record := self._next()) is not None:
@@ -135,12 +138,17 @@ class Scan:
 
     def _header(self, at: int) -> tuple[int, int] | None:
         """Opcode and end of the record at this offset; None when no record can begin there."""
+        if at == self._header_at:
+            return self._last_header
         head = self._peek(at, RECORD.size)
         if len(head) < RECORD.size:
             return None
         opcode, length = RECORD.unpack(head)
         shortest, longest = LENGTHS.get(opcode, (1, 0))
-        return (opcode, at + RECORD.size + length) if shortest <= length <= longest else None
+        if not shortest <= length <= longest:
+            return None
+        self._header_at, self._last_header = at, (opcode, at + RECORD.size + length)
+        return self._last_header
 
     def _resume(self, at: int) -> int | None:
         """The next offset at which consecutive plausible records begin, or one that ends the file."""

@@ -13,7 +13,7 @@ from swarmware.model.resource import Resource
 from swarmware.transport.appfile import entry
 from swarmware.transport.appfile.entry import AppEntry, Served
 from swarmware.transport.appfile.file import AppFile
-from swarmware.transport.appfile.table import AppTable, scan
+from swarmware.transport.appfile.table import AppTable, populated, scan
 
 
 def join(run_dir: Path, name: str, instance: int | None = None) -> AppFile:
@@ -60,6 +60,16 @@ def test_the_table_shows_the_living_only(tmp_path: Path) -> None:
     table.refresh()
     assert scan(tmp_path) == []
     assert changes == [1, 2, 3]
+
+
+def test_a_node_is_populated_while_an_application_holds_its_file(tmp_path: Path) -> None:
+    assert not populated(tmp_path)
+    app = join(tmp_path, "a")
+    (tmp_path / "apps/folder.toml").mkdir()
+    assert populated(tmp_path)
+    os.close(app._fd)  # as the kernel does at the end of a process: its file remains
+    assert scan(tmp_path) == []
+    assert not populated(tmp_path)
 
 
 def test_a_file_rewritten_in_place_is_seen(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ class AppTable:
 
 
 def populated(run_dir: Path) -> bool:
-    """Whether an application runs on the node of this run directory; the contents of the files are not read."""
+    """Whether an application runs on the node of this run directory; it reads only locks, no content."""
     for path in paths.applications(run_dir).glob(paths.APPLICATION_PATTERN):
         try:
             fd = os.open(path, _FLAGS)
