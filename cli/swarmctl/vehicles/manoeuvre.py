@@ -55,7 +55,7 @@ async def manoeuvre(
             )
             if verdict is not None:
                 why = snapshot.mission.text if snapshot.mission else ""
-                text = "" if verdict else f"{order.then} ended: {why}"
+                text = "" if verdict else f"{order.then} ended, but its state does not confirm it: {why}"
                 settle(observer.result(name, verdict, True, after_s(), text, ended=not verdict))
         if len(found) < len(chosen):
             await observer.changed()

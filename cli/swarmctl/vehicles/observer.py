@@ -38,6 +38,10 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
     nav: NavStatus | None
     pose: Pose | None
     home: Pose | None
+    mission_ns: int = 0
+    """Stamp of the state of its mission, on its hardware clock."""
+    states_ns: int = 0
+    """Oldest stamp among its state, its navigator's and its pose, on the same clock."""
 
     @property
     def speed_m_s(self) -> float:
@@ -133,6 +137,11 @@ class _Boards(Generic[T]):
         reader = self.of(platform)
         return 0 if reader is None else reader.sequence
 
+    def stamp_ns(self, platform: str) -> int | None:
+        """On the hardware clock of the platform; None: no value yet."""
+        reader = self.of(platform)
+        return None if reader is None else reader.stamp_ns
+
     def changed(self) -> tuple[Coroutine[Any, Any, object], ...]:
         return self._own.changed(), self._others.changed()
 
@@ -156,6 +165,7 @@ class VehicleObserver:
     def snapshot(self, platform: str, vehicle: VehicleState | None = None) -> VehicleSnapshot:
         """Newest states of a vehicle; `vehicle`: newer than its board, from its own answer."""
         mission = self._missions.value(platform)
+        stamps = [board.stamp_ns(platform) for board in (self._vehicles, self._navs, self._poses)]
         return VehicleSnapshot(
             self._kinds.get(platform) or (mission.kind if mission else NO_KIND),
             mission,
@@ -163,6 +173,8 @@ class VehicleObserver:
             self._navs.value(platform),
             self._poses.value(platform),
             self._homes.value(platform),
+            self._missions.stamp_ns(platform) or 0,
+            min((stamp_ns for stamp_ns in stamps if stamp_ns is not None), default=0),
         )
 
     def mission_sequence(self, platform: str) -> int:
@@ -228,6 +240,7 @@ class ManoeuvreProgress:
         self._sequence = sequence
         self._done = done
         self._ended_ns: int | None = None
+        self._end_stamp_ns = 0
 
     def verdict(self, snapshot: VehicleSnapshot, sequence: int, now_ns: int) -> bool | None:
         """Whether the command succeeded; None while it is not decided."""
@@ -239,8 +252,10 @@ class ManoeuvreProgress:
             return True
         if mission.state is not MissionPhase.FAILED and self._done(snapshot):
             return True
-        self._ended_ns = now_ns if self._ended_ns is None else self._ended_ns
-        over = now_ns - self._ended_ns > GRACE_S * 1e9
+        if self._ended_ns is None:
+            self._ended_ns, self._end_stamp_ns = now_ns, snapshot.mission_ns
+        # boards that a rate limit delays still have the states from before the end
+        over = now_ns - self._ended_ns > GRACE_S * 1e9 and snapshot.states_ns >= self._end_stamp_ns
         # an earlier failed mission is reported until the command was received
         return self._done(snapshot) if over else None
 

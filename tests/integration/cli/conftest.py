@@ -8,11 +8,11 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import jsonschema
 import pytest
@@ -77,6 +77,24 @@ class Lab(NamedTuple):
     def words(self, command: str) -> list[str]:
         return [sys.executable, "-m", "swarmctl", *shlex.split(command)]
 
+    def up(self) -> None:
+        """Start it, under its name, with nothing of an earlier one."""
+        shutil.rmtree(self.packages, ignore_errors=True)
+        self.packages.mkdir()  # before an interpreter notes that there is none
+        done = self.ctl(f"lab up formation --nodes {len(NODES)} --name {self.name} --detach", timeout_s=60)
+        assert done.code == 0, done.err
+
+    def down(self) -> None:
+        """End it; nothing of it is left."""
+        done = self.ctl(f"lab down {self.name}", timeout_s=60)
+        assert done.code == 0, done.err
+        assert list(Path("/dev/shm").glob(f"*-{self.name}-*")) == []
+
+    @property
+    def packages(self) -> Path:
+        """Of drivers and services that a test installs."""
+        return self.folder / "packages"
+
     def node(self, platform: str) -> dict[str, Any]:
         """What lab.json says of a node."""
         record = json.loads((self.folder / self.name / "lab.json").read_text())
@@ -106,31 +124,50 @@ class Lab(NamedTuple):
             parent.send(signal.SIGCONT)
 
 
+FAILED: Final = pytest.StashKey[bool]()
+"""Of a test: it failed, at whatever step."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Notes a failure, for the fixtures that clean up after it."""
+    report = yield
+    item.stash[FAILED] = item.stash.get(FAILED, False) or report.failed
+    return report
+
+
 @pytest.fixture(scope="session")
-def lab() -> Iterator[Lab]:
+def shared_lab() -> Iterator[Lab]:
     """Four nodes, in a folder of labs of their own; nothing of them is left."""
     folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
     kept = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
-    name = f"cli{os.getpid()}"
     env = {
         **kept,
         "SWARMCTL_LABS": str(folder),
         "XDG_CACHE_HOME": str(folder / "cache"),
         "NO_COLOR": "1",
-        "PYTHONPATH": str(folder / "packages"),  # of drivers and services that a test installs
     }
-    (folder / "packages").mkdir()  # before an interpreter notes that there is none
-    found = Lab(name, folder, env)
-    up = found.ctl(f"lab up formation --nodes {len(NODES)} --name {name} --detach", timeout_s=60)
+    found = Lab(f"cli{os.getpid()}", folder, env)
+    env["PYTHONPATH"] = str(found.packages)
     try:
-        assert up.code == 0, up.err
+        found.up()
         yield found
     finally:
-        down = found.ctl(f"lab down {name}", timeout_s=60)
-        left = list(Path("/dev/shm").glob(f"*-{name}-*"))
-        shutil.rmtree(folder)
-        assert down.code == 0, down.err
-        assert left == []
+        try:
+            found.down()
+        finally:
+            shutil.rmtree(folder)
+
+
+@pytest.fixture
+def lab(shared_lab: Lab, request: pytest.FixtureRequest) -> Iterator[Lab]:
+    """The lab of all tests here; a test that fails leaves a vehicle in the air or a limit: a new one then."""
+    yield shared_lab
+    if request.node.stash.get(FAILED, False):
+        shared_lab.down()
+        shared_lab.up()
 
 
 @pytest.fixture

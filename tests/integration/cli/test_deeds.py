@@ -180,6 +180,10 @@ def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ct
         channels = ctl("traffic ls -n uav1 --json").document["channels"]
         return next(c for c in channels if c["channel"] == "nav/pose")
 
+    def rate() -> dict[str, Any]:
+        (period,) = ctl("traffic top -n uav1 --period 0.5 --count 1 --json").lines
+        return next((one for one in period["channels"] if one["channel"] == "nav/pose"), {"held_back_hz": 0})
+
     # somebody must want the poses, or none are sent
     with lab.started("tree watch /uav1/nav/pose --json") as reader:
         try:
@@ -189,22 +193,21 @@ def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ct
             assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 0.2)]
             began_s = time.monotonic()
             before = now = pose()
-            while now["offered_frames"] < before["offered_frames"] + 12:
-                now = pose()
             # counters and events alone: at rest a vehicle sends two unchanged poses a second, else up to ten
-            assert now["max_hz"] == 0.2
-            assert now["held_back"] >= before["held_back"] + 9
-            rates = ctl("traffic top -n uav1 --period 2 --count 1 --json").lines[0]["channels"]
-            rate = next(one for one in rates if one["channel"] == "nav/pose")
-            assert rate["offered_hz"] >= rate["held_back_hz"] > rate["sent_hz"]
+            while now["held_back"] < before["held_back"] + 4:
+                now = pose()
             due = (time.monotonic() - began_s) / 4.5  # a period may end half a beacon early
+            assert now["max_hz"] == 0.2
             assert now["sent_frames"] <= before["sent_frames"] + 1 + due
+            while not (seen := rate())["held_back_hz"]:
+                pass
+            assert seen["offered_hz"] >= seen["held_back_hz"]
 
             limits = ctl("traffic set '/uav1/nav/*' --rate 0.2hz --for 1s --json").document["limits"]
             assert [0 < one["remaining_s"] <= 1 for one in limits] == [True]
             while (ended := pose())["max_hz"] is not None:
                 pass
-            while (now := pose())["sent_frames"] < ended["sent_frames"] + 6:
+            while (now := pose())["sent_frames"] < ended["sent_frames"] + 4:
                 assert now["held_back"] == ended["held_back"]
         finally:
             reader.send_signal(signal.SIGINT)

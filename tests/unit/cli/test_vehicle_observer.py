@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 
 from swarmctl.vehicles.observer import (
@@ -84,6 +85,18 @@ def test_a_vehicle_that_stays_up_after_its_mission_ended_has_failed() -> None:
     up = sight("failed", vehicle=UP)
     assert course.verdict(up, 6, 0) is None
     assert course.verdict(up, 7, 4 * S) is False
+
+
+def test_states_from_before_the_end_of_its_mission_are_no_failure() -> None:
+    course = ManoeuvreProgress(5, BUILT_IN["hold"])
+    moving = msgspec.structs.replace(
+        sight("aborted", UP, nav=NavStatus(3, NavState.MOVING)), mission_ns=70 * S, states_ns=69 * S
+    )
+    assert course.verdict(moving, 6, 0) is None
+    repeated = msgspec.structs.replace(moving, mission_ns=74 * S)
+    assert course.verdict(repeated, 7, 4 * S) is None
+    assert course.verdict(msgspec.structs.replace(repeated, states_ns=71 * S), 7, 5 * S) is False
+    assert course.verdict(sight("aborted", vehicle=UP), 7, 5 * S) is True
 
 
 def test_a_ground_station_has_only_to_stop() -> None:

@@ -12,6 +12,7 @@ from swarmctl.terminal.table import Column
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.names import Pattern
+from swarmware.runtime.instant import until
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic
 from swarmware.types.rpc import Empty
 
@@ -52,24 +53,25 @@ async def follow_rates(session: Session, period_s: float, count: int | None) -> 
     before, errors = await _traffic(session, asked)
     if not before:
         raise errors[asked[0]]
+    clock = session.module.clock
     turn = 0
-    async for _ in session.module.every(period_s):
+    while turn != count:
+        # from reading to reading: a period of the clock may end just after the command began
+        await until(clock, clock.now_ns() + round(period_s * 1e9))
         now, errors = await _traffic(session, asked)
+        if not now and len(asked) == 1:
+            raise errors[asked[0]]
         rates = [
             _rates(name, before[name], one)
             for name, one in now.items()
             if name in before and one.at_ns != before[name].at_ns
         ]
-        if not now and len(asked) == 1:
-            raise errors[asked[0]]
+        before |= now
         if not rates and now:
             continue
         _show_rates(session, rates, several=is_selection(session.settings.node))
         warn_errors(session, errors)
-        before |= now
         turn += 1
-        if turn == count:
-            break
     if errors:
         raise Partial(f"traffic: {', '.join(errors)} did not answer")
 
