@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import jsonschema
 import pytest
+from tests.integration.cli.terminal import Terminal
 
 from swarmctl import main as swarmctl
 from swarmctl.session import processes
@@ -188,6 +189,32 @@ def ctl(lab: Lab, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
         return done
 
     return run
+
+
+@pytest.fixture
+def environment(lab: Lab) -> dict[str, str]:
+    """That of a reader: the environment in which Swarmware is installed is active, and a lab runs.
+
+    What `pip` installs, without a network, the lab finds, and it is removed with the lab.
+    """
+    here = Path(sys.executable).parent
+    pip = {"DISABLE_PIP_VERSION_CHECK": "1", "NO_BUILD_ISOLATION": "0", "NO_COMPILE": "0", "NO_DEPS": "1"}
+    pip |= {"NO_INDEX": "1", "ROOT_USER_ACTION": "ignore", "TARGET": lab.env["PYTHONPATH"]}
+    return {
+        **lab.env,
+        **{f"PIP_{name}": value for name, value in pip.items()},
+        "PATH": f"{here}{os.pathsep}{os.environ['PATH']}",
+    }
+
+
+@pytest.fixture
+def terminal(environment: dict[str, str], tmp_path: Path) -> Iterator[Terminal]:
+    """The shell of a reader."""
+    found = Terminal(tmp_path, environment)
+    try:
+        yield found
+    finally:
+        found.close()
 
 
 def _validate(words: list[str], out: str) -> None:

@@ -50,9 +50,9 @@ class Terminal:
         mark = f"end-of-{block}"
         self._shell.stdin.write(f"{options}; . {block} </dev/null; printf '\\n%s %s\\n' {mark} $?\n".encode())
         self._shell.stdin.flush()
-        return self._until(mark)
+        return self._until(mark, text)
 
-    def _until(self, mark: str) -> tuple[int, str]:
+    def _until(self, mark: str, text: str) -> tuple[int, str]:
         assert self._shell.stdout is not None
         seen = b""
         end_s = time.monotonic() + BLOCK_S
@@ -70,7 +70,7 @@ class Terminal:
                 elif self._shell.poll() is not None:
                     break
             else:
-                raise AssertionError(f"no end after {BLOCK_S} s\n{seen.decode(errors='replace')}")
+                raise AssertionError(f"no end after {BLOCK_S} s\n{text}\n{seen.decode(errors='replace')}")
         return self._shell.wait(END_S), seen.decode(errors="replace")
 
     def close(self) -> None:
