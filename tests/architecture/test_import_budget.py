@@ -40,6 +40,12 @@ READER_HEAVY: Final = {
 }
 """A command that reads a running node uses none of these: each takes milliseconds."""
 
+OVERVIEWS: Final = ("node ls", "link ls", "topo", "health ls", "health faults", "time ls", "traffic ls")
+OVERVIEW_HEAVY: Final = {
+    *("json", "swarmctl.resources.classes", "swarmware.recorder", "swarmware.types.description"),
+}
+"""What shows values of any type; an overview shows values of types that it names."""
+
 READER_BUDGET: Final = 260
 """Modules that one of them imports besides those of `click`; 220 to 240 when this was written."""
 
@@ -130,6 +136,13 @@ def test_commands_that_read_import_nothing_heavy(tmp_path: Path) -> None:
         new, loaded = set(modules_now) - loaded, set(modules_now)
         assert not new & READER_HEAVY, line
         assert len(new) <= READER_BUDGET, (line, sorted(new))
+
+
+def test_overviews_import_no_descriptions_of_types(tmp_path: Path) -> None:
+    code = _READERS_PROBE.format(lines=OVERVIEWS, folder=str(tmp_path / "none"))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for line, (modules_now, _) in json.loads(done.stdout).items():
+        assert not set(modules_now) & OVERVIEW_HEAVY, line
 
 
 def test_each_command_is_measured_or_has_a_reason_why_not() -> None:

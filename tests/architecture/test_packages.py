@@ -29,6 +29,7 @@ THIN = {
     "lib/swarmware/service/reason.py": "the line of an expected error",
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
+    "cli/swarmctl/resources/newest.py": "the newest value of a resource",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
     "daemons/swarmd/tree/core/rate.py": "the rate of a resource",

@@ -1,7 +1,7 @@
 """Reads and writes values of the resource tree."""
 
 import asyncio
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 
@@ -9,25 +9,19 @@ from swarmctl.resources.classes import payload_class
 from swarmctl.resources.entering import json_or_text
 from swarmctl.resources.fields import attitudes
 from swarmctl.resources.listing import consequence
+from swarmctl.resources.newest import newest
 from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
-from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.errors import NotFound, SwarmError
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, split
 from swarmware.types.tree import (
     Quality,
-    TreeGet,
     TreeReset,
     TreeSet,
     TreeSetDone,
     TreeUndo,
-    TreeValue,
-    ValueSource,
 )
-
-FRESH_S: Final = 1.0
-"""Maximum age of a mirror that is used without a query; an older one may be of a rarely changing value, or
-its subscription may have ended."""
 
 
 class ResourceReading(msgspec.Struct, frozen=True):
@@ -78,27 +72,6 @@ class Written(msgspec.Struct, frozen=True):
     type: str
     value: Any
     version: int
-
-
-async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
-    """The newest value; a mirror older than FRESH_S is replaced by the owner's value, if it answers.
-
-    Of a platform without a route it is the last value that the joined node received.
-    Raises: NotFound, NoAnswer.
-    """
-    ask = join(session.here, "sys/tree/get")
-    lost = not fresh and not await session.in_reach(split(path)[0] or session.here)
-    found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about="" if lost else path)
-    if (
-        found.source is not ValueSource.MIRROR
-        or found.quality is Quality.LOST
-        or (found.age_s or FRESH_S) < FRESH_S
-    ):
-        return found
-    try:
-        return await session.ask(ask, TreeGet(path, True), TreeValue, about=path)
-    except NoAnswer:
-        return found
 
 
 async def read(

@@ -5,7 +5,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from swarmctl.resources.access import newest
+from swarmctl.resources.newest import newest
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError
 from swarmware.model import names

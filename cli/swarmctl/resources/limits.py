@@ -1,6 +1,6 @@
 """Reasons why fewer values arrive than their owner writes."""
 
-from swarmctl.resources.access import newest
+from swarmctl.resources.newest import newest
 from swarmctl.resources.rate_meter import RateMeter
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError

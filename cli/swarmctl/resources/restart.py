@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.resources.access import newest
+from swarmctl.resources.newest import newest
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, NoAnswer, NotFound

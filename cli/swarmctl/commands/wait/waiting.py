@@ -6,9 +6,9 @@ from typing import Final
 import msgspec
 
 from swarmctl.commands.wait.condition_watch import ConditionWatch, OperandValue
-from swarmctl.resources.access import newest
 from swarmctl.resources.classes import known_class
 from swarmctl.resources.listing import find_entry
+from swarmctl.resources.newest import newest
 from swarmctl.session.session import Session
 from swarmware.errors import NoAnswer, NotFound, WireError
 from swarmware.model import names
