@@ -151,10 +151,10 @@ def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
 
 def test_the_same_refusal_is_reported_once_a_second_with_its_number() -> None:
     one = gate()
-    reports = [one.denied("uav2", "cmd/goto", "no", step * REPORT_NS // 4) for step in range(9)]
+    reports = [one.denied("uav2", Verb.CALL, "cmd/goto", "no", step * REPORT_NS // 4) for step in range(9)]
     assert [None if report is None else report.count for report in reports] == [
         1, None, None, None, 4, None, None, None, 4,
     ]  # fmt: skip
-    other = one.denied("uav2", "cmd/abort", "no", 0)
+    other = one.denied("uav2", Verb.CALL, "cmd/abort", "no", 0)
     assert other is not None
     assert (other.platform, other.role, other.path) == ("uav2", "node", "cmd/abort")

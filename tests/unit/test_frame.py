@@ -108,10 +108,3 @@ def test_a_view_is_decoded_without_copying_the_payload() -> None:
 def test_the_flags_of_a_frame_are_readable_as_properties(flags: int) -> None:
     frame = Frame(FrameKind.MESSAGE, 1, flags=flags)
     assert (frame.is_urgent, frame.wants_ack) == (bool(flags & Flag.URGENT), bool(flags & Flag.WANTS_ACK))
-
-
-@given(FRAMES, st.integers(0, 255))
-def test_hops_change_in_the_encoded_frame_and_nothing_else_does(frame: Frame, hops: int) -> None:
-    data = wire.encode(frame)
-    frame.hops_left = hops
-    assert wire.with_hops(data, hops) == wire.encode(frame)

@@ -4,9 +4,12 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.access_filter import AccessFilter
+from swarmd.broker.core.admission.end_to_end import Arrival, EndToEnd
+from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
@@ -15,16 +18,20 @@ from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import ConfigError, Denied, WireError
-from swarmware.model.access import Access
+from swarmware.model.access import Access, Verb
 from swarmware.model.clock import Clock
-from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode, with_hops
+from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.answer import answerable, expired
 from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import Denial, LinkTransport
+
+FORWARD: Final = "forward"
+"""Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -53,6 +60,9 @@ class FrameGateway:
         self._counters = core.counters
         self._accounts = FrameAccounts(core.counters, table)
         self._forwarder = core.forwarder
+        self._end_to_end = EndToEnd(
+            core.identity.hw, core.session, keys, core.nodes.platform, core.counters.refused
+        )
         self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
         """Connection targets of neighbours that got frames, by hardware id; replaced when a target
         changes."""
@@ -125,7 +135,8 @@ class FrameGateway:
         self._peers.pop(hw, None)
         for item in self.links.disconnect(hw):
             decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
-            self._onward(item.frame, decision, item.data, rerouted=True)
+            relayed = item.frame.sender_hw != self._core.identity.hw
+            self._onward(item.frame, decision, item.data, rerouted=True, relayed=relayed)
 
     def _from_connection(self, data: bytes, user: str) -> None:
         arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
@@ -134,7 +145,7 @@ class FrameGateway:
             return
         # without keys the sender is not authenticated
         starts_here = not user and frame.hops_left >= HOPS
-        if frame.kind is FrameKind.HELLO:
+        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
             self._take_proof(frame, user)
         else:
             self._take(frame, data, user, arrived_ns)
@@ -167,28 +178,47 @@ class FrameGateway:
         """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
         counters = self._counters
         other_hw = self._other_end(frame, user)
-        decision = self._forwarder.from_neighbour(
-            frame,
-            other_hw,
-            now_ns,
-            direct=other_hw != frame.sender_hw and self._core.is_direct(frame.sender_hw, now_ns),
-        )
+        decision = self._forwarder.from_neighbour(frame, other_hw, now_ns)
         if decision.step is ForwardStep.DELIVER:
-            if not self._may_pass(frame, now_ns):
-                return
-            self._messaging.deliver(frame)
-            for channel, size in self._accounts.channels(frame):
-                channel.received(size)
-            if decision.first:
-                counters.notifications += self._accounts.values(frame)
-                counters.requests += frame.kind is FrameKind.REPLY
+            incoming = self._end_to_end.on_frame(frame, other_hw, decision.first, now_ns)
+            for own in incoming.outgoing:
+                self._onward(own, self._forwarder.from_here(own, now_ns), None)
+            for arrival in incoming.arrivals:
+                self._deliver(arrival)
+            if incoming.refusal:
+                path = self._path_of(frame.data_id) or ""
+                self._report_denial(user or "?", FORWARD, path, incoming.refusal, now_ns)
             return
         if decision.step is ForwardStep.SEND:
             if self._messaging.expired(frame):
                 counters.refused.expired += 1  # a refusal was sent to its sender
                 return
             counters.forwarded_frames += 1
-        self._onward(frame, decision, data)
+            frame.extension = with_node(frame.extension, self._core.identity.hw)
+        self._onward(frame, decision, None, relayed=True)
+
+    def _deliver(self, arrival: Arrival) -> None:
+        frame = arrival.frame
+        if self._is_late(frame, arrival.arrived_ns) or not self._may_pass(frame, arrival.arrived_ns):
+            return
+        self._messaging.deliver(frame)
+        for channel, size in self._accounts.channels(frame):
+            channel.received(size)
+        if arrival.first:
+            self._counters.notifications += self._accounts.values(frame)
+            self._counters.requests += frame.kind is FrameKind.REPLY
+
+    def _is_late(self, frame: Frame, now_ns: int) -> bool:
+        """Whether a neighbour's message or request has expired; its sender has reported that."""
+        clock_ns = self._core.clock_bound_ns(frame.sender_hw, now_ns) if answerable(frame) else None
+        if clock_ns is None or not expired(frame, clock_ns):
+            return False
+        self._counters.refused.expired += 1
+        platform, path = self._core.nodes.platform(frame.sender_hw), self._path_of(frame.data_id) or ""
+        self._report_denial(
+            platform, Verb.CALL, path, f"{path}: of {platform}, arrived after its lifetime", now_ns
+        )
+        return True
 
     def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
         platform = self._core.nodes.platform(frame.sender_hw)
@@ -207,12 +237,15 @@ class FrameGateway:
         except Denied as error:
             self._counters.refused.denied += 1
             self._messaging.deny(frame, str(error))
-            denial = self._access_filter.denied(platform, path or "", str(error), arrived_ns)
-            if denial is not None:
-                log.warning("denied: %s", error)
-                self._on_denial(denial)
+            self._report_denial(platform, Verb.CALL, path or "", str(error), arrived_ns)
             return False
         return True
+
+    def _report_denial(self, platform: str, verb: str, path: str, reason: str, now_ns: int) -> None:
+        denial = self._access_filter.denied(platform, verb, path, reason, now_ns)
+        if denial is not None:
+            log.warning("denied: %s", reason)
+            self._on_denial(denial)
 
     def _other_end(self, frame: Frame, user: str) -> int | None:
         """Hardware id of the member at the other end of a connection; None without authentication."""
@@ -222,12 +255,23 @@ class FrameGateway:
         return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
 
     def _onward(
-        self, frame: Frame, decision: ForwardDecision, data: bytes | None, *, rerouted: bool = False
+        self,
+        frame: Frame,
+        decision: ForwardDecision,
+        data: bytes | None,
+        *,
+        rerouted: bool = False,
+        relayed: bool = False,
     ) -> None:
-        """`data`: the received bytes of the frame; only its hops left may have changed."""
+        """`data`: the frame as it was encoded, unless it has changed since; `relayed`: of another node."""
         if decision.step is ForwardStep.SEND:
             peer = self._peer(decision.via)
             if peer is not None:
+                signed = frame if relayed else self._signed(frame, decision.via)
+                if signed is None:
+                    return
+                if signed is not frame:
+                    frame, data = signed, None
                 if rerouted or not frame.is_urgent or not self._send_datagram(peer, frame, decision.first):
                     self._send(peer, frame, data)
                 return
@@ -245,6 +289,14 @@ class FrameGateway:
             refused.no_route += 1
             self._refuse(frame, f"no route to {receiver}")
 
+    def _signed(self, frame: Frame, via: int) -> Frame | None:
+        try:
+            return self._end_to_end.signed(frame, via)
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            self._refuse(frame, str(error))
+            return None
+
     def _send_datagram(self, peer: LinkPeer, frame: Frame, first: bool) -> bool:
         """Sends the first transmission of an urgent frame as a datagram; retransmissions take the
         connection."""
@@ -259,10 +311,8 @@ class FrameGateway:
             channel.sent(size)
 
     def _send(self, peer: LinkPeer, frame: Frame, data: bytes | None = None) -> None:
-        if data is None:
+        if data is None or data[HOPS_AT] != frame.hops_left:
             data = encode(frame)
-        elif data[HOPS_AT] != frame.hops_left:
-            data = with_hops(data, frame.hops_left)
         gone = self.links.send(peer, data, frame)
         if gone:
             self._gave_up(peer, gone)

@@ -124,14 +124,23 @@ def encode(frame: Frame) -> bytes:
 
     Raises: WireError when a number does not fit its field of the header.
     """
+    header = encode_header(frame, frame.hops_left, len(frame.extension))
+    return b"".join((header, frame.extension, frame.payload))
+
+
+def encode_header(frame: Frame, hops_left: int, extension_bytes: int) -> bytes:
+    """Encode the header of a frame, with these hops left and an extension of this length.
+
+    Raises: WireError when a number does not fit its field.
+    """
     try:
-        header = _HEADER.pack(
+        return _HEADER.pack(
             MAGIC,
             VERSION,
             frame.kind,
             frame.flags | frame.codec << _CODEC_SHIFT,
-            frame.hops_left,
-            len(frame.extension),
+            hops_left,
+            extension_bytes,
             frame.data_id,
             frame.sender_hw,
             frame.sender_app,
@@ -144,7 +153,11 @@ def encode(frame: Frame) -> bytes:
         )
     except struct.error as error:
         raise WireError(_misfit(frame)) from error
-    return b"".join((header, frame.extension, frame.payload))
+
+
+def encoded_bytes(frame: Frame) -> int:
+    """Length of the encoded frame."""
+    return HEADER_BYTES + len(frame.extension) + len(frame.payload)
 
 
 def restamp(
@@ -163,11 +176,6 @@ def restamp(
         )
     except struct.error as error:
         raise WireError(f"frame: stamp_ns is {stamp_ns}: expected 64 bits") from error
-
-
-def with_hops(frame: bytes, hops_left: int) -> bytes:
-    """An encoded frame with another number of hops left; nothing else of it is read or encoded again."""
-    return b"".join((frame[:HOPS_AT], hops_left.to_bytes(1), frame[HOPS_AT + 1 :]))
 
 
 _RANGES: Final = {

@@ -163,6 +163,7 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     forged: int = 0
     """Datagrams without a valid seal of this swarm."""
     replayed: int = 0
+    """Datagrams received before, and forwarded frames that were made too long ago."""
     old_session: int = 0
     """Datagrams of a session before the accepted one."""
     unknown_session: int = 0
@@ -170,7 +171,7 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     other_epoch: int = 0
     malformed: int = 0
     spoofed: int = 0
-    """Frames whose sender is not the member that sent them."""
+    """Frames whose sender is not the member that sent or signed them."""
     denied_connections: int = 0
     """Incoming TCP connections that ended before they proved a key of the roster."""
     looped: int = 0
@@ -180,7 +181,7 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     unheard: int = 0
     """Datagrams of platforms that `hear_only` excludes; not counted as received."""
     expired: int = 0
-    """Frames of others whose lifetime was over here, which are not forwarded."""
+    """Frames of others whose lifetime was over here, which are neither forwarded nor delivered."""
     no_room: int = 0
     """Datagrams of senders beyond the limit of the neighbour table."""
     failed: int = 0
@@ -192,14 +193,17 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     flooded: int = 0
     """Datagrams dropped before their seal was checked: of unknown senders, or from addresses with too many
     invalid ones; not counted as received."""
+    unsigned: int = 0
+    """Frames that another member forwarded without a signature of their sender."""
 
 
 @register
 class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A request that the role of its sender does not permit (event `net/denials`)."""
+    """A request that the role of its sender does not permit, or a frame that was forwarded without a valid
+    signature (event `net/denials`)."""
 
     platform: str
-    """Authenticated platform of the sender."""
+    """Authenticated platform of the sender; with verb `forward` that which forwarded the frame."""
     role: str
     verb: str
     path: str

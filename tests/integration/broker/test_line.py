@@ -30,12 +30,14 @@ async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_pat
         await line["uav1"].until_reaches(uav2="uav2", uav3="uav2")
         await line["uav3"].until_reaches(uav1="uav2")
         assert line["uav1"].states() == {"uav2": "up"}
-        answer = await line["uav1"].app.request("/uav3/cmd/echo", Text("hello"), Text, timeout_s=10)
-        assert answer == Text("uav3: hello")
+        for text in ("hello", "again"):
+            answer = await line["uav1"].app.request("/uav3/cmd/echo", Text(text), Text, timeout_s=10)
+            assert answer == Text(f"uav3: {text}")
         first, middle = await line["uav1"].traffic(), await line["uav2"].traffic()
-        assert first.requests == 1
+        assert first.requests == 2
         assert middle.requests == 0
-        assert middle.forwarded_frames == 2
+        # both requests and replies, and once each end's question and answer about its session
+        assert middle.forwarded_frames == 2 * 2 + 4
         assert first.refused.spoofed == 0
 
 

@@ -28,7 +28,7 @@ from swarmd.broker.core.beacon.beacon_rate import (
     TRIGGERED_NS,
 )
 from swarmd.broker.core.beacon.session_checks import CheckKind
-from swarmd.broker.core.beacon_protocol import DIRECT_COST, DIRECT_NS, HELLO_CHANGING_NS, HELLO_NS, SLOWER
+from swarmd.broker.core.beacon_protocol import HELLO_CHANGING_NS, HELLO_NS, SLOWER
 from swarmd.broker.core.boards.published_boards import REPEATS
 from swarmd.broker.core.boards.relay_cache import COPIES, OLDEST_NS, PERIOD_NS, REPEAT_NS
 from swarmd.broker.core.forwarding.forwarder import LOOP_NS
@@ -171,7 +171,6 @@ def test_the_checks_and_roles_of_the_page_are_ours() -> None:
     roles = re.findall(r"(\d) (observer|node|operator|maintainer)", PAGE)
     assert {int(number): name for number, name in roles} == {int(role): role.name.lower() for role in Role}
     assert f"silent for {ENDED_NS / 1e9} s, or for {ALIVE_NS / 1e9} s" in section
-    assert f"up for {DIRECT_NS // 10**9} s at a cost of at most {DIRECT_COST}" in TEXT
 
 
 def test_the_figures_of_the_page_are_ours() -> None:

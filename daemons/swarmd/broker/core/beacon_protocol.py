@@ -19,10 +19,10 @@ from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
-from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, PERFECT, Neighbour
+from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, Neighbour
 from swarmd.broker.core.topology.node_table import NodeTable, wire_name
-from swarmd.broker.core.topology.routing_table import HYSTERESIS, RouteChanged
-from swarmd.broker.core.topology.topology import ClockSample, LinkChanged, LinkState, Topology
+from swarmd.broker.core.topology.routing_table import RouteChanged
+from swarmd.broker.core.topology.topology import ClockSample, LinkChanged, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, ChannelCounters, Counters
 from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription, TreePlan
@@ -42,12 +42,6 @@ OWN_SHARE: Final = 700
 """Limit in bytes of the topology sections; the rest of the body is for values, members and relays."""
 SETTLE_NS: Final = 15_000_000_000
 """No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
-DIRECT_COST: Final = 2 * PERFECT - HYSTERESIS - PERFECT // 2
-"""Maximum cost of a link that both ends use directly. Two hops cost at least two perfect links, and a node
-prefers a direct link that is better by more than the hysteresis; minus half a link, because both ends measure
-the cost from their own samples, which may differ by two datagrams of sixteen."""
-DIRECT_NS: Final = 5_000_000_000
-"""Time after which both ends have measured the link with the same datagrams and selected their routes."""
 SLOWER: Final = 1.25
 """A period that grew by this factor is declared at once, or neighbours would take the link down."""
 _FORGET_NS: Final = 10_000_000_000
@@ -402,16 +396,3 @@ class BeaconProtocol:
         # rises fast, falls slowly: too few beacons are better than too many
         self._datagram_bytes += more / (4 if more > 0 else 16)
         self.topology.sent(sequence, tx_ns)
-
-    def is_direct(self, hw: int, now_ns: int) -> bool:
-        """Whether a node certainly sends to us directly: every route over another node has a higher cost.
-
-        Not in the first seconds of a link: until then it may use its former route.
-        """
-        neighbour = self.topology.neighbours.get(hw)
-        return (
-            neighbour is not None
-            and neighbour.state is LinkState.UP
-            and neighbour.cost <= DIRECT_COST
-            and now_ns - neighbour.since_ns >= DIRECT_NS
-        )

@@ -21,6 +21,7 @@ from swarmd.broker.core.action import (
     WriteLimits,
     WriteMirrors,
 )
+from swarmd.broker.core.admission.origins import RATE_DIVISOR
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
 from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello
@@ -384,9 +385,13 @@ class BrokerCore:
         """Whether a node is or was a neighbour."""
         return self._neighbours.get(hw) is not None
 
-    def is_direct(self, hw: int, now_ns: int) -> bool:
-        """Whether a node certainly sends to us directly; see `BeaconProtocol.is_direct`."""
-        return self._protocol.is_direct(hw, now_ns)
+    def clock_bound_ns(self, hw: int, now_ns: int) -> int | None:
+        """Lower bound of a neighbour's clock, which its beacons show; None: it is not known."""
+        neighbour = self._neighbours.get(hw)
+        if neighbour is None or neighbour.hello is None:
+            return None
+        elapsed_ns = now_ns - neighbour.received_ns
+        return neighbour.clock_us * 1000 + elapsed_ns - elapsed_ns // RATE_DIVISOR
 
     def link_target(self, hw: int) -> LinkTarget | None:
         """Target of a connection to a neighbour; None: it has not announced a port."""

@@ -124,6 +124,10 @@ class Keys:
         """The CURVE key of a platform on the roster; None when it is not a member, or without a roster."""
         return self._curve_of.get(platform)
 
+    def sign_public_of(self, platform: str) -> bytes | None:
+        """The signing key of a platform on the roster; None when it is not a member, or without a roster."""
+        return self._sign_of.get(platform)
+
     def sign(self, data: bytes) -> bytes:
         """Ed25519 signature by this node."""
         return self._signing.sign(data)
@@ -169,6 +173,7 @@ class Keys:
         self._by_curve = {member.curve_public: member for member in valid}
         self._by_user = {member.user: member for member in valid}
         self._curve_of = {member.platform: member.curve_public for member in valid}
+        self._sign_of = {member.platform: member.sign_public for member in valid}
 
 
 def write_keys(directory: Path, seed: bytes, root_public: bytes, signed: bytes) -> None:

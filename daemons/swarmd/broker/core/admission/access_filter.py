@@ -24,7 +24,7 @@ class AccessFilter:
         self._open = roles is None
         self._roles = roles or {}
         self._senders: dict[str, Sender] = {}
-        self._reported: dict[tuple[str, str], tuple[int, int]] = {}
+        self._reported: dict[tuple[str, str, str], tuple[int, int]] = {}
 
     def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
         """Checks a frame, and adds its authenticated sender and time of arrival.
@@ -48,9 +48,9 @@ class AccessFilter:
                 self._senders[platform] = sender
         return sender
 
-    def denied(self, platform: str, path: str, reason: str, now_ns: int) -> Denial | None:
+    def denied(self, platform: str, verb: str, path: str, reason: str, now_ns: int) -> Denial | None:
         """Records a refusal; returns the report that is due, if any."""
-        key = platform, path
+        key = platform, verb, path
         reported_ns, count = self._reported.pop(key, (now_ns - REPORT_NS, 0))
         if len(self._reported) >= REFUSALS_MAX:
             del self._reported[next(iter(self._reported))]
@@ -59,4 +59,4 @@ class AccessFilter:
             return None
         self._reported[key] = now_ns, 0
         role = self._roles.get(platform, Role.OBSERVER)
-        return Denial(platform, role.name.lower(), str(Verb.CALL), path, count + 1, reason)
+        return Denial(platform, role.name.lower(), str(verb), path, count + 1, reason)

@@ -24,7 +24,7 @@ class ForwardStep(IntEnum):
     LOOPED = 5
     """Received again with fewer hops left."""
     SPOOFED = 6
-    """Its sender sends to us directly, but it came from another member."""
+    """It has all its hops left, but came from another member than its sender."""
 
 
 class ForwardDecision(msgspec.Struct, frozen=True, gc=False):
@@ -70,16 +70,10 @@ class FrameForwarder:
         """Decides again about a frame queued for a lost neighbour."""
         return self._onward(frame, False, now_ns)
 
-    def from_neighbour(
-        self, frame: Frame, neighbour_hw: int | None, now_ns: int, *, direct: bool = False
-    ) -> ForwardDecision:
+    def from_neighbour(self, frame: Frame, neighbour_hw: int | None, now_ns: int) -> ForwardDecision:
         """Decides about a frame from a link; `neighbour_hw`: the member at its other end, None without
-        authentication.
-
-        `direct`: the origin sends to this node directly, so no other neighbour may forward its frames.
-        """
-        starts_here = frame.hops_left >= HOPS or direct
-        if starts_here and neighbour_hw is not None and frame.sender_hw != neighbour_hw:
+        authentication."""
+        if frame.hops_left >= HOPS and neighbour_hw is not None and frame.sender_hw != neighbour_hw:
             return _SPOOFED
         if frame.sender_hw == self._own_hw:
             return _LOOPED

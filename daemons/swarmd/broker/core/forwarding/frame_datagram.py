@@ -7,7 +7,8 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import WireError
-from swarmware.model.frame import Codec, Flag, Frame, encode
+from swarmware.model.frame import Codec, Flag, Frame, encode, encoded_bytes
+from swarmware.transport.delivery.signature import is_signed
 
 MAGIC: Final = 0x55
 VERSION: Final = 1
@@ -32,14 +33,26 @@ RETRY_NS: Final = 60_000_000_000
 
 def pack(frame: Frame) -> bytes | None:
     """The encoded frame if it may be sent as a datagram: urgent, and small enough, if necessary
-    compressed."""
+    compressed; nothing of a signed frame changes."""
     if not frame.flags & Flag.URGENT or len(frame.payload) > COMPRESS_MAX:
         return None
     data = encode(frame)
-    if len(data) > FRAME_MAX and frame.codec is Codec.NONE:
-        packed = _compress(frame.payload)
-        data = encode(msgspec.structs.replace(frame, codec=Codec.ZLIB, payload=packed))
+    if len(data) > FRAME_MAX and not is_signed(frame.extension):
+        data = encode(compressed(frame))
     return data if len(data) <= FRAME_MAX else None
+
+
+def compressed(frame: Frame, added_bytes: int = 0) -> Frame:
+    """The frame with a compressed payload if a datagram needs that; `added_bytes`: what it will grow by."""
+    size = encoded_bytes(frame) + added_bytes
+    if (
+        size <= FRAME_MAX
+        or not frame.flags & Flag.URGENT
+        or frame.codec is not Codec.NONE
+        or len(frame.payload) > COMPRESS_MAX
+    ):
+        return frame
+    return msgspec.structs.replace(frame, codec=Codec.ZLIB, payload=_compress(frame.payload))
 
 
 def _compress(payload: bytes | memoryview) -> bytes:

@@ -1,0 +1,205 @@
+"""Hostile frames on real sockets, a thousand of each: nothing of them reaches an application."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+import zmq
+from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, free_port, on_uvloop, swarm
+
+from swarmd.broker.links.frame_datagrams import FrameDatagrams
+from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
+from swarmware.model.frame import Frame, FrameKind, decode, encode
+from swarmware.model.names import data_id, hardware_id
+from swarmware.transport.delivery import signature
+from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import make_swarm
+from swarmware.types import registry
+from swarmware.types.net import Denial, Refused
+from swarmware.types.scalar import Text
+
+TRIES = 1000
+NAMES = ("uav1", "uav2", "uav3")
+PATH = "cmd/note"
+
+
+def order(sender: str, number: int, stamp_ns: int, *, hops: int = 24, life_s: float = 5.0) -> Frame:
+    """A message from one platform's application to uav1."""
+    return Frame(
+        FrameKind.MESSAGE,
+        data_id(PATH, "Text"),
+        hardware_id(sender),
+        1,
+        hardware_id("uav1"),
+        sequence=number,
+        stamp_ns=stamp_ns,
+        hops_left=hops,
+        extension=with_lifetime(life_s),
+        payload=registry.encode(Text("hostile")),
+    )
+
+
+@asynccontextmanager
+async def dealer(keys: Keys, server: bytes, port: int) -> AsyncIterator["zmq.Socket[bytes]"]:
+    """A connection to uav1 with these keys, as no broker makes it."""
+    with zmq.Context() as context, context.socket(zmq.DEALER) as made:
+        made.setsockopt(zmq.LINGER, 0)
+        made.setsockopt(zmq.SNDHWM, 0)
+        made.setsockopt(zmq.CURVE_SERVERKEY, server)
+        made.setsockopt(zmq.CURVE_PUBLICKEY, keys.curve_public)
+        made.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
+        made.connect(f"tcp://127.0.0.1:{port}")
+        yield made
+
+
+def all_refused(refused: Refused, *names: str) -> bool:
+    """Whether these counters have all tries."""
+    return sum(getattr(refused, name) for name in names) >= TRIES
+
+
+async def send_all(
+    keys: Keys, port: int, frames: Iterable[bytes], station: Station, *counters: str
+) -> Refused:
+    """Sends frames over a connection with these keys; returns the counters when all were refused."""
+    server = keys.curve_of("uav1")
+    assert server is not None
+    async with dealer(keys, server, port) as connection:
+        for data in frames:
+            connection.send(data)
+        traffic = await station.until_counted(lambda traffic: all_refused(traffic.refused, *counters))
+    return traffic.refused
+
+
+@on_uvloop
+async def test_a_member_speaks_for_no_other_and_repeats_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: list[bytes] = []
+    send = ZmqLinks.send
+
+    def record(links: ZmqLinks, peer: LinkPeer, data: bytes, frame: Frame) -> object:
+        if peer.platform == "uav1" and frame.kind is FrameKind.MESSAGE and frame.hops_left < 24:
+            recorded.append(data)
+        return send(links, peer, data, frame)
+
+    monkeypatch.setattr(ZmqLinks, "send", record)
+    port = free_port(socket.SOCK_STREAM)
+    async with swarm(tmp_path, *NAMES, hear=LINE, settings={"uav1": {"tcp_port": port}}) as line:
+        owner, far = line["uav1"], line["uav3"]
+        box = owner.app.inbox(PATH, Text)
+        denials = owner.app.stream_reader("net/denials", Denial)
+        await far.until_reaches(uav1="uav2")
+        await owner.until_reaches(uav3="uav2")
+        assert await far.app.send("/uav1/cmd/note", Text("genuine"), timeout_s=1.0)
+        assert (await box.next(PATIENCE_S)).value == "genuine"
+        [genuine] = recorded[:1]
+        relay, forger = (Keys.load(tmp_path / "keys" / name, name) for name in ("uav2", "uav2"))
+        own_session = signature.split(decode(genuine).extension).signature
+        assert own_session is not None
+
+        def forged() -> Iterable[bytes]:
+            for number in range(TRIES):
+                frame = order("uav3", number, owner.app.now_ns(), hops=23 if number % 4 else 24)
+                if number % 4 == 1:  # its own signature, in its own name
+                    frame.extension = signature.signed_extension(
+                        frame, hardware_id("uav2"), own_session.session, forger.sign
+                    )
+                elif number % 4 == 2:  # its own signature, in the name of the sender
+                    frame.extension = signature.signed_extension(
+                        frame, hardware_id("uav3"), own_session.session, forger.sign
+                    )
+                elif number % 4 == 3 and number % 8 == 3:  # the genuine frame with another content
+                    changed = msgspec.structs.replace(decode(genuine), payload=registry.encode(Text("other")))
+                    yield encode(changed)
+                    continue
+                yield encode(frame)
+
+        refused = await send_all(relay, port, forged(), owner, "spoofed", "unsigned")
+        assert refused.spoofed + refused.unsigned == TRIES
+        assert refused.unsigned == TRIES // 8
+        denial = await denials.next(PATIENCE_S)
+        assert (denial.platform, denial.verb, denial.path) == ("uav2", "forward", PATH)
+
+        # within its lifetime the recorded frame is a duplicate; later it is refused
+        server = relay.curve_of("uav1")
+        assert server is not None
+        async with dealer(relay, server, port) as connection:
+            sent = 0
+            while (await owner.traffic()).refused.replayed < TRIES:
+                for _ in range(50):
+                    connection.send(genuine)
+                sent += 50
+                await asyncio.sleep(0)
+                assert sent < 100 * TRIES
+        assert len(box) == 0
+        assert await far.app.send("/uav1/cmd/note", Text("next"), timeout_s=10)
+        assert (await box.next(PATIENCE_S)).value == "next"
+
+
+@on_uvloop
+async def test_an_expired_command_and_an_observer_that_sets_are_refused(tmp_path: Path) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    roles = {"uav1": "node", "uav2": "observer", "gcs": "operator"}
+    async with swarm(tmp_path, *roles, roles=roles, settings={"uav1": {"tcp_port": port}}) as cell:
+        owner = cell["uav1"]
+        box = owner.app.inbox(PATH, Text)
+        await owner.until_up("uav2", "gcs")
+        late = (
+            order("gcs", n, cell["gcs"].app.now_ns() - 10**9, life_s=0.1 + n % 800 / 1000)
+            for n in range(TRIES)
+        )
+        keys = Keys.load(tmp_path / "keys" / "gcs", "gcs")
+        assert (await send_all(keys, port, map(encode, late), owner, "expired")).expired == TRIES
+        keys = Keys.load(tmp_path / "keys" / "uav2", "uav2")
+        now_ns = cell["uav2"].app.now_ns()
+        denied = (order("uav2", n, now_ns, life_s=60.0) for n in range(TRIES))
+        assert (await send_all(keys, port, map(encode, denied), owner, "denied")).denied == TRIES
+        assert len(box) == 0
+        assert await cell["gcs"].app.send("/uav1/cmd/note", Text("genuine"), timeout_s=10)
+
+
+@on_uvloop
+async def test_a_replayed_datagram_and_a_stranger_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: list[tuple[LinkPeer, bytes]] = []
+    put = FrameDatagrams._put
+
+    def record(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes) -> bool:
+        recorded.append((peer, datagram))
+        return put(datagrams, peer, datagram)
+
+    monkeypatch.setattr(FrameDatagrams, "_put", record)
+    port = free_port(socket.SOCK_STREAM)
+    async with swarm(tmp_path, "uav1", "gcs", settings={"uav1": {"tcp_port": port}}) as pair:
+        owner, gcs = pair["uav1"], pair["gcs"]
+        box = owner.app.inbox(PATH, Text)
+        await gcs.until_up("uav1")
+        await owner.until_up("gcs")
+        assert await gcs.app.send("/uav1/cmd/note", Text("genuine"), timeout_s=10, urgent=True)
+        assert (await box.next(PATIENCE_S)).value == "genuine"
+        peer, datagram = next(one for one in recorded if one[0].platform == "uav1")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            for number in range(TRIES):
+                sock.sendto(datagram, (peer.host, peer.frame_port))
+                if number % 50 == 0:
+                    await asyncio.sleep(0.002)
+        traffic = await owner.until_counted(lambda traffic: traffic.refused.replayed >= TRIES)
+        assert traffic.refused.replayed == TRIES
+
+        make_swarm(tmp_path / "strangers", {"gcs": "maintainer"})
+        stranger = Keys.load(tmp_path / "strangers" / "gcs", "gcs")
+        server = Keys.load(tmp_path / "keys" / "gcs", "gcs").curve_of("uav1")
+        assert server is not None
+        before = traffic.received_frames
+        async with dealer(stranger, server, port) as connection:
+            for number in range(TRIES):
+                connection.send(encode(order("gcs", number, owner.app.now_ns())), zmq.NOBLOCK)
+            traffic = await owner.until_counted(lambda traffic: traffic.refused.denied_connections >= 1)
+        assert traffic.received_frames == before
+        assert len(box) == 0

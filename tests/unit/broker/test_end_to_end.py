@@ -1,0 +1,277 @@
+"""Relayed frames: the origin signs, the receiver verifies; nobody speaks for another or repeats a frame."""
+
+import random
+from typing import Final
+
+import msgspec
+import pytest
+
+from swarmd.broker.core.admission.end_to_end import EndToEnd, Incoming
+from swarmd.broker.core.admission.origins import (
+    ANSWER_NS,
+    FRAME_AGE_NS,
+    HELD_MAX,
+    QUESTION_NS,
+    RENEWAL_NS,
+    Freshness,
+    Origins,
+    answer_to,
+    is_check,
+)
+from swarmd.broker.core.forwarding.frame_datagram import FRAME_MAX, pack
+from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode, encode
+from swarmware.model.names import hardware_id
+from swarmware.transport.delivery.answer import answer, with_lifetime
+from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.signature import split, with_node
+from swarmware.transport.sodium import SigningKey
+from swarmware.types.net import Refused
+
+SECOND: Final = 1_000_000_000
+MEMBERS: Final = {name: SigningKey(name.encode().ljust(32)) for name in ("gcs", "uav1", "uav2")}
+NAMES: Final = {hardware_id(name): name for name in MEMBERS}
+GCS, UAV1, UAV2 = NAMES
+
+
+class Member:
+    """A node with keys, and what its broker refused."""
+
+    is_open = False
+
+    def __init__(self, name: str, session: int = 1000) -> None:
+        self.hw = hardware_id(name)
+        self.key = MEMBERS[name]
+        self.refused = Refused()
+        self.start(session)
+
+    def start(self, session: int) -> None:
+        self.end = EndToEnd(self.hw, session, self, lambda hw: NAMES.get(hw, "?"), self.refused)
+
+    def sign(self, data: bytes) -> bytes:
+        return self.key.sign(data)
+
+    def sign_public_of(self, platform: str) -> bytes | None:
+        return MEMBERS[platform].public if platform in MEMBERS else None
+
+    def message(self, to: int, stamp_ns: int, *, sequence: int = 1, life_s: float | None = 2.0) -> Frame:
+        extension = b"" if life_s is None else with_lifetime(life_s)
+        frame = Frame(
+            FrameKind.MESSAGE, 5, self.hw, 1, to, 2, sequence, stamp_ns, extension=extension, payload=b"go"
+        )
+        return self.end.signed(frame, UAV2)
+
+    def take(self, frame: Frame, now_ns: int, link_hw: int = UAV2) -> Incoming:
+        """The frame as it arrives over uav2."""
+        arriving = decode(encode(frame))
+        arriving.extension = with_node(arriving.extension, UAV2)
+        return self.end.on_frame(arriving, link_hw, True, now_ns)
+
+
+@pytest.fixture
+def gcs() -> Member:
+    return Member("gcs")
+
+
+@pytest.fixture
+def uav1() -> Member:
+    return Member("uav1")
+
+
+def confirm(receiver: Member, origin: Member, origin_ns: int, now_ns: int) -> None:
+    """The question and answer about the origin's session."""
+    [question] = receiver.take(origin.message(receiver.hw, origin_ns), now_ns).outgoing
+    [reply, *_] = origin.take(receiver.end.signed(question, UAV2), origin_ns).outgoing
+    assert len(receiver.take(origin.end.signed(reply, UAV2), now_ns).arrivals) == 1
+
+
+def test_a_frame_to_a_neighbour_is_not_signed_and_one_that_is_forwarded_is(gcs: Member) -> None:
+    frame = Frame(FrameKind.MESSAGE, 5, GCS, 1, UAV1, 2, payload=b"go")
+    assert gcs.end.signed(frame, UAV1) is frame
+    assert split(gcs.end.signed(frame, UAV2).extension).signature is not None
+    assert frame.extension == b"", "a retransmission starts from the frame of the application"
+
+
+def test_a_frame_over_the_link_of_its_sender_needs_no_signature(uav1: Member) -> None:
+    frame = Frame(FrameKind.MESSAGE, 5, UAV2, 1, UAV1, 2, payload=b"go")
+    [arrival] = uav1.end.on_frame(frame, UAV2, True, 0).arrivals
+    assert arrival.path == ()
+
+
+def test_the_first_relayed_frame_waits_for_an_answer_of_its_origin_and_further_ones_pass(
+    gcs: Member, uav1: Member
+) -> None:
+    first = uav1.take(gcs.message(UAV1, 5 * SECOND), 100 * SECOND)
+    assert first.arrivals == ()
+    [question] = first.outgoing
+    answered = gcs.take(uav1.end.signed(question, UAV2), 5 * SECOND)
+    assert [frame.receiver_hw for frame in answered.outgoing] == [UAV1, UAV1], "its answer, and its question"
+    released = uav1.take(gcs.end.signed(answered.outgoing[0], UAV2), 100 * SECOND + 1)
+    assert [arrival.frame.payload for arrival in released.arrivals] == [b"go"]
+    assert released.arrivals[0].path == (UAV2,)
+    [arrival] = uav1.take(gcs.message(UAV1, 6 * SECOND, sequence=2), 101 * SECOND).arrivals
+    assert arrival.frame.extension == with_lifetime(2.0)
+    assert uav1.refused == Refused()
+
+
+def test_the_path_ends_with_the_node_that_really_sent_it(gcs: Member, uav1: Member) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
+    frame = gcs.message(UAV1, 6 * SECOND, sequence=2)
+    frame.extension = with_node(frame.extension, GCS)  # uav2 claims that another one sent it
+    [arrival] = uav1.end.on_frame(frame, UAV2, True, 6 * SECOND).arrivals
+    assert arrival.path == (GCS, UAV2)
+
+
+def test_a_thousand_frames_in_the_name_of_another_are_refused_and_counted(gcs: Member, uav1: Member) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
+    chance = random.Random(1)
+    liar = Member("uav2")
+    for number in range(1000):
+        genuine = gcs.message(UAV1, 6 * SECOND, sequence=number + 10)
+        frame = msgspec.structs.replace(genuine)
+        match number % 4:
+            case 0:
+                frame.extension = with_lifetime(2.0)
+            case 1:
+                frame.payload = chance.randbytes(20)
+            case 2:
+                own = msgspec.structs.replace(frame, extension=with_lifetime(2.0), payload=b"mine")
+                frame = liar.end.signed(own, GCS)
+            case _:
+                at = len(frame.extension) - 1 - chance.randrange(64)
+                broken = bytearray(frame.extension)
+                broken[at] ^= 1 << chance.randrange(8)
+                frame.extension = bytes(broken)
+        incoming = uav1.take(frame, 6 * SECOND)
+        assert incoming.arrivals == ()
+        assert "gcs" in incoming.refusal
+    assert (uav1.refused.unsigned, uav1.refused.spoofed) == (250, 750)
+
+
+def test_a_node_on_the_path_may_say_only_that_the_receiver_cannot_be_reached(uav1: Member) -> None:
+    relay = Member("uav2")
+    asked = Frame(FrameKind.MESSAGE, 5, UAV1, 1, GCS, 2)
+    for status in Status:
+        refusal = answer(asked, status, where="uav2", stamp_ns=1)
+        incoming = uav1.take(relay.end.signed(refusal, UAV1), SECOND)
+        assert bool(incoming.arrivals) is (status is Status.UNREACHABLE)
+    assert uav1.refused.spoofed == len(Status) - 1
+
+
+def test_a_recorded_frame_is_refused_when_its_lifetime_is_over(gcs: Member, uav1: Member) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 100 * SECOND)
+    for life_s, age_ns in ((2.0, 2 * SECOND), (None, FRAME_AGE_NS)):
+        recorded = gcs.message(UAV1, 6 * SECOND, sequence=2, life_s=life_s)
+        assert uav1.take(recorded, 101 * SECOND).arrivals
+        assert uav1.take(recorded, 101 * SECOND + age_ns // 2).arrivals, "a retransmission"
+        for number in range(1000):
+            late_ns = 101 * SECOND + age_ns + age_ns // 100 + number * 7 * SECOND
+            assert not uav1.take(recorded, late_ns).arrivals
+    assert uav1.refused.replayed == 2000
+
+
+def test_a_recorded_frame_of_a_former_session_is_refused_after_restarts_of_both(
+    gcs: Member, uav1: Member
+) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
+    recorded = gcs.message(UAV1, 6 * SECOND, sequence=2)
+    gcs.start(2000)
+    uav1.start(2000)
+    assert not uav1.take(recorded, 6 * SECOND).arrivals, "its session is not confirmed"
+    confirm(uav1, gcs, 7 * SECOND, 7 * SECOND + QUESTION_NS)
+    assert not uav1.take(recorded, 7 * SECOND + QUESTION_NS).arrivals
+    assert uav1.refused.replayed == 1
+
+
+def test_a_recorded_answer_confirms_nothing(gcs: Member, uav1: Member) -> None:
+    [question] = uav1.take(gcs.message(UAV1, 5 * SECOND), 5 * SECOND).outgoing
+    [reply, _] = gcs.take(uav1.end.signed(question, UAV2), 5 * SECOND).outgoing
+    recorded = gcs.end.signed(reply, UAV2)
+    assert uav1.take(recorded, 5 * SECOND).arrivals
+    assert not uav1.take(recorded, 5 * SECOND).arrivals
+    uav1.start(2000)
+    uav1.take(gcs.message(UAV1, 6 * SECOND, sequence=2), 6 * SECOND)
+    assert not uav1.take(recorded, 6 * SECOND).arrivals
+    other = Member("uav2")
+    forged = msgspec.structs.replace(reply, extension=b"")
+    assert not uav1.take(other.end.signed(forged, UAV1), 6 * SECOND).arrivals
+
+
+def test_an_origin_whose_clock_stood_still_is_asked_and_taken_again(gcs: Member, uav1: Member) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
+    refused = uav1.take(gcs.message(UAV1, 6 * SECOND, sequence=2), 3600 * SECOND)
+    assert "made long ago" in refused.refusal
+    [question] = refused.outgoing
+    [reply] = gcs.take(uav1.end.signed(question, UAV2), 6 * SECOND).outgoing[:1]
+    uav1.take(gcs.end.signed(reply, UAV2), 3600 * SECOND)
+    assert uav1.take(gcs.message(UAV1, 7 * SECOND, sequence=3), 3601 * SECOND).arrivals
+
+
+def test_a_member_that_is_revoked_signs_in_vain(
+    gcs: Member, uav1: Member, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
+    frame = gcs.message(UAV1, 6 * SECOND, sequence=2)
+    monkeypatch.delitem(MEMBERS, "gcs")
+    assert not uav1.take(frame, 6 * SECOND).arrivals
+    assert uav1.refused.spoofed == 1
+
+
+def test_an_urgent_order_is_compressed_before_it_is_signed_and_passes_as_a_datagram(
+    gcs: Member, uav1: Member
+) -> None:
+    confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
+    frame = Frame(
+        FrameKind.REQUEST, 5, GCS, 1, UAV1, 2, 9, 6 * SECOND, flags=Flag.URGENT, payload=b"order " * 400
+    )
+    signed = gcs.end.signed(frame, UAV2)
+    assert signed.codec is Codec.ZLIB
+    data = pack(signed)
+    assert data is not None
+    forwarded = decode(data)
+    forwarded.extension = with_node(forwarded.extension, UAV2)
+    again = pack(forwarded)
+    assert again is not None
+    assert len(again) <= FRAME_MAX
+    assert uav1.end.on_frame(decode(again), UAV2, True, 6 * SECOND).arrivals
+
+
+def test_a_signed_frame_that_is_too_long_for_a_datagram_is_not_changed_on_the_way(gcs: Member) -> None:
+    frame = Frame(FrameKind.REQUEST, 5, GCS, 1, UAV1, 2, payload=b"order " * 400)
+    signed = gcs.end.signed(frame, UAV2)
+    signed.flags = Flag.URGENT
+    assert pack(signed) is None
+
+
+def test_questions_are_few_and_waiting_frames_are_bounded() -> None:
+    origins: Origins[int] = Origins(7)
+    question = origins.question(1, 0)
+    assert question is not None
+    assert is_check(question)
+    assert origins.question(1, QUESTION_NS - 1) is None
+    assert origins.question(1, QUESTION_NS) == question, "the answer to an earlier one counts"
+    assert origins.question(1, ANSWER_NS + 1) != question
+    for item in range(HELD_MAX + 5):
+        origins.hold(1, 50, item)
+    latest = origins.question(1, 2 * ANSWER_NS + 2)
+    assert latest is not None
+    reply = answer_to(latest)
+    assert reply is not None
+    assert origins.on_answer(1, 50, reply, 0, 2 * ANSWER_NS + 2) == list(range(5, HELD_MAX + 5))
+    assert answer_to(reply) is None
+
+
+def test_a_clock_that_was_not_seen_for_an_hour_is_asked_again() -> None:
+    origins: Origins[int] = Origins(7)
+    question = origins.question(1, 0)
+    assert question is not None
+    reply = answer_to(question)
+    assert reply is not None
+    origins.on_answer(1, 50, reply, 0, 0)
+    slow_ns = RENEWAL_NS - 10 * SECOND
+    assert origins.judge(1, 50, slow_ns, 60 * SECOND, RENEWAL_NS) is Freshness.CURRENT
+    assert origins.judge(1, 50, slow_ns, 60 * SECOND, RENEWAL_NS + 1) is Freshness.UNKNOWN
+
+
+@pytest.mark.parametrize("payload", [b"", bytes(8), bytes(13), b"\x03" + bytes(12), b"\x01" + bytes(13)])
+def test_other_bytes_are_no_check(payload: bytes) -> None:
+    assert not is_check(payload)
