@@ -59,7 +59,7 @@ async def dealer(keys: Keys, server: bytes, port: int) -> AsyncIterator["zmq.Soc
 
 def all_refused(refused: Refused, *names: str) -> bool:
     """Whether these counters have all tries."""
-    return sum(getattr(refused, name) for name in names) >= TRIES
+    return sum(msgspec.structs.asdict(refused)[name] for name in names) >= TRIES
 
 
 async def send_all(
