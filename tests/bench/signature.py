@@ -1,4 +1,4 @@
-"""Processor time of end-to-end signatures: at the origin, at a relay and at the receiver of a forwarded frame.
+"""Processor time of end-to-end signatures: at the origin, a relay and the receiver of a forwarded frame.
 
     python tests/bench/signature.py [--json]
 
