@@ -59,7 +59,8 @@ async def dealer(keys: Keys, server: bytes, port: int) -> AsyncIterator["zmq.Soc
 
 def all_refused(refused: Refused, *names: str) -> bool:
     """Whether these counters have all tries."""
-    return sum(msgspec.structs.asdict(refused)[name] for name in names) >= TRIES
+    total: int = sum(msgspec.structs.asdict(refused)[name] for name in names)
+    return total >= TRIES
 
 
 async def send_all(
