@@ -8,9 +8,9 @@ from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.access_filter import AccessFilter
-from swarmd.broker.core.admission.end_to_end import Arrival, EndToEnd
 from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
+from swarmd.broker.core.forwarding.end_to_end import Arrival, EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.traffic import FrameAccounts

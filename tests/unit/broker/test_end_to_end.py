@@ -6,7 +6,6 @@ from typing import Final
 import msgspec
 import pytest
 
-from swarmd.broker.core.admission.end_to_end import EndToEnd, Incoming
 from swarmd.broker.core.admission.origins import (
     ANSWER_NS,
     FRAME_AGE_NS,
@@ -18,6 +17,7 @@ from swarmd.broker.core.admission.origins import (
     answer_to,
     is_check,
 )
+from swarmd.broker.core.forwarding.end_to_end import EndToEnd, Incoming
 from swarmd.broker.core.forwarding.frame_datagram import FRAME_MAX, pack
 from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
