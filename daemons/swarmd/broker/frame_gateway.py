@@ -10,7 +10,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
-from swarmd.broker.core.forwarding.end_to_end import Arrival, EndToEnd
+from swarmd.broker.core.forwarding.end_to_end import AuthenticatedFrame, EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.traffic import FrameAccounts
@@ -197,7 +197,7 @@ class FrameGateway:
             frame.extension = with_node(frame.extension, self._core.identity.hw)
         self._onward(frame, decision, None, relayed=True)
 
-    def _deliver(self, arrival: Arrival) -> None:
+    def _deliver(self, arrival: AuthenticatedFrame) -> None:
         frame = arrival.frame
         if self._is_late(frame, arrival.arrived_ns) or not self._may_pass(frame, arrival.arrived_ns):
             return

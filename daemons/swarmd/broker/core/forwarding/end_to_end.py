@@ -1,4 +1,4 @@
-"""Signatures of relayed frames: the origin signs, the receiver verifies, and nobody between pays for it."""
+"""Signatures of relayed frames: the origin signs, the receiver verifies; relays do neither."""
 
 from collections.abc import Callable
 from typing import Final, Protocol
@@ -34,11 +34,11 @@ class SigningKeys(Protocol):
         ...
 
     def sign_public_of(self, platform: str) -> bytes | None:
-        """Public key of a member; None: it is no valid member."""
+        """Public key of a member; None: it is not a valid member."""
         ...
 
 
-class Arrival(msgspec.Struct, frozen=True):
+class AuthenticatedFrame(msgspec.Struct, frozen=True):
     """A frame for this node, whose sender is authenticated."""
 
     frame: Frame
@@ -52,7 +52,7 @@ class Arrival(msgspec.Struct, frozen=True):
 class Incoming(msgspec.Struct, frozen=True):
     """What follows from a frame for this node."""
 
-    arrivals: tuple[Arrival, ...] = ()
+    arrivals: tuple[AuthenticatedFrame, ...] = ()
     """Frames to be delivered."""
     outgoing: tuple[Frame, ...] = ()
     """Frames of this node to be sent."""
@@ -76,7 +76,7 @@ class EndToEnd:
         self._keys = keys
         self._platform_of = platform_of
         self._refused = refused
-        self._origins: Origins[Arrival] = Origins(session)
+        self._origins: Origins[AuthenticatedFrame] = Origins(session)
 
     def signed(self, frame: Frame, via: int) -> Frame:
         """The frame as it is sent to this next hop: signed, unless that is its receiver.
@@ -101,7 +101,7 @@ class EndToEnd:
             self._refused.malformed += 1
             return Incoming()
         frame.extension = parts.extension
-        arrival = Arrival(frame, parts.path, now_ns, first)
+        arrival = AuthenticatedFrame(frame, parts.path, now_ns, first)
         if self._keys.is_open or (link_hw == frame.sender_hw and frame.kind is not FrameKind.HELLO):
             return Incoming() if frame.kind is FrameKind.HELLO else Incoming((arrival,))
         if link_hw not in (None, frame.sender_hw) and (not parts.path or parts.path[-1] != link_hw):
@@ -109,7 +109,7 @@ class EndToEnd:
             arrival = msgspec.structs.replace(arrival, path=(*parts.path, link_hw))
         return self._relayed(arrival, parts, now_ns)
 
-    def _relayed(self, arrival: Arrival, parts: RelayExtension, now_ns: int) -> Incoming:
+    def _relayed(self, arrival: AuthenticatedFrame, parts: RelayExtension, now_ns: int) -> Incoming:
         frame, found = arrival.frame, parts.signature
         name = self._platform_of(frame.sender_hw)
         if found is None:
@@ -128,7 +128,7 @@ class EndToEnd:
             return self._on_check(frame, found, now_ns)
         return self._if_current(arrival, found, now_ns)
 
-    def _if_current(self, arrival: Arrival, found: FrameSignature, now_ns: int) -> Incoming:
+    def _if_current(self, arrival: AuthenticatedFrame, found: FrameSignature, now_ns: int) -> Incoming:
         frame = arrival.frame
         freshness = self._origins.judge(
             frame.sender_hw, found.session, frame.stamp_ns, lifetime_ns(frame.extension), now_ns
@@ -154,7 +154,7 @@ class EndToEnd:
             if self._origins.is_confirmed(origin, found.session):
                 return Incoming(outgoing=(reply,))
             return Incoming(outgoing=(reply, *self._question(origin, now_ns)))
-        arrivals: list[Arrival] = []
+        arrivals: list[AuthenticatedFrame] = []
         for held in self._origins.on_answer(origin, found.session, check, frame.stamp_ns, now_ns):
             waited = held.frame
             freshness = self._origins.judge(

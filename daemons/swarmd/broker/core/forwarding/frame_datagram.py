@@ -33,7 +33,7 @@ RETRY_NS: Final = 60_000_000_000
 
 def pack(frame: Frame) -> bytes | None:
     """The encoded frame if it may be sent as a datagram: urgent, and small enough, if necessary
-    compressed; nothing of a signed frame changes."""
+    compressed; a signed frame stays as it is."""
     if not frame.flags & Flag.URGENT or len(frame.payload) > COMPRESS_MAX:
         return None
     data = encode(frame)
