@@ -72,9 +72,9 @@ def system() -> Path:
 
 
 def wheels() -> Path:
-    """The wheels of everything the package depends on: the machine has no network."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    needed = project["dependencies"]
+    """The wheels of all that the package and a build of packages need: the machine has no network."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    needed = project["project"]["dependencies"] + project["build-system"]["requires"]
     series = "3.11"  # of the suite
     path = _cache() / f"wheels-{_key(series, platform.machine(), *needed)}"
     download = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]

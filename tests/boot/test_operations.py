@@ -1,4 +1,4 @@
-"""share/doc/operations.md, followed letter by letter on a machine that boots a real systemd."""
+"""share/doc/operations.md and the systemd part of a tutorial, letter by letter on a booted real systemd."""
 
 import json
 import re
@@ -13,6 +13,7 @@ from tests.boot.machine import ROOT, CannotBoot, Machine, wheels, why_not
 from swarmware.model.config import NodeConfig
 
 PAGE = ROOT / "share/doc/operations.md"
+SERVICE = ROOT / "share/doc/tutorials/service.md"
 USER = "olivia"
 HEAL_S = 20.0
 
@@ -24,10 +25,10 @@ pytestmark = [
 ]
 
 
-def sections() -> dict[str, list[str]]:
-    """The commands of the page: heading → its blocks."""
+def sections(page: Path) -> dict[str, list[str]]:
+    """The commands of a page: heading → its blocks."""
     found = {}
-    for part in re.split(r"^##+ ", PAGE.read_text(), flags=re.MULTILINE)[1:]:
+    for part in re.split(r"^##+ ", page.read_text(), flags=re.MULTILINE)[1:]:
         heading, _, body = part.partition("\n")
         found[heading] = re.findall(r"^```sh\n(.*?)^```", body, re.MULTILINE | re.DOTALL)
     return found
@@ -35,7 +36,7 @@ def sections() -> dict[str, list[str]]:
 
 @pytest.fixture(scope="module")
 def page() -> dict[str, list[str]]:
-    return sections()
+    return sections(PAGE)
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +147,30 @@ def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) 
     # the master, a daemon, tidies up after it
     there = "ls /run/swarm/apps/my-module*.toml 2>/dev/null"
     node.must(f"i=0; while {there}; do i=$((i+1)); test $i -lt 50; sleep 0.1; done")
+
+
+def test_the_service_of_the_tutorial_runs_under_systemd(node: Machine) -> None:
+    (block,) = sections(SERVICE)["5. Run it under systemd"]
+    node.must("swarmctl new service lookout")
+    try:
+        journal = node.must(block)
+        assert "Started" in journal and "warning" not in journal.lower(), journal
+        assert "lookout#1" in node.must("swarmctl app ls")
+        get = "swarmctl --json tree get lookout/distance"
+        assert "value" in node.must(f"i=0; until {get}; do i=$((i+1)); test $i -lt 20; sleep 0.2; done")
+        # the page: the unit starts and stops with swarm.target, and comes back when its process ends
+        before = node.must("systemctl show -p MainPID --value lookout").strip()
+        node.must(f"kill -9 {before}")
+        again = "systemctl is-active lookout && test $(systemctl show -p MainPID --value lookout) != "
+        node.must(f"i=0; until {again} {before}; do i=$((i+1)); test $i -lt 100; sleep 0.2; done")
+        node.must("systemctl stop swarm.target")
+        assert node.run("systemctl is-active lookout").stdout.strip() == "inactive"
+        node.must("systemctl start swarm.target")
+        healed(node, lambda: node.run("systemctl is-active lookout").returncode == 0)
+    finally:
+        node.must("systemctl disable --now lookout; rm /etc/systemd/system/lookout.service")
+        node.must("systemctl daemon-reload; rm -r lookout /etc/swarm/services/lookout.toml")
+        node.must("/opt/swarm/bin/pip uninstall --quiet --yes lookout")
 
 
 @pytest.mark.parametrize("service", ["tree", "guard", "broker"])

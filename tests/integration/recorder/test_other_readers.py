@@ -16,6 +16,7 @@ import msgspec
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
+from swarmware.model.config import share_dir
 from swarmware.module.module import Module
 from swarmware.recorder.ring import segments
 from swarmware.testing.process import spawn
@@ -159,19 +160,27 @@ def test_every_message_of_an_export_satisfies_the_schema_in_its_file(recorded: d
     assert list(schema["properties"]["cells"]["items"]["properties"]) == ["depth_m", "strength_db"]
 
 
-def test_the_reader_for_javascript_opens_segments_and_exports(
+def test_the_reader_for_javascript_opens_files_and_schemas_are_those_that_foxglove_publishes(
     recorded: dict[str, Path], tmp_path: Path
 ) -> None:
     npm, node = shutil.which("npm"), shutil.which("node")
     if npm is None or node is None:
         pytest.skip("npm and node are not installed")
-    command = [npm, "install", "--no-audit", "--no-fund", "--silent", "@mcap/core@2", "fzstd@0.1"]
+    packages = ["@mcap/core@2", "fzstd@0.1", "@foxglove/schemas@2.1.0"]
+    command = [npm, "install", "--no-audit", "--no-fund", "--silent", *packages]
     done = subprocess.run(
         command, cwd=tmp_path, env=os.environ | {"HOME": str(tmp_path)}, capture_output=True, check=False
     )
     if done.returncode or not (tmp_path / "node_modules/@mcap/core").is_dir():
         pytest.skip(f"npm could not install @mcap/core: {done.stderr.decode()[-200:]}")
     files = [str(path) for path in recorded.values()]
+    ours = sorted((share_dir() / "schemas/foxglove").glob("*.json"))
+    script = "console.log(JSON.stringify(require('@foxglove/schemas/jsonschema')))"
+    official = subprocess.run([node, "-e", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+    published = json.loads(official.stdout)
+    assert ours and {path.stem: json.loads(path.read_text()) for path in ours} == {
+        path.stem: published[path.stem] for path in ours
+    }
     read = subprocess.run(
         [node, str(SCRIPT), str(tmp_path), *files], capture_output=True, text=True, check=False
     )
