@@ -7,7 +7,7 @@ RUN := $(BIN)/python -m
 LAB_ARGS ?= --nodes 16
 REPORT ?= report
 SITE ?= share/doc/site
-# tests with whole vehicles, which fly in real time
+# tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
 .PHONY: lab test simulations lint check hooks bench figures docs site dist boot-test clean
@@ -15,10 +15,10 @@ LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests; what computes and what waits shares the cores, a lab has them alone
+test: $(VENV)/.test ## all tests; those that compute one per core, those that wait three at a time, labs two at a time
 	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
-	$(RUN) pytest -q -n 2 --dist loadfile $(LABS:%=--ignore=%) tests/integration
-	$(RUN) pytest -q $(LABS)
+	$(RUN) pytest -q -n 3 --dist loadfile $(LABS:%=--ignore=%) tests/integration
+	$(RUN) pytest -q -n 2 --dist loadfile --no-loadscope-reorder $(LABS)
 
 simulations: $(VENV)/.test ## the simulations with all their seeds; test runs a part of them
 	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation
