@@ -209,12 +209,14 @@ def environment(lab: Lab) -> dict[str, str]:
 
 @pytest.fixture
 def terminal(environment: dict[str, str], tmp_path: Path) -> Iterator[Terminal]:
-    """The shell of a reader."""
-    found = Terminal(tmp_path, environment)
+    """The shell of a reader, in a short folder: nodes that a page starts have sockets below it."""
+    home = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
+    found = Terminal(home, tmp_path, environment)
     try:
         yield found
     finally:
         found.close()
+        shutil.rmtree(home)
 
 
 def _validate(words: list[str], out: str) -> None:

@@ -20,12 +20,9 @@ POLL_S = 0.2
 class Terminal:
     """A bash in a session of its own: variables, the current folder and jobs last from block to block."""
 
-    def __init__(self, folder: Path, env: dict[str, str]) -> None:
-        self._blocks = folder / "blocks"
-        self._blocks.mkdir()
+    def __init__(self, home: Path, blocks: Path, env: dict[str, str]) -> None:
+        self._blocks = blocks
         self._numbers = count()
-        home = folder / "home"
-        home.mkdir()
         self._shell = subprocess.Popen(
             ["bash"],
             cwd=home,
