@@ -1,5 +1,6 @@
 """`swarmctl`: one command for the whole swarm."""
 
+import io
 import os
 import sys
 from typing import Final
@@ -107,7 +108,9 @@ def main(args: list[str] | None = None) -> int:
     except click.ClickException as error:
         if wants_structured(words, os.environ):
             return _fail(words, error.format_message(), error.exit_code)
-        error.show()
+        shown = io.StringIO()
+        error.show(shown)
+        _print_error(shown.getvalue().rstrip())
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -162,5 +165,11 @@ def _fail(words: list[str], text: str, code: int) -> int:
 
         print(json_line({"error": text, "exit_code": code}), file=sys.stderr)
     else:
-        print(f"error: {text}", file=sys.stderr)
+        _print_error(f"error: {text}")
     return code
+
+
+def _print_error(text: str) -> None:
+    from swarmctl.terminal.wrapping import fitted_text, terminal_width
+
+    print(fitted_text(text, terminal_width(sys.stderr)), file=sys.stderr)

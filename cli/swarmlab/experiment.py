@@ -128,7 +128,7 @@ def page_table(out_dir: Path, out: Output) -> None:
     """
     from swarmlab.report import report as figures
 
-    out.text(figures.markdown(_read(out_dir / REPORT, figures.ExperimentReport)).rstrip())
+    out.verbatim(figures.markdown(_read(out_dir / REPORT, figures.ExperimentReport)).rstrip())
 
 
 def _read(path: Path, cls: type[S]) -> S:

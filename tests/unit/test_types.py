@@ -124,6 +124,15 @@ def test_a_zstd_payload_comes_back_whole_and_cut_short_it_is_refused(data: bytes
             registry.decompress(packed[:cut], Codec.ZSTD)
 
 
+@pytest.mark.parametrize("codec", [Codec.NONE, Codec.ZLIB, Codec.ZSTD])
+def test_a_payload_of_an_unknown_type_is_messagepack_after_its_decompression(codec: Codec) -> None:
+    plain = registry.encode(Pose(1.0, 2.0))
+    data = {Codec.NONE: plain, Codec.ZLIB: zlib.compress(plain), Codec.ZSTD: _zstd(plain, stated=True)}
+    assert registry.messagepack("TypeOfTheUser", data[codec], codec) == plain
+    with pytest.raises(NotFound):
+        registry.messagepack("TypeOfTheUser", *registry.pack(Pose(1.0, 2.0)))
+
+
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e308])
 def test_a_value_that_the_packed_form_cannot_say_goes_as_messagepack_and_is_refused_where_it_arrives(
     number: float,

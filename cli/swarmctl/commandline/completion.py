@@ -88,6 +88,18 @@ def values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[
     return [value for value in _fields(ctx, path).get(field or "value", ()) if value.startswith(incomplete)]
 
 
+def setting_values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """Values of the setting in the argument `key`, with its range and default as help."""
+    from click.shell_completion import CompletionItem
+
+    from swarmctl.commandline import word_cache
+    from swarmctl.commandline.nodes import names_one
+
+    node = settings(ctx).node
+    found, hint = word_cache.values_of(f"config/{ctx.params.get('key', '')}", node if names_one(node) else "")
+    return [CompletionItem(value, help=hint) for value in found if value.startswith(incomplete)]
+
+
 def field_values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Words `field=value` of the type of the argument `path`; bash splits them at the sign."""
     known = _fields(ctx, str(ctx.params.get("path", "")))

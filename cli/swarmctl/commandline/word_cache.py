@@ -25,6 +25,8 @@ class CachedWords(NamedTuple):
     fields: dict[str, FieldValues]
     """Fields by the name of the type; by the path of a resource with values of its own."""
     missions: list[str]
+    hints: dict[str, str]
+    """Permitted values and default of a setting, by its global path."""
 
 
 def file() -> Path:
@@ -34,7 +36,7 @@ def file() -> Path:
 
 def empty(way: str = "") -> CachedWords:
     """No words yet of a swarm."""
-    return CachedWords(way, {}, {}, [])
+    return CachedWords(way, {}, {}, [], {})
 
 
 def load() -> CachedWords:
@@ -46,7 +48,8 @@ def load() -> CachedWords:
             for name, known in found["fields"].items()
         }
         types = {str(path): str(name) for path, name in found["types"].items()}
-        return CachedWords(str(found["way"]), types, fields, [str(name) for name in found["missions"]])
+        hints = {str(path): str(text) for path, text in found.get("hints", {}).items()}
+        return CachedWords(str(found["way"]), types, fields, [str(name) for name in found["missions"]], hints)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return empty()
 
@@ -56,6 +59,7 @@ def save(
     types: Mapping[str, str] | None = None,
     fields: Mapping[str, FieldValues] | None = None,
     missions: Iterable[str] | None = None,
+    hints: Mapping[str, str] | None = None,
 ) -> None:
     """Adds words that were met through a node; another joined node means another swarm: former ones go."""
     before = load()
@@ -65,6 +69,7 @@ def save(
         dict(list({**known.types, **(types or {})}.items())[-LIMIT:]),
         {**known.fields, **(fields or {})},
         known.missions if missions is None else list(missions),
+        {**known.hints, **(hints or {})},
     )
     if merged == before:
         return
@@ -80,8 +85,21 @@ def save(
 def fields_of(path: str, platform: str) -> FieldValues:
     """Fields of the resource at a path; without a platform in it at `platform`, or (empty) at any."""
     words = load()
-    if not path.startswith("/"):
-        ending = f"/{path}"
-        known = (one for one in words.types if one.endswith(ending) and one.count("/") == path.count("/") + 2)
-        path = f"/{platform}/{path}" if platform else next(known, path)
-    return words.fields.get(path) or words.fields.get(words.types.get(path, ""), {})
+    full = _full(path, platform, words.types)
+    return words.fields.get(full) or words.fields.get(words.types.get(full, ""), {})
+
+
+def values_of(path: str, platform: str) -> tuple[list[str], str]:
+    """Values to offer for a setting, and its hint; the path as of `fields_of`."""
+    words = load()
+    full = _full(path, platform, {**words.types, **words.hints})
+    known = words.fields.get(full) or words.fields.get(words.types.get(full, ""), {})
+    return known.get("value", []), words.hints.get(full, "")
+
+
+def _full(path: str, platform: str, paths: Iterable[str]) -> str:
+    if path.startswith("/"):
+        return path
+    ending = f"/{path}"
+    known = (one for one in paths if one.endswith(ending) and one.count("/") == path.count("/") + 2)
+    return f"/{platform}/{path}" if platform else next(known, path)

@@ -1,11 +1,11 @@
 """Values as text: one name per field, with units, and angles in degrees."""
 
 import math
-import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 from swarmctl.resources.values import brief
+from swarmctl.terminal.wrapping import wrapped
 from swarmware.types.json_form import json_form
 from swarmware.types.units import unit_of
 
@@ -115,7 +115,7 @@ def block(rows: list[tuple[str, str]], width: int | None) -> list[str]:
 
 
 def flow(rows: list[tuple[str, str]], width: int | None, head: str) -> list[str]:
-    """All fields in one line, or as many as the width needs; each field stays whole."""
+    """All fields in one line, or as many as the width needs; a field that fits in a line stays whole."""
     items = [f"{name} {text}".strip() for name, text in rows]
     if width is None:
         return [head + "  ".join(items)]
@@ -125,19 +125,6 @@ def flow(rows: list[tuple[str, str]], width: int | None, head: str) -> list[str]
         if lines[-1].strip() and len(lines[-1]) + len(gap) + len(item) > width:
             lines.append(INDENT)
             gap = ""
-        lines[-1] += gap + item
+        first, *rest = wrapped(item, width, lines[-1] + gap, INDENT * 2)
+        lines[-1:] = [first, *rest]
     return lines
-
-
-def wrapped(text: str, width: int | None, head: str, indent: str) -> list[str]:
-    """The text behind its head, continued below an indent at blanks only; None: on one line."""
-    if width is None:
-        return [head + text]
-    wrapper = textwrap.TextWrapper(
-        max(width, len(indent) + 20),
-        initial_indent=head,
-        subsequent_indent=indent,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    return wrapper.wrap(text) or [head.rstrip()]

@@ -197,7 +197,13 @@ def _remember(session: Session, pattern: str, entries: list[TreeEntry], platform
     whole = platforms if pattern == "/**" else [p for p in platforms if pattern == f"/{p}/**"]
     way = str(config_dir(session.settings))
     completion_cache.save(way, sorted(platforms, key=names.natural), seen, whole)
-    known = {name for entry in entries if (name := entry.type) and registry.installed(name)}
+    types = {name for entry in entries if (name := entry.type)}
+    known = {name for name in types if registry.installed(name)}
     fields = {name: field_values(registry.find(name)) for name in known}
+    if unknown := types - known - word_cache.load().fields.keys():
+        from swarmctl.resources.described_fields import described_fields
+
+        owners = {str(names.split(entry.path)[0]) for entry in entries if entry.type in unknown}
+        fields |= described_fields(session, owners, unknown)
     fields |= {entry.path: {"value": list(entry.choices)} for entry in entries if entry.choices}
     word_cache.save(way, {entry.path: entry.type for entry in entries if entry.type}, fields)

@@ -10,6 +10,7 @@ import msgspec
 
 from swarmctl.commandline.completion import default_labs_folder
 from swarmctl.commandline.nodes import NodeSelection
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.session.processes import NODE_MARK, ProcessIdentity, marked, marks
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 from swarmware.model import document
@@ -223,3 +224,18 @@ def find(name: str = "") -> LabState:
     if not running:
         raise NotFound("running lab: none; expected one started by `swarmctl lab up formation --detach`")
     return running[-1]
+
+
+def chosen(settings: CliSettings) -> LabState | None:
+    """The lab to use: the named one, or the newest that runs; None: no lab, but a node of this machine.
+
+    Raises: NotFound when the named one does not exist.
+    """
+    if settings.config_dir is not None:
+        return None
+    try:
+        return find(settings.lab)
+    except NotFound:
+        if settings.lab:
+            raise
+        return None

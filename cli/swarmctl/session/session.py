@@ -186,11 +186,9 @@ def config_dir(settings: CliSettings) -> Path:
 
     if settings.config_dir is not None:
         return settings.config_dir
-    if settings.lab:
-        return labs.find(settings.lab).station.config_dir
-    running = [lab for lab in labs.labs() if lab.running]
-    if running:
-        return running[-1].station.config_dir
+    lab = labs.chosen(settings)
+    if lab is not None:
+        return lab.station.config_dir
     if (DEFAULT_DIR / "node.toml").is_file():
         return DEFAULT_DIR
     raise NotFound(

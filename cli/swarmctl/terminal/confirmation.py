@@ -3,8 +3,14 @@
 import asyncio
 import sys
 from collections.abc import Iterable
+from typing import Final
 
 import click
+
+from swarmctl.terminal.wrapping import fitted_text, terminal_width
+
+ANSWER: Final = 12
+"""Columns for ` [y/N]: ` or `: `, and for the answer."""
 
 
 def confirm(yes: bool, what: str) -> None:
@@ -16,7 +22,7 @@ def confirm(yes: bool, what: str) -> None:
         return
     if not sys.stdin.isatty():
         raise click.UsageError(f"{what}: expected --yes, because stdin is not a terminal")
-    click.confirm(f"{what}. Continue?", abort=True, err=True)
+    click.confirm(_question(f"{what}. Continue?"), abort=True, err=True)
 
 
 def confirm_by_name(name: str, given: str, what: str) -> None:
@@ -27,9 +33,15 @@ def confirm_by_name(name: str, given: str, what: str) -> None:
     if not given:
         if not sys.stdin.isatty():
             raise click.UsageError(f"{what}: expected --confirm {name}, because stdin is not a terminal")
-        given = click.prompt(f"{what}. Type {name} to continue", err=True)
+        given = click.prompt(_question(f"{what}. Type {name} to continue"), err=True)
     if given != name:
         raise click.UsageError(f"{what}: confirmed by {given!r}; expected the same name, {name!r}")
+
+
+def _question(text: str) -> str:
+    """A question with its answer on the same line, within the width of the terminal."""
+    width = terminal_width(sys.stderr)
+    return fitted_text(text, None if width is None else width - ANSWER)
 
 
 class JointConfirmation:

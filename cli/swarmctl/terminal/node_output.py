@@ -83,6 +83,10 @@ class NodeOutput(Output):
         """Keep a result that is text."""
         self.results.append(text)
 
+    def verbatim(self, text: str) -> None:
+        """Keep a result that is copied or read by programs."""
+        self.results.append(text)
+
     def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
         """Keep a result that is a table."""
         self.results.append(ResultTable(tuple(columns), tuple(tuple(row) for row in rows), title))

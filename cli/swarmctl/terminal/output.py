@@ -9,6 +9,7 @@ import msgspec
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
+from swarmctl.terminal.wrapping import fitted_text, terminal_columns, terminal_width
 from swarmware.types.json_form import json_form
 
 SCHEMA_VERSION: Final = 2
@@ -18,7 +19,7 @@ SCHEMA_VERSION: Final = 2
 class Output:
     """The two streams of a command and the rules for them.
 
-    A table is fitted to the width of a terminal; elsewhere it is complete and as wide as it is.
+    Tables and texts are fitted to the width of a terminal; elsewhere they are as wide as they are.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class Output:
     @property
     def width(self) -> int | None:
         """Columns of the terminal; None: stdout is none, lines are as long as they are."""
-        return _columns() if self._out.isatty() else None
+        return terminal_width(self._out)
 
     @property
     def lively(self) -> bool:
@@ -74,19 +75,28 @@ class Output:
         self._redrawn = 0  # this line stays above the next redrawn text
         self._out.flush()  # where both go to one file, messages and results stay in their order
         line = text if kind == "message" else f"{kind}: {text}"
-        print(json_line({kind: text}) if self.settings.structured else line, file=self._err, flush=True)
+        shown = json_line({kind: text}) if self.settings.structured else self._fitted(line, self._err)
+        print(shown, file=self._err, flush=True)
+
+    @staticmethod
+    def _fitted(text: str, stream: TextIO) -> str:
+        return fitted_text(text, terminal_width(stream))
 
     def text(self, text: str) -> None:
-        """Print a result that is text."""
+        """Print a result that is text, its long lines wrapped on a terminal."""
+        print(self._fitted(text, self._out), file=self._out)
+
+    def verbatim(self, text: str) -> None:
+        """Print a result that is copied or read by programs: a path, a shell command, a file."""
         print(text, file=self._out)
 
     def now(self, text: str) -> None:
         """Print one line of a continuous result, flushed because a reader may follow it."""
-        print(text, file=self._out, flush=True)
+        print(self._fitted(text, self._out), file=self._out, flush=True)
 
     def redraw(self, text: str) -> None:
         """Print lines in the place of those of the last call, each cut at the width of the terminal."""
-        width = _columns()
+        width = terminal_columns()
         lines = [line[:width] for line in text.splitlines()]
         back = f"\x1b[{self._redrawn}F\x1b[J" if self._redrawn else ""
         self._redrawn = len(lines)
@@ -101,7 +111,8 @@ class Output:
         cells = [[show(cell) for cell in row] for row in rows]
         table = fitted_table(columns, cells, None if self.settings.output == "wide" else self.width)
         header = [f"\x1b[1m{line}\x1b[0m" for line in table.header] if self.fancy else table.header
-        self.text("\n".join([*([title] if title else []), *header, *table.rows]))
+        titled = [self._fitted(title, self._out)] if title else []
+        self.verbatim("\n".join([*titled, *header, *table.rows]))
         if table.hidden:
             self.say(f"-o wide also shows {', '.join(table.hidden)}")
 
@@ -126,7 +137,7 @@ class Output:
             self._yaml(json_form(value))
             return
         data = msgspec.json.format(msgspec.json.encode(json_form(value)), indent=2)
-        self.text(data.decode())
+        self.verbatim(data.decode())
 
     def line(self, value: msgspec.Struct) -> None:
         """Print one item of a continuous result, flushed because a reader may follow it."""
@@ -144,13 +155,6 @@ class Output:
 
         yaml.safe_dump(form, self._out, sort_keys=False, allow_unicode=True, explicit_start=True)
         self._out.flush()
-
-
-def _columns() -> int:
-    """Columns of the terminal."""
-    from shutil import get_terminal_size  # it imports the modules of all archives
-
-    return get_terminal_size().columns
 
 
 def json_line(form: dict[str, Any]) -> str:

@@ -1,10 +1,11 @@
 """Tables of commands, fitted to the width of a terminal without breaking a word."""
 
-import re
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import msgspec
+
+from swarmctl.terminal.wrapping import atoms, words, wrapped
 
 Cell = str | int | float | bool | None
 
@@ -55,8 +56,8 @@ def fitted_table(
     """The table within `width` characters; None: two blanks between columns, nothing wrapped.
 
     What is too wide gives way in this order: headers are wrapped, columns are hidden by their `drop`,
-    cells are wrapped between words, cells are wrapped after the punctuation of paths and lists. A line
-    that is too long even then stays whole: a word is never broken.
+    cells are wrapped between words, cells are wrapped after the punctuation of paths and lists. A table
+    that is too wide even then is a record per row, if that helps. A word is never broken.
     """
     places = list(range(len(columns)))
     widths = _unwrapped(columns, cells, places, width)
@@ -64,8 +65,12 @@ def fitted_table(
         places.remove(max(places, key=lambda place: columns[place].drop))
         widths = _unwrapped(columns, cells, places, width)
     if width is not None:
-        for parts in (_words, _atoms):
+        for parts in (words, atoms):
             widths = _narrowed(widths, _widest(columns, cells, places, parts), width)
+    if width is not None and _total(widths) > width:
+        records = _records(columns, cells, width)
+        if all(len(line) <= width for line in records.rows):
+            return records
     kept = [columns[place] for place in places]
     return FittedTable(
         header=_drawn(kept, [column.name for column in kept], widths),
@@ -74,27 +79,18 @@ def fitted_table(
     )
 
 
-def wrapped(text: str, width: int) -> list[str]:
-    """Lines of at most `width` characters; a part that is longer stays whole.
-
-    A line ends between two words, else after the punctuation of a path or a list.
-    """
-    if len(text) <= width:
-        return [text]
-    lines = [""]
-    for word in _words(text):
-        joined = f"{lines[-1]} {word}" if lines[-1] else word
-        if len(joined) <= width:
-            lines[-1] = joined
-        elif len(word) <= width:
-            lines.append(word)
-        else:
-            for part in _atoms(f" {word}" if lines[-1] else word):
-                if lines[-1] and len(lines[-1]) + len(part) > width:
-                    lines.append(part.lstrip())
-                else:
-                    lines[-1] += part
-    return lines
+def _records(columns: Sequence[Column], cells: Sequence[Sequence[str]], width: int) -> FittedTable:
+    """A line for each column of a row, its name before the value; records are separated by empty lines."""
+    label = max(len(column.name) for column in columns)
+    if label + len(GAP) > width // 2:
+        label = 0  # the name has no place beside the value
+    lines: list[str] = []
+    for number, row in enumerate(cells):
+        lines += [""] if number else []
+        for column, text in zip(columns, row, strict=True):
+            head = f"{column.name:<{label}}{GAP}"
+            lines += wrapped(text, width, head, " " * (label + len(GAP)))
+    return FittedTable([], lines, [])
 
 
 def _unwrapped(
@@ -115,9 +111,7 @@ def _widest(
     """Per column the longest part of its cells or word of its header."""
     return [
         max(len(part) for text in texts for part in text)
-        for texts in (
-            [_words(columns[place].name), *(parts(row[place]) for row in cells)] for place in places
-        )
+        for texts in ([words(columns[place].name), *(parts(row[place]) for row in cells)] for place in places)
     ]
 
 
@@ -134,15 +128,6 @@ def _narrowed(widths: Sequence[int], floor: Sequence[int], width: int) -> list[i
 
 def _total(widths: Sequence[int]) -> int:
     return sum(widths) + len(GAP) * (len(widths) - 1)
-
-
-def _words(text: str) -> list[str]:
-    return text.split() or [""]
-
-
-def _atoms(text: str) -> list[str]:
-    """Parts between which a path, an address or a list may be broken: after `/`, `,`, `:` and `=`."""
-    return re.findall(r"[^/,:=]*[/,:=]+|[^/,:=]+", text) or [""]
 
 
 def _drawn(columns: Sequence[Column], texts: Sequence[str], widths: Sequence[int]) -> list[str]:

@@ -13,7 +13,7 @@ from swarmctl.vehicles.observer import (
     print_result,
     raise_failures,
 )
-from swarmctl.vehicles.selection import choose
+from swarmctl.vehicles.selection import choose, mission_states, stations_left
 from swarmware.errors import SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
@@ -83,7 +83,10 @@ async def command(session: Session, then: str, wanted: tuple[str, ...], wait_s: 
     Raises: as `choose` and `judge`.
     """
     chosen = await choose(session, wanted)
-    found = await manoeuvre(session, MissionAbort(reason, then), chosen, wait_s)
+    states = mission_states(session)
+    stations = stations_left(states, {name: state.kind for name, state in states.items()}, chosen)
+    # a station first: the states of the vehicles must not reach it before the order does
+    found = await manoeuvre(session, MissionAbort(reason, then), {**stations, **chosen}, wait_s)
     if session.settings.structured:
         session.out.document(CommandResult(then, found))
     raise_failures(then, found)

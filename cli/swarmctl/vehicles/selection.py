@@ -1,6 +1,6 @@
 """Selection of vehicles: by name, by pattern, or all."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import click
 
@@ -8,7 +8,15 @@ from swarmctl.commandline.nodes import EVERY, NodeSelection, joined
 from swarmctl.session.session import Session
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.model.platform_kind import NO_KIND, PlatformKind
-from swarmware.types.mission import MissionState
+from swarmware.types.mission import INACTIVE, MissionState
+
+
+def mission_states(session: Session) -> dict[str, MissionState]:
+    """Newest mission state of every platform, including unreachable ones."""
+    others = session.module.readers("/*/mission/state", MissionState)
+    own = session.module.reader("mission/state", MissionState)
+    found = {name: reader.value for name, reader in others.items()} | {session.here: own.value}
+    return {name: state for name, state in found.items() if state is not None}
 
 
 async def kinds(session: Session) -> dict[str, PlatformKind]:
@@ -20,6 +28,24 @@ async def kinds(session: Session) -> dict[str, PlatformKind]:
         found[name] = (
             session.module.node.config.kind if name == session.here else state.kind if state else NO_KIND
         )
+    return found
+
+
+def stations_left(
+    states: Mapping[str, MissionState], kinds: Mapping[str, PlatformKind], chosen: Iterable[str]
+) -> dict[str, PlatformKind]:
+    """Ground stations whose mission runs at no other vehicle than the chosen ones.
+
+    An order to these vehicles ends the mission; a station would wait at its next barrier, and fail there.
+    """
+    running = {name: state for name, state in states.items() if state.epoch and state.state not in INACTIVE}
+    stations = {name for name in running if kinds.get(name) == PlatformKind.GCS}
+    found = {}
+    for station in stations:
+        epoch = running[station].epoch
+        vehicles = {name for name, state in running.items() if state.epoch == epoch} - stations
+        if vehicles and vehicles <= set(chosen):
+            found[station] = kinds[station]
     return found
 
 

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 import msgspec
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.session import labs
+from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState
 from swarmctl.session.session import connect
 from swarmctl.terminal.output import Output
@@ -23,6 +23,7 @@ from swarmlab.run.running import RunningLab
 from swarmlab.run.watch import SwarmWatch
 from swarmware.errors import NoAnswer
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.transport.appfile import table
 
 T = TypeVar("T")
 
@@ -37,6 +38,8 @@ class EndedLab(msgspec.Struct, frozen=True):
     nodes: int
     forced: int
     """Processes that did not end in time and were killed."""
+    left: list[str] = []
+    """Modules of other processes that had joined a node, as `PLATFORM: NAME#1 (process 123)`."""
 
 
 class EndedLabs(msgspec.Struct, frozen=True):
@@ -167,9 +170,26 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
     ended = []
     for lab in found:
         out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")
+        left = _modules_of_others(lab)
+        if left:
+            out.warn(
+                f"lab {lab.name}: modules that the lab has not started have joined it: {'; '.join(left)}."
+                " They are not ended; what they write from now on reaches nobody: end and start them again"
+            )
         forced = provisioning.down(lab, keep=keep)
         if forced:
             out.warn(f"lab {lab.name}: {forced} processes did not end in time and were killed")
-        ended.append(EndedLab(lab.name, len(lab.nodes), forced))
+        ended.append(EndedLab(lab.name, len(lab.nodes), forced, left))
     if out.settings.structured:
         out.document(EndedLabs(ended))
+
+
+def _modules_of_others(lab: LabState) -> list[str]:
+    """Modules that have joined a node, of processes that the lab has not started and does not end."""
+    own = {process.pid for process in processes.marked(lab.mark)}
+    return [
+        f"{node.platform}: {entry.id} (process {entry.pid})"
+        for node in lab.nodes
+        for entry in table.scan(node.run_dir)
+        if entry.pid not in own
+    ]

@@ -107,7 +107,7 @@ def print_environment(platform: str, out: Output) -> None:
     if out.settings.structured:
         out.document(LabEnvironment(node.platform, str(node.config_dir)))
     else:
-        out.text(f"export {CONFIG_VARIABLE}={shlex.quote(str(node.config_dir))}")
+        out.verbatim(f"export {CONFIG_VARIABLE}={shlex.quote(str(node.config_dir))}")
 
 
 def print_logs(lines: int, out: Output, *, follow: bool) -> None:

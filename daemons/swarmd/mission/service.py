@@ -40,7 +40,7 @@ from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
+from swarmware.module.requester import requester, requesting_platform
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
 from swarmware.transport.security.roster import read_roster
@@ -200,13 +200,8 @@ class Mission(Service):
     # -- input
 
     def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
-        return self._accept(order, meta.arrived_ns or self.module.now_ns(), self._sender(meta))
-
-    def _sender(self, meta: Meta) -> str | None:
-        """The platform that sent a request; None without authentication."""
-        if meta.sender is not None:
-            return meta.sender.platform
-        return self.module.platform if meta.sender_hw == self.module.node.hardware else None
+        received_ns = meta.arrived_ns or self.module.now_ns()
+        return self._accept(order, received_ns, requesting_platform(self.module, meta))
 
     async def _accept(
         self, order: MissionOrder, received_ns: int, sender: str | None = None

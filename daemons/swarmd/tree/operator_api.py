@@ -20,6 +20,7 @@ from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.requester import requester
 from swarmware.module.writer import BoardWriter
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
@@ -176,7 +177,7 @@ class OperatorApi:
     ) -> TreeSetDone:
         """Make a change and record it, also one that is refused. Raises: Denied, as `change`."""
         shown = names.join(self._module.platform, resource.path)
-        before, by = self._view.own_text(resource), self._by(meta)
+        before, by = self._view.own_text(resource), requester(self._module, meta)
         try:
             verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL
             self._access.check(meta.sender, verb, resource.path)
@@ -186,17 +187,6 @@ class OperatorApi:
             raise
         self._changes.write(TreeChange(shown, by, before, json_text(done.data)))
         return done
-
-    def _by(self, meta: Meta) -> str:
-        """The requester for the record of changes, as identified by the transport."""
-        if meta.sender is not None:
-            return str(meta.sender)
-        node = self._module.node
-        if meta.sender_hw == node.hardware:
-            entry = node.applications.table.application(meta.sender_app)
-            return f"{'?' if entry is None else entry.id}@{self._module.platform}"
-        known = (name for name in self._view.platforms() if names.hardware_id(name) == meta.sender_hw)
-        return f"?@{next(known, f'{meta.sender_hw:08x}')}"
 
     async def _set_here(
         self, resource: Resource, field: str, request: TreeSet, shown: str, by: str

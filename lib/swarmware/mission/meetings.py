@@ -134,10 +134,7 @@ class _Role:
     def leave(self, marking: Marking, place: Marking, outcome: BlockOutcome) -> tuple[Marking, Marking]:
         """The member leaves a barrier: its marking and the entered barriers."""
         block = self.gates[place][0]
-        if outcome == BARRIER_BROKEN and not any(edge.outcome == BARRIER_BROKEN for edge in block.edges):
-            # as in the player: a broken barrier counts as an early time-out
-            outcome = TIMED_OUT if block.successor(TIMED_OUT) else BARRIER_BROKEN
-        target = block.successor(outcome)
+        target = block.follower(outcome)
         edges = {edge.outcome for edge in block.edges if edge.target == target}
         for step in self.bits.steps(place):
             if step.outcome in edges:

@@ -6,7 +6,7 @@ import msgspec
 
 from swarmware.mission.catalogue import BlockName, BlockType, Params
 from swarmware.mission.condition import ConditionExpression
-from swarmware.mission.outcome import ANY_ERROR, BlockOutcome, OutcomeKind
+from swarmware.mission.outcome import ANY_ERROR, BARRIER_BROKEN, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.model.digest import blake2b
 
 STEPS_LIMIT: Final = 1_000
@@ -53,6 +53,12 @@ class Block(msgspec.Struct, frozen=True):
         if outcome in targets or outcome.kind is not OutcomeKind.ERROR:
             return targets.get(outcome)
         return targets.get(ANY_ERROR)
+
+    def follower(self, outcome: BlockOutcome) -> str | None:
+        """Block that follows; a broken barrier without an edge of its own counts as an early time-out."""
+        if outcome == BARRIER_BROKEN and not any(edge.outcome == outcome for edge in self.edges):
+            return self.successor(TIMED_OUT) or self.successor(outcome)
+        return self.successor(outcome)
 
 
 class MissionDefinition(msgspec.Struct, frozen=True):

@@ -130,11 +130,12 @@ def decode(cls: type[T], data: bytes | memoryview, codec: Codec = Codec.NONE) ->
 def messagepack(type_name: str, data: bytes | memoryview, codec: Codec) -> bytes:
     """A payload of any codec as MessagePack.
 
-    Raises: NotFound when a coded payload has an unknown type, WireError when it is damaged.
+    Only a packed payload needs its type. Raises: NotFound when it is unknown, WireError when the payload is
+    damaged.
     """
-    if codec is Codec.NONE:
-        return bytes(data)
-    return encode(decode(find(type_name), data, codec))
+    if codec is Codec.PACKED:
+        return encode(decode(find(type_name), data, codec))
+    return decompress(data, codec)
 
 
 def decompress(data: bytes | memoryview, codec: Codec) -> bytes:

@@ -5,13 +5,19 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Literal
+from types import SimpleNamespace
+from typing import Literal, cast
 
 import msgspec
 import pytest
 
 from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import CachedResource, steps
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.resources.described_fields import described_fields
+from swarmctl.session.session import Session
+from swarmware.transport.appfile.file import AppFile
+from swarmware.types.description import describe
 from swarmware.types.field_values import DEPTH, field_values
 from swarmware.types.mission import MissionAbort
 from swarmware.types.scalar import Text
@@ -44,7 +50,9 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     }
     fields = {cls.__name__: field_values(cls) for cls in (Pose, Goal, MissionAbort, ArmRequest, Text)}
     fields["/uav1/config/navigator/gain"] = {"value": ["auto", "manual"]}
-    word_cache.save("/etc/swarm", types, fields, ["harbour"])
+    fields["/uav1/config/navigator/gain_hz"] = {"value": ["1.5", "2.0"]}
+    hints = {"/uav1/config/navigator/gain_hz": "[0, 100] Hz, default 2.0 Hz"}
+    word_cache.save("/etc/swarm", types, fields, ["harbour"], hints)
     return tmp_path / "swarm" / "seen.json"
 
 
@@ -82,6 +90,10 @@ def complete(words: str, cache: Path) -> list[str]:
         ("swarmctl config describe broker/ti", ["broker/tick_hz"]),
         ("swarmctl config set b", []),
         ("swarmctl config set n", ["navigator/gain"]),
+        ("swarmctl config set navigator/gain ", ["auto", "manual"]),
+        ("swarmctl config set -n uav1 navigator/gain m", ["manual"]),
+        ("swarmctl config set -n uav2 navigator/gain m", []),
+        ("swarmctl config set navigator/gain_hz ", ["1.5", "2.0"]),
         ("swarmctl tree get /uav1/config/", ["/uav1/config/navigator/gain"]),
         ("swarmctl node ls --node uav", ["uav1", "uav10"]),
         ("swarmctl node info g", ["gcs"]),
@@ -209,3 +221,24 @@ def test_completion_imports_nothing_heavy(cache: Path) -> None:
     assert count == 2
     heavy = {"asyncio", "zmq", "msgspec", "nacl", "mcap", "numpy", "rich", "uvloop", "tomllib"}
     assert not heavy & set(modules)
+
+
+class Rain(msgspec.Struct):
+    mm: float
+    heavy: bool
+
+
+def test_the_fields_of_a_type_of_the_user_are_known_before_a_value_was_read(tmp_path: Path) -> None:
+    described = {"Rain": msgspec.json.encode(describe(Rain)).decode(), "Snow": "[", "Hail": "{}"}
+    node = SimpleNamespace(config=SimpleNamespace(run_path=tmp_path))
+    session = cast("Session", SimpleNamespace(
+        here="uav1", settings=CliSettings(config="/etc/swarm"), module=SimpleNamespace(node=node)
+    ))  # fmt: skip
+    file = AppFile(tmp_path, "gauge", endpoint="ipc://x", started_ns=1)
+    try:
+        file.write(msgspec.structs.replace(file.entry, types=described))
+        found = described_fields(session, {"uav1"}, {"Rain", "Snow", "Hail", "Fog"})
+        assert described_fields(session, {"uav2"}, {"Rain"}) == {}, "of another machine"
+    finally:
+        file.close()
+    assert found == {"Rain": {"mm": [], "heavy": ["true", "false"]}}

@@ -11,6 +11,7 @@ import pytest
 from tests.unit.cli.test_commands import GET, LIST, ScriptedSession
 from tests.unit.cli.test_commands import value as tree_value
 
+from swarmctl.commandline import word_cache
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.config.changes import print_history, reset_setting, set_setting, undo_setting
 from swarmctl.commands.config.keys import describe, print_keys, print_local
@@ -111,6 +112,17 @@ async def test_one_key_is_its_value_and_a_pattern_a_table_with_origins() -> None
         "node/platform          uav1   -     default                                restart",
     ]
     assert "warning: uav1: /etc/swarm/x.toml: invalid" in session.stderr.getvalue()
+
+
+async def test_the_values_of_live_settings_are_kept_for_completion() -> None:
+    mode = key("tracker/mode", "fast", "slow", live=True, type="string", unit="", limits="fast, slow")
+    await print_keys(Node(TICK, GAIN, mode), "**", changed=False)
+    assert word_cache.values_of("config/navigator/altitude_kp", "uav1") == (
+        ["4", "1.2"],
+        "[0, 100] 1/s, default 1.2 1/s",
+    )
+    assert word_cache.values_of("config/tracker/mode", "")[0] == ["fast", "slow"]
+    assert word_cache.values_of("config/broker/tick_hz", "uav1") == ([], ""), "set in its file"
 
 
 async def test_a_document_has_both_kinds_of_keys() -> None:

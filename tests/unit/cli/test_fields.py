@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from swarmctl.resources.fields import Angles, angles_of, attitudes, block, flow, shown_fields, wrapped
+from swarmctl.resources.fields import Angles, angles_of, attitudes, block, flow, shown_fields
+from swarmctl.terminal.wrapping import wrapped
 
 HALF = math.sqrt(0.5)
 POSE = {

@@ -1,5 +1,6 @@
 """One mission file: `start` sends what `check` looks at, and nothing beside it."""
 
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,9 @@ from typing import Any
 import pytest
 from tests.unit.mission.nets import net
 
-from swarmctl.commands.mission.task import check_all, task
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.commands.mission.task import check_all, check_missions, task
+from swarmctl.terminal.output import Output
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.check import check_folder
@@ -94,3 +97,17 @@ def test_the_example_of_the_documentation_checks_and_starts_as_a_file(tmp_path: 
     (part,) = assign(folder, SWARM, changed).member_assignments
     assert part.member.platform == "uav1"
     assert part.binding.params == changed
+
+
+def test_a_check_prints_the_name_of_the_mission_also_of_the_present_folder(
+    crowd: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = io.StringIO()
+    monkeypatch.chdir(crowd)
+    check_missions([".", "mission.toml", "a.json"], Output(CliSettings(), out))
+    assert [line.split()[0] for line in out.getvalue().splitlines()] == [
+        "MISSION",
+        crowd.name,
+        crowd.name,
+        "a.json",
+    ]

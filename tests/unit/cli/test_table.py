@@ -2,7 +2,8 @@
 
 import pytest
 
-from swarmctl.terminal.table import Cell, Column, fitted_table, show, wrapped
+from swarmctl.terminal.table import Cell, Column, fitted_table, show
+from swarmctl.terminal.wrapping import wrapped
 
 COLUMNS = (
     Column("NEIGHBOUR"),

@@ -13,6 +13,7 @@ from swarmctl.vehicles.observer import (
     VehicleSnapshot,
     raise_failures,
 )
+from swarmctl.vehicles.selection import stations_left
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
@@ -35,6 +36,30 @@ def sight(
     return VehicleSnapshot(
         PlatformKind(kind), MissionState(7, "00112233", MissionPhase(state)), vehicle, nav, pose, home
     )
+
+
+def run(epoch: int, state: str) -> MissionState:
+    return MissionState(epoch, "00112233", MissionPhase(state))
+
+
+@pytest.mark.parametrize(
+    ("states", "chosen", "stations"),
+    [
+        ({"gcs": run(7, "running"), "uav1": run(7, "running")}, ["uav1", "uav2"], ["gcs"]),
+        ({"gcs": run(7, "running"), "uav1": run(7, "running"), "uav2": run(7, "running")}, ["uav1"], []),
+        ({"gcs": run(7, "running"), "uav1": run(7, "running"), "uav2": run(7, "done")}, ["uav1"], ["gcs"]),
+        ({"gcs": run(7, "running"), "uav1": run(7, "running"), "uav2": run(8, "running")}, ["uav1"], ["gcs"]),
+        ({"gcs": run(7, "done"), "uav1": run(7, "running")}, ["uav1"], []),
+        ({"gcs": run(0, "idle"), "uav1": run(0, "running")}, ["uav1"], []),
+        ({"gcs": run(8, "running"), "uav1": run(7, "running")}, ["uav1"], []),
+        ({"uav1": run(7, "running")}, ["uav1"], []),
+    ],
+)
+def test_a_station_is_ordered_with_the_last_vehicles_of_its_mission(
+    states: dict[str, MissionState], chosen: list[str], stations: list[str]
+) -> None:
+    kinds = {name: PlatformKind("gcs" if name == "gcs" else "uav") for name in ("gcs", "uav1", "uav2")}
+    assert list(stations_left(states, kinds, chosen)) == stations
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,21 @@
 """lab.json and how a running lab is found."""
 
+import io
+import json
 import os
 from pathlib import Path
 
 import pytest
 
+from swarmctl.commandline.settings import CliSettings
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
+from swarmctl.session.session import config_dir
+from swarmctl.terminal.output import Output
+from swarmlab.run.lifecycle import end_labs
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.transport.appfile.file import AppFile
 
 
 @pytest.fixture(autouse=True)
@@ -70,6 +77,36 @@ def test_without_a_running_lab_the_error_says_how_to_start_one(folder: Path) -> 
     make(folder, "dead", living=False)
     with pytest.raises(NotFound, match="lab up"):
         labs.find()
+
+
+def test_the_lab_to_use_is_the_named_one_or_the_newest_unless_a_folder_is_given(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SWARM_CONFIG", raising=False)
+    assert labs.chosen(CliSettings()) is None
+    make(folder, "dead", living=False, created=3)
+    assert labs.chosen(CliSettings()) is None
+    make(folder, "old", living=True, created=1)
+    new = make(folder, "new", living=True, created=2)
+    assert labs.chosen(CliSettings()) == new
+    assert config_dir(CliSettings()) == new.station.config_dir
+    assert [labs.chosen(CliSettings(lab=name)).name for name in ("old", "dead")] == ["old", "dead"]  # type: ignore[union-attr]  # neither is None
+    assert labs.chosen(CliSettings(config="/etc/swarm")) is None
+    with pytest.raises(NotFound, match="nosuch"):
+        labs.chosen(CliSettings(lab="nosuch"))
+
+
+def test_modules_of_others_are_named_before_a_lab_ends_and_are_left_running(folder: Path) -> None:
+    lab = make(folder, "a", living=False)
+    module = AppFile(lab.node("ugv1").run_dir, "thermometer", endpoint="ipc://x", started_ns=1)
+    stdout, stderr = io.StringIO(), io.StringIO()
+    try:
+        end_labs("a", Output(CliSettings(output="json"), stdout, stderr), everything=False, keep=False)
+    finally:
+        module.close()
+    left = f"ugv1: thermometer#1 (process {os.getpid()})"
+    assert json.loads(stdout.getvalue())["ended"][0]["left"] == [left]
+    assert left in stderr.getvalue() and "not ended" in stderr.getvalue()
 
 
 def test_an_unknown_node_is_named_beside_those_there_are(folder: Path) -> None:

@@ -216,6 +216,23 @@ def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
     assert m.phase == "running"
     m.core.on_states([("b", MissionState(7, "01234567", MissionPhase.FAILED), ())], 2 * S)
     assert m.phase == "failed"
+    assert m.core.state().text == "came to f: m ended with error:broken: without b"
+
+
+def test_a_barrier_that_breaks_at_its_time_out_ends_with_a_time_out() -> None:
+    m = Member1("gcs")
+    text = net(
+        s="Start>m",
+        m={"type": "Barrier", "id": "m", "timeout_s": 1, "next": "e", "nextTimeout": "f"},
+        e="End",
+        f={"type": "End", "result": "failed"},
+    )
+    m.order(text, members=(A, B))
+    ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
+    m.core.on_states([("b", ready, ())], 0)
+    m.core.on_timer(until(m.core, S // 4))
+    m.core.on_states([("b", MissionState(7, "01234567", MissionPhase.RUNNING), ())], S // 2)
+    m.core.on_timer(2 * S)
     assert m.core.state().text == "came to f: m ended with timeout: without b"
 
 

@@ -62,7 +62,7 @@ def show(ctx: click.Context, key: str, changed: bool) -> None:
 
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
 @click.argument("key", shell_complete=completion.live_settings)
-@click.argument("value", required=False)
+@click.argument("value", required=False, shell_complete=completion.setting_values)
 @click.option("--default", is_flag=True, help="Back to the value of the file: the override is removed.")
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from swarmctl.commandline import completion_cache
+from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.nodes import is_selection
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.resources.listing import is_pattern
@@ -107,10 +107,28 @@ async def configured(
         hint = f"did you mean {near[0]}?" if near else "`swarmctl config get` lists the keys"
         verb = "matches" if is_pattern(pattern) else "has the name"
         raise NotFound(f"{platform}: no key of the configuration {verb} {pattern!r}; {hint}")
+    shown = _shown(found)
+    way = str(config_dir(session.settings))
     if pattern == "**":
-        way = str(config_dir(session.settings))
         completion_cache.save_keys(way, platform, ((key.name, key.live) for key in found.keys))
-    return _shown(found)
+    _remember_values(way, platform, [key for key in shown.settings if key.live])
+    return shown
+
+
+def _remember_values(way: str, platform: str, keys: list[ConfiguredKey]) -> None:
+    """Stores values of live settings for completion: all, or the present one and the default."""
+    values: dict[str, word_cache.FieldValues] = {}
+    hints: dict[str, str] = {}
+    for key in keys:
+        path = names.join(platform, paths.setting(key.key))
+        listed = key.range and not key.range.startswith("[") and key.type in {"string", "boolean"}
+        known = key.range.split(", ") if listed else dict.fromkeys([brief(key.value), brief(key.default)])
+        values[path] = {"value": list(known)}
+        unit = f" {key.unit}" if key.unit else ""
+        allowed = f"{key.range}{unit}, " if key.range and not listed else ""
+        hints[path] = f"{allowed}default {brief(key.default)}{unit}"
+    if values:
+        word_cache.save(way, fields=values, hints=hints)
 
 
 def local_keys(folder: Path, pattern: str = "**") -> ConfiguredKeys:

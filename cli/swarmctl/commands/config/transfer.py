@@ -86,7 +86,7 @@ async def dump(session: Session, file: str, *, files: bool = False) -> None:
     if session.settings.structured:
         session.out.document(DumpedSettings(session.platform, values))
     elif not file:
-        session.out.text(text.rstrip())
+        session.out.verbatim(text.rstrip())
 
 
 async def load(session: Session, file: str, *, yes: bool) -> None:

@@ -73,6 +73,6 @@ def show_page(name: str, out: Output, *, only_path: bool) -> None:
     if out.settings.structured:
         out.document(DocumentationPage(str(path), path.as_uri(), opened=not only_path))
     elif only_path:
-        out.text(str(path))
+        out.verbatim(str(path))
     else:
         out.say(f"opened {path.as_uri()}")

@@ -10,7 +10,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.session import labs
 from swarmctl.session.session import config_dir
 from swarmctl.terminal.output import Output
-from swarmware.errors import ConfigError, NotFound
+from swarmware.errors import ConfigError
 from swarmware.geometry.geodesy import Origin
 from swarmware.geometry.world import World
 from swarmware.model import paths
@@ -41,14 +41,9 @@ def origins(options: Mapping[str, Any], out: Output) -> dict[str, Origin]:
 
 def _nodes(settings: CliSettings) -> list[tuple[str, Path]]:
     """Platforms and configuration folders."""
-    if settings.config_dir is None:
-        try:
-            lab = labs.find(settings.lab)
-        except NotFound:
-            if settings.lab:
-                raise
-        else:
-            return [(node.platform, node.config_dir) for node in lab.select(settings.node)]
+    lab = labs.chosen(settings)
+    if lab is not None:
+        return [(node.platform, node.config_dir) for node in lab.select(settings.node)]
     folder = config_dir(settings)
     return [(load_node(folder).platform, folder)]
 

@@ -16,7 +16,7 @@ from swarmctl.session import labs
 from swarmctl.session.session import config_dir
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import span_s, utc_text
-from swarmctl.terminal.table import wrapped
+from swarmctl.terminal.wrapping import wrapped
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
@@ -93,14 +93,9 @@ def database(settings: CliSettings, uri: str, name: str) -> tuple[str, str]:
 
 def _forwarded(settings: CliSettings) -> tuple[str, str]:
     """Address and name of the database to which the lab or node forwards; empty: none."""
-    if settings.config_dir is None:
-        try:
-            lab = labs.find(settings.lab)
-        except NotFound:
-            if settings.lab:
-                raise
-        else:
-            return lab.mongodb_uri, lab.mongodb_database if lab.mongodb_uri else ""
+    lab = labs.chosen(settings)
+    if lab is not None:
+        return lab.mongodb_uri, lab.mongodb_database if lab.mongodb_uri else ""
     try:
         folder = config_dir(settings)
         load_node(folder)
@@ -121,14 +116,9 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
         if not found:
             raise NotFound(f"log folder {folder}: no segments (*.mcap) in it")
         return found
-    if settings.config_dir is None:
-        try:
-            lab = labs.find(settings.lab)
-        except NotFound:
-            if settings.lab:
-                raise
-        else:
-            return [path for node in lab.select(settings.node) if (path := paths.log(node.data_dir)).is_dir()]
+    lab = labs.chosen(settings)
+    if lab is not None:
+        return [path for node in lab.select(settings.node) if (path := paths.log(node.data_dir)).is_dir()]
     node = load_node(config_dir(settings))
     if settings.node and not NodeSelection(settings.node).matches(node.platform):
         raise NotFound(

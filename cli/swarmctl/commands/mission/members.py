@@ -16,6 +16,7 @@ from swarmctl.commands.mission.member_lines import (
 from swarmctl.resources.fanout import ask_all
 from swarmctl.session.session import Session
 from swarmctl.vehicles.observer import first_of
+from swarmctl.vehicles.selection import mission_states
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
@@ -53,7 +54,7 @@ async def find_active(session: Session) -> ActiveMission:
     The queried platform need not be a member itself.
     Raises: NotFound when there is none.
     """
-    states = _states(session)
+    states = mission_states(session)
     if names_one(session.settings.node):
         found = await session.ask("sys/mission/status", Empty(), MissionStatus)
         if not found.state.epoch:
@@ -67,14 +68,6 @@ async def find_active(session: Session) -> ActiveMission:
     asked = [name for name, state in states.items() if state.epoch == epoch]
     answers, _ = await ask_all(session, asked, "sys/mission/status", Empty(), MissionStatus)
     return _ensemble(epoch, states, [answer for answer in answers.values() if answer.state.epoch == epoch])
-
-
-def _states(session: Session) -> dict[str, MissionState]:
-    """Newest state of every platform, including unreachable ones."""
-    others = session.module.readers("/*/mission/state", MissionState)
-    own = session.module.reader("mission/state", MissionState)
-    found = {name: reader.value for name, reader in others.items()} | {session.here: own.value}
-    return {name: state for name, state in found.items() if state is not None}
 
 
 def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[MissionStatus]) -> ActiveMission:

@@ -12,6 +12,7 @@ from swarmware.errors import InvalidInput, MissionError, NotFound
 from swarmware.mission.check import check_files
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import read_files
+from swarmware.mission.manifest import MANIFEST
 from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionTask, ParamValue
 
@@ -20,8 +21,11 @@ class MissionVerdict(msgspec.Struct, frozen=True):
     """Result of the check of one mission."""
 
     source: str
+    """As it was given."""
     sound: bool
     findings: list[Finding]
+    mission: str = ""
+    """Name of the mission: that of its folder, or of its only file."""
 
 
 def locate(name: str) -> Path:
@@ -46,9 +50,16 @@ def check_all(missions: Iterable[str]) -> list[MissionVerdict]:
     """
     out = []
     for name in missions:
-        findings = check_files([locate(name)])
-        out.append(MissionVerdict(name, sound(findings), findings))
+        where = locate(name)
+        findings = check_files([where])
+        out.append(MissionVerdict(name, sound(findings), findings, _name(where)))
     return out
+
+
+def _name(where: Path) -> str:
+    """Name of the mission: that of its folder, or of its only file."""
+    path = where.resolve()
+    return path.parent.name if path.name == MANIFEST else path.name
 
 
 def task(mission: str, members: Iterable[str], params: Iterable[str]) -> MissionTask:
@@ -97,11 +108,11 @@ def check_missions(missions: Iterable[str], out: Output) -> None:
     if out.settings.structured:
         out.document(MissionVerdicts(verdicts))
     else:
-        rows = [(v.source, "sound" if v.sound else "refused", len(v.findings)) for v in verdicts]
+        rows = [(v.mission, "sound" if v.sound else "refused", len(v.findings)) for v in verdicts]
         out.table([Column("MISSION"), Column("VERDICT"), Column("FINDINGS", right=True)], rows)
         for verdict in verdicts:
             for finding in verdict.findings:
                 out.text(str(finding))
     if not all(verdict.sound for verdict in verdicts):
-        bad = ", ".join(verdict.source for verdict in verdicts if not verdict.sound)
+        bad = ", ".join(verdict.mission for verdict in verdicts if not verdict.sound)
         raise MissionError(f"mission {bad}: must not be flown; expected no finding of level error")

@@ -82,7 +82,7 @@ def make_scaffold(kind: str, name: str, parent: Path, out: Output) -> None:
         out.document(NewFolder(kind, name, str(folder.resolve()), tuple(files), test))
         return
     for path in files:
-        out.text(str(folder / path))
+        out.verbatim(str(folder / path))
     out.say(f"test it: {test}")
 
 

@@ -32,7 +32,7 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
         to_png(kinds(asked, answers), found, png)
         session.out.say(f"graph of {len(asked)} nodes and {len(found)} links to {png}")
     elif dot:
-        session.out.text(to_dot(asked, found))
+        session.out.verbatim(to_dot(asked, found))
     elif session.settings.structured:
         session.out.document(SwarmTopology(asked, found, sorted(errors)))
     else:

@@ -3,11 +3,12 @@
 import msgspec
 
 from swarmctl.resources.access import Readings, ResourceReading, read, read_all
-from swarmctl.resources.fields import block, shown_fields, with_unit, wrapped
+from swarmctl.resources.fields import block, shown_fields, with_unit
 from swarmctl.resources.listing import is_pattern, valued
 from swarmctl.resources.owner_counter import at_owner
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
+from swarmctl.terminal.wrapping import wrapped
 from swarmware.errors import Partial
 from swarmware.types.tree import Quality, ValueSource
 from swarmware.types.units import unit_of

@@ -6,10 +6,10 @@ from typing import Any, Final
 import msgspec
 
 from swarmctl.resources.classes import described, described_anywhere
-from swarmctl.resources.fields import wrapped
 from swarmctl.resources.listing import entry_of
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
+from swarmctl.terminal.wrapping import wrapped
 from swarmware.errors import NotFound
 from swarmware.model.names import split
 from swarmware.types.description import FieldDescription, StructDescription

@@ -108,7 +108,10 @@ def _lines(new: WatchedValue, width: int | None, *, with_path: bool) -> list[str
     when = "-" if new.utc_ns is None else utc_text(new.utc_ns)
     age = "-" if new.age_s is None else f"{new.age_s:.3f} s"
     rate = "-" if new.here_hz is None else f"{new.here_hz:.1f} Hz"
-    head = f"{when:<24}  {age:>8}  {rate:>8}  " + (f"{new.path}  " if with_path else "")
+    head = f"{when:<24}  {age:>8}  {rate:>8}  "
+    rows = [("", new.path)] if with_path else []
     if isinstance(new.value, dict):
-        return flow(shown_fields(new.value), width, head)
-    return flow([("", with_unit(new.value, new.unit))], width, head)
+        rows += shown_fields(new.value)
+    else:
+        rows.append(("", with_unit(new.value, new.unit)))
+    return flow(rows, width, head)

@@ -90,8 +90,15 @@ class ConditionWatch:
         parts = []
         for one in operands:
             name = one.field or one.path
-            age = "" if one.age_s is None or one.field == "age()" else f" ({one.age_s:.1f} s old)"
-            parts.append(f"{name} {'has no value' if one.value is None else brief(one.value) + age}")
+            if one.value is None:
+                shown = "has no value"
+            elif one.age_s is None:
+                shown = brief(one.value)
+            elif one.field == "age()":
+                shown = f"{one.age_s:.3f} s"
+            else:
+                shown = f"{brief(one.value)} ({one.age_s:.1f} s old)"
+            parts.append(f"{name} {shown}")
         return ", ".join(parts)
 
     # -- the lookup of the condition

@@ -32,7 +32,7 @@ from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import Block, MissionDefinition
-from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
+from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
@@ -295,9 +295,6 @@ class MissionExecutor:
         block = self._blocks.pop(token, None)
         if block is None or self._player is None:
             return  # another barrier that ended at the same time has ended the mission
-        if result == BARRIER_BROKEN and not any(edge.outcome == result for edge in block.edges):
-            # a broken barrier counts as an early time-out, unless the block has an edge for it
-            result = TIMED_OUT if block.successor(TIMED_OUT) else result
         self._feed(self._player.on_ended(token, result, now_ns, text), now_ns)
 
     def _enter_barrier(self, token: int, block: Block, visit: int, now_ns: int) -> None:

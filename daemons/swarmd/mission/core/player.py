@@ -256,7 +256,7 @@ class Player:
         reason = f"{block.id} ended with {result.label}" + (f": {text}" if text else "")
         if result != SUCCESS:
             self._cause = reason
-        follower = block.successor(result)
+        follower = block.follower(result)
         if follower is None:
             self._end(PlayResult.FAILED, reason, now_ns)
         else:
