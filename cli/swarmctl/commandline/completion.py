@@ -94,9 +94,10 @@ def setting_values(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
     from swarmctl.commandline import word_cache
     from swarmctl.commandline.nodes import names_one
+    from swarmware.model import paths
 
-    node = settings(ctx).node
-    found, hint = word_cache.values_of(f"config/{ctx.params.get('key', '')}", node if names_one(node) else "")
+    node, key = settings(ctx).node, str(ctx.params.get("key", ""))
+    found, hint = word_cache.values_of(paths.setting(key), node if names_one(node) else "")
     return [CompletionItem(value, help=hint) for value in found if value.startswith(incomplete)]
 
 

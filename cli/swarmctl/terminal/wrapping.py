@@ -68,7 +68,7 @@ def wrapped(text: str, width: int | None, head: str = "", indent: str = "") -> l
 
 
 def words(text: str) -> list[str]:
-    """Parts between blanks."""
+    """Parts of a text between blanks."""
     return text.split() or [""]
 
 

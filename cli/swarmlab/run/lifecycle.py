@@ -174,7 +174,7 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
         if left:
             out.warn(
                 f"lab {lab.name}: modules that the lab has not started have joined it: {'; '.join(left)}."
-                " They are not ended; what they write from now on reaches nobody: end and start them again"
+                " They are not ended; what they write from now on is lost: end and start them again"
             )
         forced = provisioning.down(lab, keep=keep)
         if forced:

@@ -1,7 +1,8 @@
 """Keys of a node's configuration: values in force, their origin and their description."""
 
+import re
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -22,6 +23,9 @@ from swarmware.model.resource import Kind
 from swarmware.model.similar import similar
 from swarmware.model.stored_setting import FILE, LiveValue, read_settings
 from swarmware.types.config import ConfigKey, ConfigOrigin, ConfigQuery, EffectiveConfig
+
+_LISTED: Final = re.compile(r"[\w.-]+(, [\w.-]+)+")
+"""Permitted values that are listed: no interval, and no pattern."""
 
 
 class ConfiguredKey(msgspec.Struct, frozen=True):
@@ -121,7 +125,7 @@ def _remember_values(way: str, platform: str, keys: list[ConfiguredKey]) -> None
     hints: dict[str, str] = {}
     for key in keys:
         path = names.join(platform, paths.setting(key.key))
-        listed = key.range and not key.range.startswith("[") and key.type in {"string", "boolean"}
+        listed = isinstance(key.value, str | bool) and _LISTED.fullmatch(key.range)
         known = key.range.split(", ") if listed else dict.fromkeys([brief(key.value), brief(key.default)])
         values[path] = {"value": list(known)}
         unit = f" {key.unit}" if key.unit else ""
