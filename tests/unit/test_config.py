@@ -20,6 +20,7 @@ from swarmware.model import config
         ("[clock]\noffset_s = 1e9", r"key clock.offset_s: .*<= 3600.* \(it is 1000000000.0\)"),
         ('services = ["a", 3]', r"node.toml: line 1: key services\[1\]: expected `str`"),
         ('services = ["a", "a"]', "services: a name is listed twice"),
+        (f'run_dir = "/{"a" * 88}"', "run_dir: 89 bytes; expected at most 88"),
         ('kind = "boat"', r"key kind: invalid enum value 'boat'"),
         ('platform = "UAV"', r"node.toml: .*platform name 'UAV'"),
         ("\nx =", r"node.toml: line 2: invalid TOML"),

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from swarmctl.commandline import completion_cache
+from swarmware import __version__
 from swarmware.runtime.filewriter import replace_file
 
 LIMIT: Final = 20_000
@@ -43,6 +44,8 @@ def load() -> CachedWords:
     """The words; none without a valid file."""
     try:
         found: Any = json.loads(file().read_bytes())
+        if found["version"] != __version__:
+            return empty()  # types may have other fields now
         fields = {
             str(name): {str(field): [str(value) for value in values] for field, values in known.items()}
             for name, known in found["fields"].items()
@@ -76,7 +79,7 @@ def save(
     target = file()
     try:
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        content = json.dumps(merged._asdict(), separators=(",", ":")).encode()
+        content = json.dumps({"version": __version__, **merged._asdict()}, separators=(",", ":")).encode()
         replace_file(target, content, mode=0o600, durable=False)
     except OSError:
         return  # without a writable home there is no completion of fields

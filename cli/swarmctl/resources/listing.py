@@ -198,9 +198,10 @@ def _remember(session: Session, pattern: str, entries: list[TreeEntry], platform
     way = str(config_dir(session.settings))
     completion_cache.save(way, sorted(platforms, key=names.natural), seen, whole)
     types = {name for entry in entries if (name := entry.type)}
-    known = {name for name in types if registry.installed(name)}
+    new = types - word_cache.load().fields.keys()  # to describe a type takes longer than to list it
+    known = {name for name in new if registry.installed(name)}
     fields = {name: field_values(registry.find(name)) for name in known}
-    if unknown := types - known - word_cache.load().fields.keys():
+    if unknown := new - known:
         from swarmctl.resources.described_fields import described_fields
 
         owners = {str(names.split(entry.path)[0]) for entry in entries if entry.type in unknown}

@@ -18,6 +18,9 @@ DEFAULT_DIR: Final = Path("/etc/swarm")
 CONFIG_VARIABLE: Final = "SWARM_CONFIG"
 """Environment variable that names the configuration folder, for daemons, commands and modules alike."""
 
+RUN_DIR_LIMIT: Final = 88
+"""Bytes of the folder of sockets: a socket's path has 107 (unix(7)), the longest name in the folder 19."""
+
 
 class ClockConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The simulated error of this node's clock; zero outside the lab."""
@@ -56,7 +59,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     processes: Literal["one", "per-daemon"] = "one"
     """All services in one process, or a process for each."""
     run_dir: str = "/run/swarm"
-    """Sockets, doorbells and application files; keep it short, a socket's path has 107 bytes at most."""
+    """Sockets, doorbells and application files; 88 bytes at most, as a socket's path has 107."""
     shm_dir: str = ""
     """Shared memory; empty: /dev/shm/swarm-<platform>."""
     data_dir: str = "/var/lib/swarm"
@@ -77,6 +80,9 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise InvalidInput(
                 f"key kind: invalid enum value {self.kind.value!r}; expected one of {', '.join(PlatformKind)}"
             )
+        size = len(os.fsencode(self.run_dir))
+        if size > RUN_DIR_LIMIT:
+            raise InvalidInput(f"key run_dir: {size} bytes; expected at most {RUN_DIR_LIMIT}")
         seen: dict[str, str] = {}
         for name in self.services:
             check_application(name)

@@ -16,6 +16,7 @@ from swarmctl.commandline.completion_cache import CachedResource, steps
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.resources.described_fields import described_fields
 from swarmctl.session.session import Session
+from swarmware import __version__
 from swarmware.transport.appfile.file import AppFile
 from swarmware.types.description import describe
 from swarmware.types.field_values import DEPTH, field_values
@@ -165,6 +166,13 @@ def test_damaged_words_offer_nothing(content: bytes, cache: Path) -> None:
     word_cache.file().write_bytes(content)
     assert word_cache.load() == word_cache.empty()
     assert complete("swarmctl tree get /uav1/nav/pose.v", cache) == []
+
+
+def test_words_of_another_version_are_not_kept(cache: Path) -> None:
+    word_cache.save("/etc/swarm", {"/usv1/nav/pose": "Pose"})
+    stored = word_cache.file().read_text()
+    word_cache.file().write_text(stored.replace(f'"version":"{__version__}"', '"version":"0.0.1"'))
+    assert word_cache.load() == word_cache.empty()
 
 
 def test_words_of_another_swarm_are_not_kept(cache: Path) -> None:

@@ -81,7 +81,14 @@ async def _traffic(session: Session, asked: list[str]) -> tuple[dict[str, Traffi
 
 
 def _rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
-    """Rates between two readings, channels with the most bytes first."""
+    """Rates between two readings, channels with the most bytes first.
+
+    After a restart of the broker in between, rates since that restart: its counters began again.
+    """
+    if now.since_ns != before.since_ns:
+        before = msgspec.structs.replace(
+            before, at_ns=now.since_ns, sent_bytes=0, received_bytes=0, channels=()
+        )
     span_s = (now.at_ns - before.at_ns) / 1e9
     old = {one.channel: one for one in before.channels}
     channels = []
