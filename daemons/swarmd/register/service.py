@@ -8,6 +8,8 @@ from swarmd.register.core.known_registers import (
     Action,
     Forgotten,
     PublishedTable,
+    PublishPartners,
+    ReachedPlatform,
     ReadRoutes,
     RegisterCore,
 )
@@ -16,10 +18,11 @@ from swarmware.model.clock import utc_ns
 from swarmware.module.boardset import BoardSet
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.partners import PATH as PARTNERS
 from swarmware.node.master.master import RESOURCE
 from swarmware.service.service import Service
 from swarmware.types.net import Routes
-from swarmware.types.register import ApplicationTable
+from swarmware.types.register import ApplicationTable, PartnerTable
 from swarmware.types.register import Register as RegisterReply
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
@@ -41,6 +44,15 @@ class Registrar(Service):
         if config.partners:
             self._tables = module.readers(f"/{config.partners}/{RESOURCE.path}", ApplicationTable)
         self._core = RegisterCore(node.platform, node.unit, config)
+        if (known := module.reader(PARTNERS, PartnerTable).value) is not None:
+            self._core.restore(known, module.now_ns())
+        self._partners = module.writer(
+            PARTNERS,
+            PartnerTable,
+            link="request",
+            description="Units of other platforms and their applications",
+        )
+        self._partners.durable = True
         self._driver = self.drive(self._core, self._perform)
         module.provide(RESOURCE)
         module.serve(
@@ -63,11 +75,10 @@ class Registrar(Service):
         module = self.module
         module.node.master.volunteer(module.id)
         try:
-            if self._tables is not None:
-                async with asyncio.TaskGroup() as group:
-                    group.create_task(self._driver.run(), name="register: driver")
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._driver.run(), name="register: driver")
+                if self._tables is not None:
                     group.create_task(self._follow(self._tables), name="register: tables")
-            await asyncio.Event().wait()
         finally:
             module.node.master.step_back()
 
@@ -83,14 +94,19 @@ class Registrar(Service):
             case ReadRoutes():
                 now_ns = self.module.now_ns()
                 self._driver.feed(self._core.on_routes_read(self._reached(now_ns), now_ns))
+            case PublishPartners(table):
+                self._partners.write(table)
             case Forgotten(platform):
                 self.module.log.info("%s: not reachable for %.0f s, removed", platform, self.config.forget_s)
 
-    def _reached(self, now_ns: int) -> dict[str, PublishedTable | None]:
+    def _reached(self, now_ns: int) -> dict[str, ReachedPlatform]:
         """Platforms with a route, and the tables that they publish."""
         routes = self._routes.value
         found = routes.routes if routes is not None else ()
-        return {route.platform: _published(self._tables, route.platform, now_ns) for route in found}
+        return {
+            route.platform: ReachedPlatform(route.hops, _published(self._tables, route.platform, now_ns))
+            for route in found
+        }
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)

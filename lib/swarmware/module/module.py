@@ -22,6 +22,8 @@ from swarmware.module.boardset import BoardSet
 from swarmware.module.frame_reader import FrameReader
 from swarmware.module.inbox import Inbox
 from swarmware.module.node_participant import NodeParticipant
+from swarmware.module.partners import PATH as PARTNERS
+from swarmware.module.partners import Partners
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.rpc import Handler, Server, answer
 from swarmware.module.stream import StreamReader
@@ -33,6 +35,7 @@ from swarmware.runtime.instant import stage_phase_ns
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
+from swarmware.types.register import PartnerTable
 
 T = TypeVar("T", bound=msgspec.Struct)
 R = TypeVar("R", bound=msgspec.Struct)
@@ -345,6 +348,11 @@ class Module:
         local = self._interest(path)
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
         return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
+
+    def partners(self) -> Partners:
+        """The other platforms of the swarm, their units and applications, as the register daemon knows
+        them."""
+        return Partners(self.reader(PARTNERS, PartnerTable), self.clock)
 
     def frame_reader(self, path: str, *, every: bool = False) -> FrameReader:
         """The undecoded frames of a resource of any type; `every`: each one, as of an event or stream."""

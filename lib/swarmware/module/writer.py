@@ -35,6 +35,8 @@ class BoardWriter(Immediate, Generic[T]):
     ) -> None:
         self.resource = resource
         self.path = resource.path
+        self.durable = False
+        """Whether the newest value stays readable after the end of its writer, until the node ends."""
         self._cls = cls
         self._clock = node.clock
         self._publication = publication
@@ -73,7 +75,7 @@ class BoardWriter(Immediate, Generic[T]):
 
     def close(self, *, unlink: bool = True) -> None:
         """Stop publishing; without `unlink` the newest value stays readable until the node ends."""
-        self._publication.close(unlink=unlink)
+        self._publication.close(unlink=unlink and not self.durable)
 
 
 class Loan:

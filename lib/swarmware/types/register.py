@@ -57,3 +57,24 @@ class Register(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Registers of all units known here: the answer of `sys/register/apps`."""
 
     units: tuple[KnownUnit, ...] = ()
+
+
+@register
+class PartnerUnit(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One hardware unit of another platform, as the register of this node knows it."""
+
+    table: ApplicationTable
+    hops: int
+    """1: a neighbour; more: known through others."""
+    made_ns: int
+    """When its master made the table, or when it was received where clocks cannot be compared: hardware clock
+    of this node."""
+    unreachable_since_ns: int | None = None
+    """When it was last reachable, hardware clock of this node; None: it is reachable."""
+
+
+@register
+class PartnerTable(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """All units of other platforms (board `register/partners`); written when it changes only."""
+
+    units: tuple[PartnerUnit, ...] = ()

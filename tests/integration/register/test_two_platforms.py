@@ -4,10 +4,12 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
 from tests.integration.tree.pair import PATIENCE_S, SERVICES, Platform, on_uvloop, platforms
 
-from swarmware.errors import SwarmError
+from swarmware.errors import NotFound, SwarmError
 from swarmware.module.module import Module
+from swarmware.module.partners import Partner, Partners
 from swarmware.types.register import Register
 from swarmware.types.rpc import Empty
 
@@ -51,3 +53,38 @@ async def test_a_partner_whose_applications_do_not_change_is_known_while_it_live
         await until_known(gcs, lambda units: "uav1" not in units)
         await uav.start(*SERVICES)
         await until_known(gcs, lambda units: "probe" in units.get("uav1", set()))
+
+
+async def until_partners(partners: Partners, what: Callable[[tuple[Partner, ...]], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        found = tuple(partners)
+        while not what(found):
+            found = await partners.changed()
+
+
+@on_uvloop
+async def test_every_module_has_the_partners_also_while_no_register_runs(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "gcs", start=False) as (uav, gcs):
+        await uav.start(*SERVICES)
+        await gcs.start("broker", "tree")
+        register = await gcs.start("register")
+        partners = gcs.probe.partners()
+        await until_partners(
+            partners, lambda units: [one.runs("probe") and one.runs("tree") for one in units] == [True]
+        )
+        (partner,) = partners.of("uav1")
+        assert (partner.unit, partner.hops, partner.unreachable_s) == ("main", 1, None)
+        assert 0 <= partner.age_s < PATIENCE_S
+        with pytest.raises(NotFound, match="expected one of: uav1"):
+            partners.of("uav7")
+
+        await register.kill()
+        async with Module("stand_in", config_dir=gcs.config_dir) as stand_in:
+            held = stand_in.partners()
+            assert held.of("uav1")[0].runs("probe"), "from the board, at once"
+            await gcs.start("register")
+            async with Module("late", config_dir=uav.config_dir):
+                await until_partners(held, lambda units: any(one.runs("late") for one in units))
+            await until_partners(held, lambda units: not any(one.runs("late") for one in units))
+            await gcs.end("register")
+            assert held.of("uav1")[0].runs("probe"), "also when the register ends in good order"

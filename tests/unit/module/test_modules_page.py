@@ -1,5 +1,6 @@
 """The code of share/doc/modules.md runs as it is printed."""
 
+import asyncio
 import re
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,43 @@ from swarmware.model.resource import Kind, Resource
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.register import Application, ApplicationTable, PartnerTable, PartnerUnit
 
 PAGE = Path(__file__).parents[3] / "share/doc/modules.md"
 
 
-async def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (block,) = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+def code(text: str) -> dict[str, Any]:
+    """The names that the block of the page with this text defines."""
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    (block,) = [block for block in blocks if text in block]
     names: dict[str, Any] = {}
     exec(compile(block, str(PAGE), "exec"), names)  # our own page
+    return names
+
+
+async def test_the_module_of_the_page_follows_its_partners(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "swarm.escort")
+    async with tmp_node(tmp_path) as node, Module("register", node=node) as register:
+        monkeypatch.setenv("SWARM_CONFIG", str(node.config_dir))
+        board = register.writer("register/partners", PartnerTable)
+        running = asyncio.create_task(code("m.partners()")["main"]())
+        try:
+            async with asyncio.timeout(20):
+                for platform in ("uav2", "uav3"):
+                    application = Application("planner", 1, 7, 0)
+                    table = ApplicationTable(platform, "main", 1, 1, 1, "register#1", 0, (application,))
+                    board.write(PartnerTable((PartnerUnit(table, 1, 0),)))
+                    while f"planners: ['{platform}']" not in caplog.messages:  # noqa: ASYNC110 - the page logs it
+                        await asyncio.sleep(0.01)
+        finally:
+            running.cancel()
+            await asyncio.wait([running])
+
+
+async def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = code("TEMPERATURE = ")
     written: dict[Resource, Any] = {}
     write = BoardWriter.write
 

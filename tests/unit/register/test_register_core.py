@@ -5,11 +5,13 @@ from swarmd.register.core.known_registers import (
     Action,
     Forgotten,
     PublishedTable,
+    PublishPartners,
+    ReachedPlatform,
     ReadRoutes,
     RegisterCore,
 )
 from swarmware.testing.virtual import VirtualTime
-from swarmware.types.register import Application, ApplicationTable
+from swarmware.types.register import Application, ApplicationTable, PartnerTable
 
 SECOND = 1_000_000_000
 
@@ -65,11 +67,14 @@ def test_each_register_has_its_hops_and_its_age() -> None:
 class Register:
     """A register in virtual time that sees these platforms and their tables."""
 
-    def __init__(self) -> None:
+    def __init__(self, restored: PartnerTable | None = None) -> None:
         self.time = VirtualTime()
         self.core = RegisterCore("uav1", "main", Config(forget_s=600.0))
+        if restored is not None:
+            self.core.restore(restored, self.time.now_ns)
         self.driver = self.time.drive(self.core, self.perform)
-        self.reached: dict[str, PublishedTable | None] = {}
+        self.reached: dict[str, ReachedPlatform] = {}
+        self.boards: list[PartnerTable] = []
         self.forgotten: list[tuple[str, int]] = []
         self.looks = 0
         self.driver.feed()
@@ -83,6 +88,8 @@ class Register:
             case ReadRoutes():
                 self.looks += 1
                 self.driver.feed(self.core.on_routes_read(self.reached, self.time.now_ns))
+            case PublishPartners(partners):
+                self.boards.append(partners)
             case Forgotten(platform):
                 self.forgotten.append((platform, self.time.now_ns // SECOND))
 
@@ -90,7 +97,7 @@ class Register:
 def test_a_platform_not_heard_of_for_long_is_forgotten_one_with_a_route_is_not() -> None:
     register = Register()
     register.take(table("uav2"), table("uav3"))
-    register.reached = {"uav3": None, "uav9": None}
+    register.reached = {"uav3": ReachedPlatform(1), "uav9": ReachedPlatform(1)}
     register.time.run_for(700)
     assert register.forgotten == [("uav2", 600)]
     assert names(register.core) == ["uav1", "uav3"]
@@ -105,7 +112,7 @@ def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() ->
     register.take(table("uav2"))
     register.time.run_for(601)
     assert names(register.core) == ["uav1"]
-    register.reached = {"uav2": PublishedTable(table("uav2"), 0)}
+    register.reached = {"uav2": ReachedPlatform(1, PublishedTable(table("uav2"), 0))}
     register.time.run_for(10)
     assert names(register.core) == ["uav1", "uav2"]
 
@@ -113,9 +120,80 @@ def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() ->
 def test_the_age_of_a_table_counts_from_when_it_was_made_however_often_its_platform_is_reached() -> None:
     register = Register()
     register.take(table("uav2"))
-    register.reached = {"uav2": PublishedTable(table("uav2"), 0)}
+    register.reached = {"uav2": ReachedPlatform(1, PublishedTable(table("uav2"), 0))}
     register.time.run_for(100)
     register.take(table("uav2"))  # received again, unchanged
     register.time.run_for(25)
     (_, unit) = register.core.units(table("uav1"), {}, register.time.now_ns)
     assert unit.age_s == 125
+
+
+def test_the_board_of_partners_is_written_when_something_changes_and_not_while_nothing_does() -> None:
+    register = Register()
+    register.reached = {"uav2": ReachedPlatform(1), "uav3": ReachedPlatform(3)}
+    register.take(*(table(name) for name in ("uav3", "uav2")))
+    register.time.run_for(1)
+    (*_, board) = register.boards
+    assert [(unit.table.platform, unit.hops) for unit in board.units] == [("uav2", 1), ("uav3", 3)]
+    written = len(register.boards)
+    register.time.run_for(3600)
+    assert len(register.boards) == written, "ages are stamps: nothing is rewritten while nothing changes"
+    register.reached["uav3"] = ReachedPlatform(2)
+    register.time.run_for(10)
+    assert [unit.hops for unit in register.boards[-1].units] == [1, 2]
+    register.take(table("uav2", version=2, apps=3))
+    register.time.run_for(1)
+    assert len(register.boards[-1].units[0].table.applications) == 3
+    assert len(register.boards) == written + 2
+
+
+def test_many_changes_in_a_short_time_are_few_writes() -> None:
+    register = Register()
+    register.time.run_for(1)
+    written = len(register.boards)
+    for number in range(200):
+        register.take(table(f"uav{number + 2}"))
+        register.time.run_for(0.005)
+    register.time.run_for(1)
+    assert len(register.boards[-1].units) == 200
+    assert len(register.boards) - written <= 8
+
+
+def test_a_partner_that_is_out_of_reach_is_marked_with_the_time_since_when_and_then_removed() -> None:
+    register = Register()
+    register.reached = {"uav2": ReachedPlatform(1)}
+    register.take(table("uav2"))
+    register.time.run_for(100)
+    assert register.boards[-1].units[0].unreachable_since_ns is None
+    register.reached = {}
+    register.time.run_for(100)
+    assert register.boards[-1].units[0].unreachable_since_ns == 100 * SECOND
+    register.reached = {"uav2": ReachedPlatform(2)}
+    register.time.run_for(10)
+    assert register.boards[-1].units[0].unreachable_since_ns is None
+    register.reached = {}
+    register.time.run_for(700)
+    assert register.boards[-1] == PartnerTable()
+
+
+def test_a_successor_continues_with_the_board_of_the_register_that_was_killed() -> None:
+    former = Register()
+    former.reached = {"uav2": ReachedPlatform(1), "uav3": ReachedPlatform(2)}
+    former.take(table("uav2", version=7), table("uav3"), table("uav4"))
+    former.time.run_for(400)
+    successor = Register(former.boards[-1])
+    successor.time.run_for(0)
+    assert names(successor.core) == ["uav1", "uav2", "uav3", "uav4"], "at once, before any table arrives"
+    successor.take(table("uav2", version=6))
+    successor.reached = former.reached
+    successor.time.run_for(700)
+    assert names(successor.core) == ["uav1", "uav2", "uav3"], "who is alive stays, who is gone goes"
+    assert successor.boards[-1].units[0].table.version == 7
+
+
+def test_a_board_of_partners_never_has_a_unit_of_its_own_node() -> None:
+    former = RegisterCore("uav2", "main", Config())
+    former.on_table(PublishedTable(table("uav1"), 0), 0)
+    register = Register(former.partners())
+    register.time.run_for(1)
+    assert register.boards == [PartnerTable()]

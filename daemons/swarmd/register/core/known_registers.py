@@ -8,10 +8,12 @@ import msgspec
 from swarmd.register.config import Config
 from swarmware.model.names import natural
 from swarmware.runtime.core import AT_ONCE
-from swarmware.types.register import ApplicationTable, KnownUnit
+from swarmware.types.register import ApplicationTable, KnownUnit, PartnerTable, PartnerUnit
 
 READ_S: Final = 10.0
 """Period of reading routes; platforms are removed after minutes."""
+PUBLISH_S: Final = 0.2
+"""Minimum time between two tables of partners: the start of a swarm is a few changes, not hundreds."""
 
 Unit = tuple[str, str]
 """Platform and unit."""
@@ -27,7 +29,13 @@ class Forgotten(msgspec.Struct, frozen=True):
     platform: str
 
 
-Action = ReadRoutes | Forgotten
+class PublishPartners(msgspec.Struct, frozen=True):
+    """Write the table of partners."""
+
+    table: PartnerTable
+
+
+Action = ReadRoutes | Forgotten | PublishPartners
 
 
 class PublishedTable(msgspec.Struct, frozen=True):
@@ -37,11 +45,20 @@ class PublishedTable(msgspec.Struct, frozen=True):
     made_ns: int
 
 
+class ReachedPlatform(msgspec.Struct, frozen=True):
+    """A platform with a route, and the table that it publishes."""
+
+    hops: int
+    published: PublishedTable | None = None
+
+
 class _RemoteTable(msgspec.Struct):
     table: ApplicationTable
     made_ns: int
     reached_ns: int
     """Last time at which its platform was reachable."""
+    hops: int = 1
+    reachable: bool = True
 
 
 class RegisterCore:
@@ -52,7 +69,23 @@ class RegisterCore:
         self._forget_ns = round(config.forget_s * 1e9)
         self._pause_ns = round(min(READ_S, config.forget_s / 4) * 1e9)
         self._next_read_ns = AT_ONCE
+        self._next_publication_ns = AT_ONCE
+        self._changed = True
+        self._published: PartnerTable | None = None
         self._remote_tables: dict[Unit, _RemoteTable] = {}
+
+    def restore(self, known: PartnerTable, now_ns: int) -> None:
+        """Continue with the table that the former process of this register published."""
+        for unit in known.units:
+            since_ns = unit.unreachable_since_ns
+            self._remote_tables[unit.table.platform, unit.table.unit] = _RemoteTable(
+                unit.table,
+                min(unit.made_ns, now_ns),
+                now_ns if since_ns is None else min(since_ns, now_ns),
+                unit.hops,
+                since_ns is None,
+            )
+        self._remote_tables.pop(self._own_unit, None)
 
     def on_table(self, published: PublishedTable, now_ns: int) -> list[Action]:
         """Store a table of another unit; an older one, or one of this unit, is ignored."""
@@ -61,43 +94,78 @@ class RegisterCore:
         held = self._remote_tables.get(unit)
         if unit == self._own_unit or (held is not None and rank(table) < rank(held.table)):
             return []
-        repeated = held is not None and rank(table) == rank(held.table)
-        made_ns = min(held.made_ns, published.made_ns) if held is not None and repeated else published.made_ns
-        self._remote_tables[unit] = _RemoteTable(table, made_ns, now_ns)
+        if held is None:
+            self._remote_tables[unit] = _RemoteTable(table, published.made_ns, now_ns)
+            self._next_read_ns = AT_ONCE  # its hops
+        elif rank(table) == rank(held.table):
+            held.made_ns = min(held.made_ns, published.made_ns)
+        else:
+            self._remote_tables[unit] = _RemoteTable(table, published.made_ns, now_ns, held.hops)
+        self._changed = True
         return []
 
-    def on_routes_read(self, reached: Mapping[str, PublishedTable | None], now_ns: int) -> list[Action]:
+    def on_routes_read(self, reached: Mapping[str, ReachedPlatform], now_ns: int) -> list[Action]:
         """Platforms with a route and their newest tables: alive although their tables do not change."""
-        for (platform, _), held in self._remote_tables.items():
-            if platform in reached:
-                held.reached_ns = now_ns
         known = {platform for platform, _ in self._remote_tables}
-        for platform, published in reached.items():
-            if published is not None and platform not in known:
-                self.on_table(published, now_ns)  # removed, and reachable again with an unchanged table
+        for platform, route in reached.items():
+            if route.published is not None and platform not in known:
+                # removed, and reachable again with an unchanged table
+                self.on_table(route.published, now_ns)
+        for (platform, _), held in self._remote_tables.items():
+            held.reachable = platform in reached
+            if held.reachable:
+                held.reached_ns = now_ns
+                held.hops = reached[platform].hops
         gone = [
             unit for unit, held in self._remote_tables.items() if now_ns - held.reached_ns >= self._forget_ns
         ]
         for unit in gone:
             del self._remote_tables[unit]
+        self._next_read_ns = self._period_after(now_ns)
+        self._changed = True
         return [Forgotten(platform) for platform in sorted({platform for platform, _ in gone})]
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Routes are to be read."""
-        self._next_read_ns = (now_ns // self._pause_ns + 1) * self._pause_ns
-        return [ReadRoutes()]
+        """Routes are to be read, or the table of partners to be written."""
+        if now_ns >= self._next_read_ns:
+            self._next_read_ns = self._period_after(now_ns)
+            return [ReadRoutes()]
+        if not self._changed or now_ns < self._next_publication_ns:
+            return []
+        self._changed = False
+        table = self.partners()
+        if table == self._published:
+            return []
+        self._published = table
+        self._next_publication_ns = now_ns + round(PUBLISH_S * 1e9)
+        return [PublishPartners(table)]
+
+    def _period_after(self, now_ns: int) -> int:
+        return (now_ns // self._pause_ns + 1) * self._pause_ns
 
     def deadline_ns(self) -> int | None:
-        """Next reading of routes."""
-        return self._next_read_ns
+        """Next reading of routes, or next writing of the table."""
+        return min(self._next_read_ns, self._next_publication_ns) if self._changed else self._next_read_ns
 
     def units(self, own: ApplicationTable, hops: dict[str, int], now_ns: int) -> tuple[KnownUnit, ...]:
         """All known registers, the own one first; a platform without a route counts as one hop."""
         known = [KnownUnit(own, 0, 0.0)]
-        for (platform, _), held in sorted(self._remote_tables.items(), key=lambda item: natural(item[0][0])):
+        for (platform, _), held in self._sorted():
             age_s = max(0.0, (now_ns - held.made_ns) / 1e9)
             known.append(KnownUnit(held.table, hops.get(platform, 1), age_s))
         return tuple(known)
+
+    def partners(self) -> PartnerTable:
+        """All known units of other platforms, for the board."""
+        return PartnerTable(
+            tuple(
+                PartnerUnit(held.table, held.hops, held.made_ns, None if held.reachable else held.reached_ns)
+                for _, held in self._sorted()
+            )
+        )
+
+    def _sorted(self) -> list[tuple[Unit, _RemoteTable]]:
+        return sorted(self._remote_tables.items(), key=lambda item: natural(item[0][0]))
 
 
 def rank(table: ApplicationTable) -> tuple[int, int, int]:
