@@ -159,18 +159,23 @@ def test_many_changes_in_a_short_time_are_few_writes() -> None:
     assert len(register.boards) - written <= 8
 
 
+def since_ns(register: Register) -> int | None:
+    """When the first partner of the newest board was last reachable; None: it is."""
+    return register.boards[-1].units[0].unreachable_since_ns
+
+
 def test_a_partner_that_is_out_of_reach_is_marked_with_the_time_since_when_and_then_removed() -> None:
     register = Register()
     register.reached = {"uav2": ReachedPlatform(1)}
     register.take(table("uav2"))
     register.time.run_for(100)
-    assert register.boards[-1].units[0].unreachable_since_ns is None
+    assert since_ns(register) is None
     register.reached = {}
     register.time.run_for(100)
-    assert register.boards[-1].units[0].unreachable_since_ns == 100 * SECOND
+    assert since_ns(register) == 100 * SECOND
     register.reached = {"uav2": ReachedPlatform(2)}
     register.time.run_for(10)
-    assert register.boards[-1].units[0].unreachable_since_ns is None
+    assert since_ns(register) is None
     register.reached = {}
     register.time.run_for(700)
     assert register.boards[-1] == PartnerTable()
