@@ -21,6 +21,7 @@ INTERRUPTED: Final = 130
 
 COMMANDS: Final[dict[str, Lazy]] = {
     "node": Lazy("swarmctl.commands.node.command:cmd", "Nodes of the swarm."),
+    "keys": Lazy("swarmctl.commands.keys.command:cmd", "Keys of the swarm: its root, members, invitations."),
     "app": Lazy("swarmctl.commands.app.command:cmd", "Applications that run on the nodes."),
     "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
     "call": Lazy("swarmctl.commands.call.command:call", "Send a request to a command and print the answer."),

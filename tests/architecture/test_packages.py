@@ -18,6 +18,7 @@ THIN_LINES = 40
 THIN = {
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
+    "lib/swarmware/transport/enrolment/proof.py": "the proof of a key, for both ends and for the root",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",
     "lib/swarmware/module/requester.py": "the name of the sender of a request, for records",
     "lib/swarmware/runtime/backoff.py": "the one back-off",

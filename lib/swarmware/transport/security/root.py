@@ -12,9 +12,9 @@ import msgspec
 
 from swarmware.errors import ConfigError, Conflict, Denied, NotFound
 from swarmware.model.access import Role
-from swarmware.model.digest import blake2b
 from swarmware.model.names import check_platform
 from swarmware.runtime.filewriter import replace_file
+from swarmware.transport.enrolment.proof import proof_of, proves, root_digest
 from swarmware.transport.security.keys import (
     GROUP_KEY,
     ROOT_PUBLIC,
@@ -26,11 +26,9 @@ from swarmware.transport.security.keys import (
 )
 from swarmware.transport.security.roster import Roster, RosterMember, read_roster, sign_roster
 from swarmware.transport.security.seal import GroupKey
-from swarmware.transport.sodium import KEY_BYTES, SigningKey, curve_of_signing, seal_box, verify
+from swarmware.transport.sodium import KEY_BYTES, SigningKey, curve_of_signing, seal_box
 
 ROOT_KEY: Final = "root.key"
-FINGERPRINT_BYTES: Final = 16
-_JOIN: Final = b"swarmware join 1\n"
 
 
 class Candidate(msgspec.Struct, frozen=True):
@@ -164,18 +162,13 @@ class Root:
 
 def fingerprint(root_public: bytes) -> str:
     """The digest by which people and tokens name a root."""
-    return blake2b(root_public, digest_size=FINGERPRINT_BYTES).hexdigest()
-
-
-def proof_of(key: SigningKey, root_public: bytes, platform: str) -> bytes:
-    """The proof of a candidate that it holds its key: a signature for this root and this name."""
-    return key.sign(_JOIN + root_public + platform.encode())
+    return root_digest(root_public).hex()
 
 
 def candidate(platform: str, role: str, seed: bytes, root_public: bytes) -> Candidate:
     """The candidate with this seed."""
     key = SigningKey(seed)
-    return Candidate(platform, role, key.public, proof_of(key, root_public, platform))
+    return Candidate(platform, role, key.public, proof_of(key, root_digest(root_public), platform))
 
 
 def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) -> Roster:
@@ -198,6 +191,6 @@ def _member(candidate: Candidate, serial: int, root_public: bytes) -> RosterMemb
     platform = check_platform(candidate.platform)
     Role.named(candidate.role)
     public = candidate.sign_public
-    if not verify(public, candidate.proof, _JOIN + root_public + platform.encode()):
+    if not proves(public, candidate.proof, root_digest(root_public), platform):
         raise Denied(f"{platform}: it has not proven its key")
     return RosterMember(platform, public, curve_of_signing(public), candidate.role, serial)

@@ -1,0 +1,237 @@
+"""`swarmctl keys invite`: makes tokens, and admits the nodes that join with them within their time."""
+
+import asyncio
+import os
+import time
+from pathlib import Path
+from typing import Final, Literal
+
+import msgspec
+
+from swarmctl.commands.keys.addresses import host_and_port, own_addresses
+from swarmctl.commands.keys.distribution import hand_over, local_member
+from swarmctl.commands.keys.listener import JoinListener, listening_socket
+from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.quantities import spoken
+from swarmware.errors import Denied, InvalidInput, NoAnswer, Partial, SwarmError
+from swarmware.model.access import Role
+from swarmware.model.clock import utc_ns
+from swarmware.model.names import check_platform
+from swarmware.runtime.filewriter import replace_file
+from swarmware.transport.enrolment.inviter import Admission, Invitation, Inviter
+from swarmware.transport.enrolment.messages import JoinFile, seal_file
+from swarmware.transport.enrolment.proof import root_digest
+from swarmware.transport.enrolment.token import SECRET_BYTES, JoinToken
+from swarmware.transport.security.keys import SEED_BYTES
+from swarmware.transport.security.root import Candidate, Root, candidate
+from swarmware.transport.sodium import NONCE_BYTES
+
+VALID_MAX_S: Final = 30 * 86400.0
+"""Maximum validity of a token."""
+
+
+class InvitedNode(msgspec.Struct, frozen=True):
+    """A platform that may join, or what became of its invitation."""
+
+    platform: str
+    state: Literal["invited", "joined", "expired"]
+    role: str
+    command: str
+    """What is typed on the node."""
+    token: str
+    expires_utc_ns: int
+    address: str = ""
+    """Address of the node that joined."""
+
+
+class InvitationPlan(msgspec.Struct, frozen=True):
+    """What an operator asked for."""
+
+    platforms: tuple[str, ...]
+    role: str
+    valid_s: float
+    address: str = ""
+    """HOST or HOST:PORT for the tokens; empty: the addresses of this computer."""
+    file: str = ""
+    """File for the credentials; empty: over the network."""
+
+
+def invite_nodes(out: Output, root_dir: Path | None, plan: InvitationPlan) -> None:
+    """Invites platforms, and prints the command that each node needs.
+
+    Raises: NotFound without a root; InvalidInput for a name, role or time; Partial when some invitations
+    expired, NoAnswer when all did; Conflict, Denied, OSError.
+    """
+    check_plan(plan)
+    folder = RootFolder(root_dir)
+    root = folder.load()
+    local_member(out, root)
+    for platform in plan.platforms:
+        if root.roster.find(platform) is not None:
+            out.warn(f"{platform} is a member already: the node that joins with this token takes its place")
+    if plan.file:
+        _to_file(out, folder, plan)
+    else:
+        asyncio.run(_Gate(out, folder, root, plan).run())
+
+
+def check_plan(plan: InvitationPlan) -> None:
+    """Check what an operator asked for. Raises: InvalidInput, ConfigError."""
+    for platform in plan.platforms:
+        check_platform(platform)
+    if len(set(plan.platforms)) != len(plan.platforms):
+        raise InvalidInput("platforms: one is named twice; expected each once")
+    Role.named(plan.role)
+    if not 0 < plan.valid_s <= VALID_MAX_S:
+        raise InvalidInput(
+            f"--valid: {plan.valid_s:g} s; expected more than 0 and {VALID_MAX_S / 86400:g}d at most"
+        )
+    if plan.file and len(plan.platforms) != 1:
+        raise InvalidInput(f"--file: {len(plan.platforms)} platforms; expected one for each file")
+
+
+class _Gate:
+    """Admits the nodes of the open invitations."""
+
+    def __init__(self, out: Output, folder: RootFolder, root: Root, plan: InvitationPlan) -> None:
+        self._out = out
+        self._folder = folder
+        host, port = host_and_port(plan.address) if plan.address else ("", 0)
+        self._bound = listening_socket(port)
+        hosts, port = (host,) if host else own_addresses(), self._bound.getsockname()[1]
+        now_ns, utc_s = time.monotonic_ns(), utc_ns() // 1_000_000_000
+        invitations = [
+            Invitation(
+                platform,
+                plan.role,
+                new_token(root, utc_s + round(plan.valid_s), hosts, port),
+                now_ns + round(plan.valid_s * 1e9),
+            )
+            for platform in plan.platforms
+        ]
+        self._invitations = invitations
+        self._valid_s = plan.valid_s
+        self._core = Inviter(invitations, folder.refused(utc_s), lambda: os.urandom(NONCE_BYTES), now_ns)
+        self._changed = asyncio.Event()
+        self._turn = asyncio.Lock()
+        self._joined: list[str] = []
+
+    async def run(self) -> None:
+        """Serves until each invitation was used or has expired.
+
+        Raises: Partial when some expired, NoAnswer when all did.
+        """
+        self._folder.record(*self._invitations)
+        listener = JoinListener(self._permit, self._answer)
+        async with asyncio.TaskGroup() as tasks:
+            serving = tasks.create_task(listener.serve(self._bound), name="join listener")
+            for one in self._invitations:
+                self._show(one, "invited")
+            token = self._invitations[0].token
+            self._out.say(
+                f"listening on TCP port {token.port} ({', '.join(token.hosts)}) for {spoken(self._valid_s)};"
+                " Ctrl-C ends it, nodes that have joined stay"
+            )
+            await self._wait()
+            serving.cancel()
+        missing = [one.platform for one in self._invitations if one.platform not in self._joined]
+        if missing:
+            text = f"{', '.join(missing)}: did not join within {spoken(self._valid_s)}"
+            raise (Partial if self._joined else NoAnswer)(text)
+
+    async def _wait(self) -> None:
+        while (deadline_ns := self._core.deadline_ns()) is not None:
+            try:
+                async with asyncio.timeout(max(0.0, (deadline_ns - time.monotonic_ns()) / 1e9)):
+                    await self._changed.wait()
+                    self._changed.clear()
+            except TimeoutError:
+                for one in self._core.expire(time.monotonic_ns()):
+                    self._show(one, "expired")
+
+    def _permit(self, address: str) -> bool:
+        return self._core.on_connection(address, time.monotonic_ns())
+
+    async def _answer(self, data: bytes, address: str) -> bytes | None:
+        async with self._turn:
+            found = self._core.on_request(data, utc_ns(), time.monotonic_ns())
+            if not isinstance(found, Admission):
+                self._out.detail(f"a request of {address} was refused or not readable")
+                return found
+            try:
+                root = self._admit(found)
+            except (SwarmError, OSError) as error:
+                self._out.warn(f"{found.request.platform} at {address} could not be admitted: {error}")
+                return self._core.failed(found, str(error), utc_ns())
+            answer = self._core.admitted(found, root.public, root.signed, utc_ns())
+        if not found.repeated:
+            self._joined.append(found.request.platform)
+            self._show(found.invitation, "joined", address)
+            self._changed.set()
+        return answer
+
+    def _admit(self, admission: Admission) -> Root:
+        request, invitation = admission.request, admission.invitation
+        with self._folder.locked():
+            root = self._folder.load()
+            if not admission.repeated:
+                root.admit(Candidate(request.platform, invitation.role, request.sign_public, request.proof))
+        if not admission.repeated:
+            self._folder.record(invitation, used=True)
+            hand_over(self._out, root)
+        return root
+
+    def _show(
+        self, one: Invitation, state: Literal["invited", "joined", "expired"], address: str = ""
+    ) -> None:
+        show_invited(self._out, one, state, address)
+
+
+def show_invited(
+    out: Output,
+    one: Invitation,
+    state: Literal["invited", "joined", "expired"],
+    address: str = "",
+    file: str = "",
+) -> None:
+    """Prints an invitation, or what became of it."""
+    text = one.token.text()
+    command = f"swarmctl keys join {text}" + (f" --file {file}" if file else "")
+    if out.settings.structured:
+        expires_utc_ns = one.token.expires_utc_s * 1_000_000_000
+        out.line(InvitedNode(one.platform, state, one.role, command, text, expires_utc_ns, address))
+    elif state == "invited":
+        out.say(f"on {one.platform}, as {one.role}:")
+        out.now(command)
+    elif state == "joined":
+        out.say(f"{one.platform} joined from {address}")
+    else:
+        out.say(f"the invitation of {one.platform} has expired")
+
+
+def _to_file(out: Output, folder: RootFolder, plan: InvitationPlan) -> None:
+    """Admits a platform with credentials that are made here, and writes them to a file."""
+    (platform,) = plan.platforms
+    path, seed = Path(plan.file), os.urandom(SEED_BYTES)
+    if not os.access(path.parent, os.W_OK):  # before the roster changes
+        raise Denied(f"{path.parent}: cannot be written; expected an existing folder of this user")
+    utc_s = utc_ns() // 1_000_000_000
+    with folder.locked():
+        root = folder.load()
+        token = new_token(root, utc_s + round(plan.valid_s), (), 0)
+        signed = root.admit(candidate(platform, plan.role, seed, root.public))
+        content = JoinFile(platform, seed, root.public, signed)
+        replace_file(path, seal_file(token, os.urandom(NONCE_BYTES), content), mode=0o600)
+    invitation = Invitation(platform, plan.role, token, 0)
+    hand_over(out, root)
+    show_invited(out, invitation, "invited", file=plan.file)
+    out.say(
+        f"bring {path} to {platform}, and the line by another way: together they are its identity;"
+        f" valid {spoken(plan.valid_s)}, by the clock of {platform}"
+    )
+
+
+def new_token(root: Root, expires_utc_s: int, hosts: tuple[str, ...], port: int) -> JoinToken:
+    """A token with a new secret."""
+    return JoinToken(os.urandom(SECRET_BYTES), root_digest(root.public), expires_utc_s, hosts, port)

@@ -1,0 +1,153 @@
+"""`swarmctl keys join`: gives the node on this computer an identity in the swarm of a token."""
+
+import asyncio
+import os
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.commands.keys.making import next_step
+from swarmctl.commands.keys.node_keys import NodeKeys
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Column
+from swarmware.errors import InvalidInput, NoAnswer, SwarmError, WireError
+from swarmware.model.clock import utc_ns
+from swarmware.transport.enrolment.joiner import CLOCK_S, Credentials, Joiner, from_file
+from swarmware.transport.enrolment.messages import ANSWER_MAX, SIZE_BYTES
+from swarmware.transport.enrolment.token import JoinToken
+from swarmware.transport.sodium import NONCE_BYTES
+
+ADMIT_S: Final = 15.0
+"""Maximum wait for the answer: the inviter signs the roster, and gives it to its own node."""
+
+
+class JoinedSwarm(msgspec.Struct, frozen=True):
+    """A node that has an identity in a swarm."""
+
+    platform: str
+    swarm: str
+    role: str
+    serial: int
+    members: int
+    keys_dir: str
+    running: bool
+    """The node runs, and has not read these keys."""
+    ahead_s: float | None = None
+    """Wall clock of this computer minus that of the inviter; None: not known."""
+
+
+def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
+    """Joins the swarm of a token, and prints what the node is there.
+
+    Raises: InvalidInput for a mistyped token or another platform's, NotFound without a node, Conflict when it
+    has an identity, NoAnswer when no inviter answers; Denied for a token that was used or has expired, and
+    when a folder cannot be written.
+    """
+    token = JoinToken.parse(text)
+    if file is None and not token.hosts:
+        raise InvalidInput(
+            "token: it belongs to a file; expected --file FILE with the one that `keys invite` wrote"
+        )
+    node = NodeKeys.find(out.settings)
+    node.check_free(replace=replace)
+    if file is None:
+        joiner = Joiner(token, node.platform, node.pending_seed())
+        credentials = asyncio.run(_ask(token, joiner, out.settings.timeout_s))
+    else:
+        data, utc_s = file.read_bytes(), utc_ns() // 1_000_000_000
+        credentials = from_file(token, node.platform, data, str(file), utc_s)
+    node.write(credentials)
+    _show(out, node, credentials)
+
+
+def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:
+    roster = node.load().roster
+    member = None if roster is None else roster.find(node.platform)
+    if roster is None or member is None:
+        raise SwarmError(f"{node.folder}: {node.platform} is not on the roster that was written")
+    joined = JoinedSwarm(
+        node.platform,
+        roster.swarm,
+        member.role,
+        member.serial,
+        len(roster.valid()),
+        str(node.folder),
+        node.runs,
+        credentials.ahead_s,
+    )
+    if out.settings.structured:
+        out.document(joined)
+    else:
+        columns = [
+            Column("PLATFORM"),
+            Column("SWARM"),
+            Column("ROLE"),
+            Column("MEMBERS", right=True),
+            Column("KEYS"),
+        ]
+        out.table(columns, [(joined.platform, joined.swarm, joined.role, joined.members, joined.keys_dir)])
+    if joined.ahead_s is not None and abs(joined.ahead_s) > CLOCK_S:
+        way = "ahead of" if joined.ahead_s > 0 else "behind"
+        out.warn(
+            f"the clock of this computer is {spoken(abs(joined.ahead_s))} {way} that of the inviter: times in"
+            " its logs will not match; expected a clock set by NTP or by hand (date --set)"
+        )
+    out.say(next_step(joined.platform, running=joined.running))
+
+
+async def _ask(token: JoinToken, joiner: Joiner, connect_s: float) -> Credentials:
+    """The credentials of the first inviter that answers.
+
+    Raises: its refusal; NoAnswer with the reason of each address when none answers.
+    """
+    attempts = {
+        asyncio.create_task(_connect(host, token.port, connect_s), name=f"connect {host}"): host
+        for host in token.hosts
+    }
+    reasons = []
+    try:
+        for attempt, host in attempts.items():
+            try:
+                reader, writer = await attempt
+            except OSError as error:  # also a time-out
+                reasons.append(f"{host}: {_cause(error)}")
+                continue
+            try:
+                data = await _exchange(reader, writer, joiner.request(os.urandom(NONCE_BYTES)))
+                return joiner.on_answer(data, utc_ns())
+            except (WireError, OSError, TimeoutError, asyncio.IncompleteReadError) as error:
+                reasons.append(f"{host}: {error or 'no answer'}")
+            finally:
+                writer.close()
+    finally:
+        for attempt in attempts:
+            attempt.cancel()
+        await asyncio.gather(*attempts, return_exceptions=True)
+    raise NoAnswer(
+        f"no inviter answers on TCP port {token.port}: {'; '.join(reasons)}; expected"
+        " `swarmctl keys invite` to run there, and the port to be open in its firewall"
+    )
+
+
+def _cause(error: OSError) -> str:
+    return (os.strerror(error.errno) if error.errno else str(error)) or "no connection in time"
+
+
+async def _connect(
+    host: str, port: int, connect_s: float
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    async with asyncio.timeout(connect_s):
+        return await asyncio.open_connection(host, port)
+
+
+async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, request: bytes) -> bytes:
+    """The answer to a request. Raises: WireError when it is too large; OSError, TimeoutError."""
+    async with asyncio.timeout(ADMIT_S):
+        writer.write(len(request).to_bytes(SIZE_BYTES, "big") + request)
+        await writer.drain()
+        size = int.from_bytes(await reader.readexactly(SIZE_BYTES), "big")
+        if size > ANSWER_MAX:
+            raise WireError(f"an answer of {size} bytes; expected {ANSWER_MAX} at most")
+        return await reader.readexactly(size)

@@ -1,0 +1,89 @@
+"""The inviter's socket: moves the bytes of nodes that join, within limits of size, time and number."""
+
+import asyncio
+import contextlib
+import errno
+import socket
+from collections.abc import Awaitable, Callable
+from typing import Final
+
+from swarmctl.commands.keys.addresses import PORT
+from swarmware.errors import Conflict
+from swarmware.transport.enrolment.messages import REQUEST_MAX, SIZE_BYTES, JoinRefusal, refuse
+
+REQUEST_S: Final = 5.0
+"""Maximum time between the connection and the last byte of the request."""
+CONNECTIONS_MAX: Final = 32
+"""Maximum connections at a time; a request and its answer take milliseconds."""
+
+
+def listening_socket(port: int) -> socket.socket:
+    """A socket on all addresses at a port; 0: the usual one, or any when that is in use.
+
+    Raises: Conflict when the given port is in use.
+    """
+    try:
+        return _bound(port or PORT)
+    except OSError as error:
+        if error.errno != errno.EADDRINUSE:
+            raise
+        if port:
+            text = f"TCP port {port} is in use; expected a free one in --address HOST:PORT"
+            raise Conflict(text) from error
+        return _bound(0)
+
+
+def _bound(port: int) -> socket.socket:
+    if socket.has_dualstack_ipv6():
+        return socket.create_server(("", port), family=socket.AF_INET6, dualstack_ipv6=True)
+    return socket.create_server(("", port))
+
+
+class JoinListener:
+    """Reads one request of each connection and writes the answer."""
+
+    def __init__(
+        self,
+        permit: Callable[[str], bool],
+        answer: Callable[[bytes, str], Awaitable[bytes | None]],
+    ) -> None:
+        """`permit`: whether an address may send a request; `answer`: the answer to one of an address."""
+        self._permit = permit
+        self._answer = answer
+        self._connections = 0
+
+    async def serve(self, bound: socket.socket) -> None:
+        """Serves connections until it is cancelled."""
+        server = await asyncio.start_server(self._on_connection, sock=bound)
+        async with server:
+            await server.serve_forever()
+
+    async def _on_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        address = str(writer.get_extra_info("peername", ("unknown",))[0]).removeprefix("::ffff:")
+        self._connections += 1
+        try:
+            if self._connections > CONNECTIONS_MAX or not self._permit(address):
+                await self._write(writer, refuse(JoinRefusal.BUSY))
+            elif (data := await self._read(reader)) is not None:
+                found = await self._answer(data, address)
+                if found is not None:
+                    await self._write(writer, found)
+        finally:
+            self._connections -= 1
+            writer.close()
+
+    async def _read(self, reader: asyncio.StreamReader) -> bytes | None:
+        """A request; None when none came in time, or it is too large."""
+        try:
+            async with asyncio.timeout(REQUEST_S):
+                size = int.from_bytes(await reader.readexactly(SIZE_BYTES), "big")
+                return await reader.readexactly(size) if size <= REQUEST_MAX else None
+        except (TimeoutError, asyncio.IncompleteReadError, ConnectionError):
+            return None
+
+    async def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        # a node that has closed the connection asks again, and gets the same answer
+        with contextlib.suppress(TimeoutError, ConnectionError):
+            async with asyncio.timeout(REQUEST_S):
+                writer.write(len(data).to_bytes(SIZE_BYTES, "big") + data)
+                await writer.drain()

@@ -1,0 +1,134 @@
+"""`swarmctl keys ls` and `keys show`: members of the swarm, as this computer's node or the root has them."""
+
+from pathlib import Path
+
+import msgspec
+
+from swarmctl.commands.keys.node_keys import NodeKeys
+from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.table import Column
+from swarmware.errors import NotFound
+from swarmware.transport.security.root import fingerprint
+from swarmware.transport.security.roster import Roster, RosterMember
+
+
+class ListedMember(msgspec.Struct, frozen=True):
+    """A member of the swarm, or one that was revoked."""
+
+    platform: str
+    role: str
+    serial: int
+    revoked: bool
+    sign_public: str
+    """Ed25519 public key, hexadecimal."""
+    curve_public: str
+    """X25519 public key, hexadecimal."""
+
+
+class MemberList(msgspec.Struct, frozen=True):
+    """Members of the swarm."""
+
+    members: list[ListedMember]
+    swarm: str
+    fingerprint: str
+    """Digest of the root's public key, hexadecimal."""
+    version: int
+    """Version of the roster."""
+    key_epoch: int
+    """Number of the group key."""
+    source: str
+    """Folder with the roster."""
+
+
+def list_members(out: Output, root_dir: Path | None) -> None:
+    """Prints the members. Raises: as `known_members`."""
+    found = known_members(out, root_dir)
+    if out.settings.structured:
+        out.document(found)
+        return
+    columns = [
+        Column("PLATFORM"),
+        Column("ROLE"),
+        Column("SERIAL", right=True),
+        Column("STATE"),
+        Column("KEY", wide=True),
+    ]
+    rows = [
+        (one.platform, one.role, one.serial, "revoked" if one.revoked else "member", one.sign_public)
+        for one in found.members
+    ]
+    title = (
+        f"swarm {found.swarm}, root {found.fingerprint}, roster {found.version}, group key {found.key_epoch}"
+    )
+    out.table(columns, rows, title)
+
+
+def show_member(out: Output, root_dir: Path | None, platform: str) -> None:
+    """Prints one member; without a name the node on this computer.
+
+    Raises: NotFound when it is not a member; as `known_members`.
+    """
+    name = platform or NodeKeys.find(out.settings).platform
+    found = known_members(out, root_dir)
+    members = [one for one in found.members if one.platform == name]
+    if not members:
+        known = ", ".join(one.platform for one in found.members)
+        raise NotFound(f"{name}: not a member of swarm {found.swarm!r}; expected one of {known}")
+    shown = msgspec.structs.replace(found, members=members)
+    if out.settings.structured:
+        out.document(shown)
+        return
+    one = members[-1]
+    rows = [
+        ("platform", one.platform),
+        ("role", one.role),
+        ("serial", str(one.serial)),
+        ("state", "revoked" if one.revoked else "member"),
+        ("key", one.sign_public),
+        ("swarm", found.swarm),
+        ("root", found.fingerprint),
+        ("roster", f"version {found.version}, group key {found.key_epoch}"),
+        ("read from", found.source),
+    ]
+    out.table([Column("WHAT"), Column("VALUE")], rows)
+
+
+def known_members(out: Output, root_dir: Path | None) -> MemberList:
+    """The members: as a given root has them, else the node on this computer, else the usual root.
+
+    Raises: NotFound when neither has a roster; ConfigError, Denied when it is damaged or not readable.
+    """
+    folder = RootFolder(root_dir)
+    if root_dir is None:
+        node = _node(out)
+        if node is not None:
+            keys = node.load()
+            if keys.roster is not None:
+                return _members(keys.roster, fingerprint(keys.root_public), node.folder)
+        if not folder.exists:
+            raise NotFound(
+                "keys: this computer's node has none, and there is no root; expected `swarmctl keys init`"
+                " for a new swarm, or `swarmctl keys join TOKEN`"
+            )
+    root = folder.load()
+    return _members(root.roster, fingerprint(root.public), folder.path)
+
+
+def _node(out: Output) -> NodeKeys | None:
+    try:
+        node = NodeKeys.find(out.settings)
+    except NotFound:
+        return None
+    return node if node.has_identity else None
+
+
+def _members(roster: Roster, root: str, source: Path) -> MemberList:
+    gone = frozenset(roster.revoked)
+    listed = [_listed(member, revoked=member.serial in gone) for member in roster.members]
+    return MemberList(listed, roster.swarm, root, roster.version, roster.key_epoch, str(source))
+
+
+def _listed(member: RosterMember, *, revoked: bool) -> ListedMember:
+    keys = member.sign_public.hex(), member.curve_public.hex()
+    return ListedMember(member.platform, member.role, member.serial, revoked, *keys)

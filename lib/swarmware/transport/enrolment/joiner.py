@@ -1,0 +1,128 @@
+"""The joining node's decisions: what it asks, and what it accepts as the answer of its swarm's root."""
+
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import Denied, InvalidInput, NotFound, SwarmError, WireError
+from swarmware.transport.enrolment.messages import (
+    JoinAnswer,
+    JoinFile,
+    JoinRefusal,
+    JoinRequest,
+    open_answer,
+    open_file,
+    seal_request,
+)
+from swarmware.transport.enrolment.proof import proof_of, root_digest
+from swarmware.transport.enrolment.token import JoinToken
+from swarmware.transport.sodium import SigningKey
+
+CLOCK_S: Final = 10.0
+"""Difference of the two wall clocks above which the node warns."""
+AGAIN: Final = "a new token: `swarmctl keys invite {platform}` at the operator's"
+
+_REASONS: Final = {
+    JoinRefusal.UNKNOWN: "the inviter does not know this token",
+    JoinRefusal.USED: "the token was used",
+    JoinRefusal.EXPIRED: "the token has expired",
+    JoinRefusal.OTHER_PLATFORM: "the token is for another platform",
+    JoinRefusal.PROOF: "the inviter refused the proof of the key",
+    JoinRefusal.BUSY: "the inviter has too many requests; try again in a minute",
+    JoinRefusal.ENDED: "the `keys invite` that made the token has ended",
+    JoinRefusal.FAILED: "the inviter could not sign the roster",
+}
+_NEEDS_NEW: Final = {JoinRefusal.UNKNOWN, JoinRefusal.USED, JoinRefusal.EXPIRED, JoinRefusal.ENDED}
+
+
+class Credentials(msgspec.Struct, frozen=True):
+    """What a node that joined writes to its folder of keys."""
+
+    seed: bytes
+    root_public: bytes
+    roster: bytes
+    """The signed roster; it is verified where it is decoded."""
+    ahead_s: float | None = None
+    """This node's wall clock minus that of the inviter; None: not known."""
+
+
+class Joiner:
+    """One attempt of a node to join with a token."""
+
+    def __init__(self, token: JoinToken, platform: str, seed: bytes) -> None:
+        self._token = token
+        self._platform = platform
+        self._seed = seed
+
+    def request(self, nonce: bytes) -> bytes:
+        """The bytes of the request; `nonce`: 12 random bytes."""
+        key = SigningKey(self._seed)
+        proof = proof_of(key, self._token.fingerprint, self._platform)
+        return seal_request(self._token, nonce, JoinRequest(self._platform, key.public, proof))
+
+    def on_answer(self, data: bytes, utc_ns: int) -> Credentials:
+        """The credentials in an answer; `utc_ns`: this node's wall clock.
+
+        Raises: Denied, NotFound, InvalidInput or SwarmError with the inviter's reason; WireError for an
+        answer that is not of the inviter.
+        """
+        answer = open_answer(self._token, data)
+        if isinstance(answer, JoinRefusal):
+            raise self._refused(answer, "")
+        if answer.refusal:
+            try:
+                refusal = JoinRefusal(answer.refusal)
+            except ValueError as error:
+                text = f"{answer.reason or 'for a reason that is not known here'}"
+                raise Denied(f"the inviter refused {self._platform}: {text}") from error
+            raise self._refused(refusal, answer.reason)
+        _check_root(self._token, answer.root_public)
+        return Credentials(self._seed, answer.root_public, answer.roster, _ahead_s(answer, utc_ns))
+
+    def _refused(self, refusal: JoinRefusal, reason: str) -> SwarmError:
+        text = f"{self._platform}: {_REASONS[refusal]}" + (f": {reason}" if reason else "")
+        if refusal in _NEEDS_NEW:
+            text += f"; expected {AGAIN.format(platform=self._platform)}"
+        if refusal is JoinRefusal.OTHER_PLATFORM:
+            return InvalidInput(f"{text}; `platform` of node.toml is {self._platform}")
+        if refusal is JoinRefusal.UNKNOWN:
+            return NotFound(text)
+        if refusal in {JoinRefusal.BUSY, JoinRefusal.FAILED}:
+            return SwarmError(text)
+        return Denied(text)
+
+
+def from_file(token: JoinToken, platform: str, data: bytes, source: str, utc_s: int) -> Credentials:
+    """The credentials in a file that the inviter made; `utc_s`: this node's wall clock.
+
+    Raises: Denied when the token has expired or belongs to another file or root, InvalidInput when the file
+    is for another platform.
+    """
+    if utc_s >= token.expires_utc_s:
+        late_s = utc_s - token.expires_utc_s
+        raise Denied(
+            f"{source}: expired {late_s} s ago by this computer's clock; expected a clock that is right, or"
+            f" {AGAIN.format(platform=platform)} --file"
+        )
+    try:
+        content: JoinFile = open_file(token, data)
+    except WireError as error:
+        raise Denied(f"{source}: {error}; expected the file and the token of one invitation") from error
+    if content.platform != platform:
+        raise InvalidInput(
+            f"{source}: credentials of {content.platform}; `platform` of node.toml is {platform}"
+        )
+    _check_root(token, content.root_public)
+    return Credentials(content.seed, content.root_public, content.roster)
+
+
+def _check_root(token: JoinToken, root_public: bytes) -> None:
+    if root_digest(root_public) != token.fingerprint:
+        raise Denied(
+            f"the root {root_digest(root_public).hex()} is not the one of the token,"
+            f" {token.fingerprint.hex()}; expected the inviter that made the token"
+        )
+
+
+def _ahead_s(answer: JoinAnswer, utc_ns: int) -> float:
+    return (utc_ns - answer.utc_ns) / 1e9
