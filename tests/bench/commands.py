@@ -62,13 +62,15 @@ COMMANDS: Final = (
 NOT_MEASURED: Final = {
     "acts": "node restart, node drain, node undrain, app restart, app start, app stop, tree set, pub,"
     " traffic set, mission start, mission abort, hold, land, return, arm, disarm, kill, health clear,"
-    " config set, config undo, config load, lab up, lab down, lab run,"
+    " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
+    " lab up, lab down, lab run,"
     " new block, new driver, new mission, new module, new service",
     "runs until a signal or for a time": "tree bw, tree delay, tree hz, tree watch, traffic top,"
     " mission watch, log tail",
     "imports every service, whose settings it checks": "doctor, config show",
     "takes as long as the log is large": "log export, lab report",
     "opens a browser": "docs",
+    "verifies a signature": "keys ls, keys show",
 }
 """All other commands, by the reason."""
 

@@ -12,15 +12,16 @@ from typing import Final, Literal
 
 import msgspec
 
+from swarmctl.commands.doctor.keys_check import check_keys
 from swarmctl.session import labs
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.model import paths
+from swarmware.model.clock import utc_ns
 from swarmware.model.config import load_node, load_service, share_dir
 from swarmware.model.frame import decode
 from swarmware.recorder.address import password_in, without_password
 from swarmware.service.installed import find
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.security.keys import Keys
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.reap import reap
 from swarmware.transport.shm.ring import RingReader
@@ -208,7 +209,8 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
     if alive:
         yield from _present(folder, monitored="health" in alive)
     yield from _settings(folder, node.services)
-    yield _keys(node.keys_dir, node.platform)
+    for found in check_keys(folder / node.keys_dir, node.platform, utc_ns() / 1e9):
+        yield CheckResult("keys", *found)
     yield _disk(node.data_path)
 
 
@@ -304,16 +306,6 @@ def _database(path: Path, uri: str) -> CheckResult:
     finally:
         store.close()
     return CheckResult("mongodb", "ok", f"{without_password(uri)} answers")
-
-
-def _keys(directory: str, platform: str) -> CheckResult:
-    if Path(directory).exists() and not os.access(directory, os.R_OK | os.X_OK):
-        return CheckResult("keys", "ok", f"{directory} is not readable by this user, which is not needed")
-    try:
-        Keys.load(Path(directory), platform)
-    except SwarmError as error:
-        return CheckResult("keys", "warning", str(error), "without keys the node serves only loopback")
-    return CheckResult("keys", "ok", f"identity and roster in {directory}")
 
 
 def _disk(path: Path) -> CheckResult:

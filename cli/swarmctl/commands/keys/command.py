@@ -13,6 +13,7 @@ root_option: Final = click.option(
     "--root",
     "root_dir",
     type=click.Path(file_okay=False, path_type=Path),
+    envvar="SWARMCTL_ROOT",
     metavar="DIR",
     help="Folder of the swarm's root key; default: ~/.local/share/swarmware/root.",
 )
@@ -95,7 +96,7 @@ def invite(
 @click.argument("token")
 @click.option(
     "--file",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
     help="File of `keys invite --file`, for a node without a network.",
 )
@@ -131,10 +132,10 @@ def ls(ctx: click.Context, root_dir: Path | None) -> None:
 
 
 @cmd.command(nodes=Nodes.NONE)
-@click.argument("platform", required=False, default="", type=PLATFORM)
+@click.argument("platform", required=False, type=PLATFORM)
 @root_option
 @click.pass_context
-def show(ctx: click.Context, platform: str, root_dir: Path | None) -> None:
+def show(ctx: click.Context, platform: str | None, root_dir: Path | None) -> None:
     """Show a member: role, key, and the swarm's root; without a name the node on this computer.
 
     Example: swarmctl keys show uav1
@@ -142,7 +143,7 @@ def show(ctx: click.Context, platform: str, root_dir: Path | None) -> None:
     from swarmctl.commands.keys.listing import show_member
     from swarmctl.terminal.output import Output
 
-    show_member(Output(settings(ctx)), root_dir, platform)
+    show_member(Output(settings(ctx)), root_dir, platform or "")
 
 
 @cmd.command(nodes=Nodes.NONE)
