@@ -11,10 +11,7 @@ FOLDERS = ("lib", "daemons", "cli")
 PAGES = (*(ROOT / "share").glob("doc/*.md"), ROOT / "README.md", ROOT / "pyproject.toml")
 EXAMPLES = [*(ROOT / "share").rglob("*.py")]
 OVERRIDES = {
-    "fingerprint": "for `swarmctl keys`, which follows",
     "revoke": "for `swarmctl keys`, which follows",
-    "is_revoked": "for the live roster of the broker, which follows",
-    "by_user": "for the live roster of the broker, which follows",
     "NO_DOCUMENT": "commands without a schema: a test holds that all others have one",
     "SSLContext": "read by asyncio",
     "command_class": "read by click",

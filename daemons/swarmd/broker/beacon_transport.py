@@ -10,17 +10,19 @@ import msgspec
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action
-from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter
+from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.topology.node_table import is_named
 from swarmd.broker.core.traffic import EVERYBODY
 from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.roster import RosterChange
 from swarmware.transport.security.seal import Opener, Refusal, Sealer
 from swarmware.types.net import UNACCEPTED
 
@@ -70,14 +72,14 @@ class BeaconTransport:
         self._feed = feed
         self._keep_period = keep_period
         self._hardware = core.identity.hw
-        self._epoch = keys.group.mark
+        self._keys = keys
+        self._group = keys.group
         self._session = core.session
         self._sealer = Sealer(keys.group, self._hardware, core.session)
-        self._opener = Opener(keys.group)
-        members = None if keys.roster is None else keys.roster.valid()
-        self._limiter = DatagramLimiter(
-            None if members is None else {hardware_id(member.platform) for member in members}
-        )
+        self._newest = Opener(keys.group)
+        self._openers = {keys.group.mark: self._newest}
+        """Openers of the newest and former group keys, by mark."""
+        self._limiter = DatagramLimiter(member_ids(keys.roster))
         self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
         self._unreturned = 0
         self._faults = 0
@@ -123,6 +125,11 @@ class BeaconTransport:
         """Sends a beacon, stamped as late as possible; `composed_ns`: instant to which its ages and echoes
         refer."""
         beacon, sequence = outgoing.beacon, outgoing.sequence
+        exchange = self._core.exchange
+        if exchange is not None and exchange.epochs.sealing is not self._group:
+            self._group = exchange.epochs.sealing
+            self._sealer = Sealer(self._group, self._hardware, self._session)
+            log.info("beacons are sealed with group key %d", self._group.epoch)
         body = bytearray(codec.encode(beacon))
         tx_ns = self._clock.now_ns()
         if beacon.hello is not None and tx_ns // 1000 >> 32 != beacon.hello.clock_high:
@@ -131,7 +138,7 @@ class BeaconTransport:
         codec.shift_echoes(body, tx_ns // 1000 - composed_ns // 1000)
         clear = codec.encode_header(
             Header(
-                self._epoch,
+                self._group.mark,
                 self._hardware,
                 sequence,
                 tx_ns // 1000 & 0xFFFF_FFFF,
@@ -170,16 +177,26 @@ class BeaconTransport:
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
             return
+        exchange = self._core.exchange
+        if exchange is not None and exchange.excludes(sender_hw):
+            self._counters.refused.revoked += 1
+            return
         if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
             self._counters.refused.flooded += 1
             return
         try:
             header, start = codec.decode_header(data)
-            opened = self._opener.open(
-                header.epoch, sender_hw, header.session, header.sequence, data[:start], data[start:]
+            opener = self._opener(header.epoch, rx_mono_ns)
+            opened = (
+                Refusal.EPOCH
+                if opener is None
+                else opener.open(
+                    header.epoch, sender_hw, header.session, header.sequence, data[:start], data[start:]
+                )
             )
             if isinstance(opened, Refusal):
-                if opened is not Refusal.REPLAYED:
+                is_late = opened is Refusal.EPOCH and self._take_late(header, data, start, address)
+                if opened is not Refusal.REPLAYED and not is_late:
                     self._limiter.bad(address)
                 self._refused(sender_hw, opened, len(data))
                 return
@@ -204,9 +221,46 @@ class BeaconTransport:
             self._counters.refused.failed += 1
             self.log_fault("a datagram could not be processed")
 
+    def _opener(self, mark: int, rx_mono_ns: int) -> Opener | None:
+        """The opener of an accepted key epoch."""
+        exchange = self._core.exchange
+        if (
+            exchange is not None
+            and exchange.epochs.opening(mark, self._clock.from_mono_ns(rx_mono_ns)) is None
+        ):
+            return None
+        return self._openers.get(mark)
+
+    def _take_late(self, header: Header, data: bytes, start: int, address: Address) -> bool:
+        """Takes a beacon of a node that missed a rotation: nothing but who it is and where. Whether it is
+        one."""
+        exchange = self._core.exchange
+        key = None if exchange is None else exchange.former_key(header.epoch)
+        if exchange is None or key is None or header.session is None:
+            return False
+        opened = Opener(key).open(
+            header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
+        )
+        if isinstance(opened, Refusal):
+            return False
+        hello = codec.decode(opened.body).hello
+        if hello is not None and is_named(header.sender_hw, hello.name):
+            now_ns = self._clock.now_ns()
+            late = exchange.on_late(header.sender_hw, hello.name, address[0], hello.tcp_port, now_ns)
+            self._feed(list(late))
+        return True
+
+    def on_roster(self, change: RosterChange) -> None:
+        """The keys have another roster, perhaps another group key, too."""
+        self._limiter.members = member_ids(self._keys.roster)
+        group = self._keys.group
+        if change.rotated and not change.revoked_self:
+            self._newest = self._openers[group.mark] = self._newest.rekeyed(group)
+
     def adopt(self, hw: int, session: int) -> None:
         """Accepts the sequence numbers of a session from now on."""
-        self._opener.adopt(hw, session)
+        for opener in self._openers.values():
+            opener.adopt(hw, session)
 
     def _is_own(self, data: bytes) -> bool:
         """Whether a datagram is an own one that was looped back; one without a session counts as own."""

@@ -9,6 +9,7 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmd.broker.core.admission.origins import is_check
+from swarmd.broker.core.admission.roster_exchange import RosterAction, SendRoster
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
 from swarmd.broker.core.forwarding.end_to_end import AuthenticatedFrame, EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
@@ -28,10 +29,13 @@ from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.roster import RosterChange
 from swarmware.types.net import Denial, LinkTransport
 
 FORWARD: Final = "forward"
 """Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
+VISIT_NS: Final = 3_000_000_000
+"""Time for the messages about the roster with a node that is not a neighbour."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -48,8 +52,10 @@ class FrameGateway:
         table: AppTable,
         core: BrokerCore,
         on_denial: Callable[[Denial], None],
+        on_roster_actions: Callable[[list[RosterAction]], None],
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
+        self._on_roster_actions = on_roster_actions
         self._keys = keys
         self._table = table
         self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), Access())
@@ -66,12 +72,16 @@ class FrameGateway:
         self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
         """Connection targets of neighbours that got frames, by hardware id; replaced when a target
         changes."""
+        self._visits: dict[int, int] = {}
+        """Nodes that are not neighbours and got the roster, and when their connection is closed."""
         self.links = ZmqLinks(
             config,
             keys,
             asyncio.get_running_loop(),
             now_ns=clock.now_ns,
+            refused=core.counters.refused,
             on_frame=self._from_connection,
+            on_roster=self._roster_from_connection,
             on_given_up=self._gave_up,
             on_sent=self._sent,
         )
@@ -83,6 +93,7 @@ class FrameGateway:
                 clock,
                 core.counters,
                 self.links.port,
+                excludes=self._excludes,
                 find_peer=self._peer,
                 on_frame=self._from_datagram,
                 on_sent=self._sent_datagram,
@@ -133,6 +144,8 @@ class FrameGateway:
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
         self._peers.pop(hw, None)
+        if hw in self._visits:
+            return
         for item in self.links.disconnect(hw):
             decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
             relayed = item.frame.sender_hw != self._core.identity.hw
@@ -154,6 +167,75 @@ class FrameGateway:
         link = self._counters.link(name, LinkTransport.TCP)
         link.received_frames += 1
         link.received_bytes += len(data)
+
+    # the roster
+
+    def send_roster(self, message: SendRoster) -> None:
+        """Sends a message about the roster to a neighbour, or to another node whose address is known."""
+        hw, target = message.hw, self._core.link_target(message.hw)
+        curve = message.curve_public or self._keys.curve_of(message.platform)
+        if not curve:
+            return
+        if message.curve_public:
+            self.neighbour_gone(hw)  # the frames that wait for a revoked node are refused
+        peer = None if message.curve_public or not self._core.is_up(hw) else self._peer(hw)
+        if peer is None:
+            host = message.host or (target.host if target is not None else "")
+            port = message.port or (target.tcp_port if target is not None else 0)
+            if not host or not port:
+                return
+            peer = LinkPeer(hw, message.platform, host, port, curve, 0)
+            self._visits[hw] = self._clock.now_ns() + VISIT_NS
+        own_hw = self._core.identity.hw
+        self._send(
+            peer, Frame(FrameKind.ROSTER, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=message.payload)
+        )
+
+    def _roster_from_connection(self, data: bytes, user: str, host: str) -> None:
+        refused, exchange = self._counters.refused, self._core.exchange
+        frame = self._decoded(data, user)
+        if frame is None:
+            return
+        hw = frame.sender_hw
+        if not user or exchange is None or frame.hops_left != HOPS or self._other_end(frame, user) != hw:
+            refused.spoofed += 1
+            return
+        try:
+            found = exchange.on_message(hw, user, frame.payload, host, self._clock.now_ns())
+        except WireError as error:
+            refused.malformed += 1
+            log.debug("message about the roster from %s: %s", user, error)
+        except (ConfigError, Denied) as error:
+            refused.rosters += 1
+            log.warning("roster from %s refused: %s", user, error)
+        else:
+            self._on_roster_actions(found)
+
+    def take_roster(self, text: bytes) -> None:
+        """Takes the roster of an operator. Raises: ConfigError, Denied."""
+        if self._core.exchange is not None:
+            self._on_roster_actions(self._core.exchange.on_text(text, self._clock.now_ns()))
+
+    def on_roster(self, change: RosterChange) -> None:
+        """The keys have another roster: roles, members, and connections of those who left."""
+        self._access_filter.set_roles(change.roster.roles())
+        self.datagrams.on_roster()
+        gone = {member.platform for member in change.gone}
+        for hw in [hw for hw, (_, peer) in self._peers.items() if peer.platform in gone]:
+            self.neighbour_gone(hw)
+        self.links.drop_revoked()
+
+    def end_visits(self) -> None:
+        """Closes the connections to nodes that got the roster and did not become neighbours."""
+        now_ns = self._clock.now_ns()
+        for hw in [hw for hw, end_ns in self._visits.items() if now_ns >= end_ns]:
+            del self._visits[hw]
+            if not self._core.is_up(hw):
+                self.neighbour_gone(hw)
+
+    def _excludes(self, hw: int) -> bool:
+        exchange = self._core.exchange
+        return exchange is not None and exchange.excludes(hw)
 
     def _from_datagram(self, data: bytes, peer: LinkPeer) -> None:
         arrived_ns = self._clock.now_ns()
@@ -177,6 +259,9 @@ class FrameGateway:
     def _take(self, frame: Frame, data: bytes, user: str, now_ns: int) -> None:
         """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
         counters = self._counters
+        if self._excludes(frame.sender_hw):
+            counters.refused.revoked += 1  # another member forwarded it
+            return
         other_hw = self._other_end(frame, user)
         decision = self._forwarder.from_neighbour(frame, other_hw, now_ns)
         if decision.step is ForwardStep.DELIVER:

@@ -8,11 +8,13 @@ from typing import ClassVar
 import msgspec
 
 from swarmd.broker import config as settings
+from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.links.udp import loopback_only
+from swarmd.broker.membership import keys_folder
 from swarmd.broker.shell import BrokerShell
 from swarmware.model.clock import utc_ns
 from swarmware.service.service import Service
@@ -43,8 +45,7 @@ class Broker(Service):
             await shell.run()
 
     def _keys(self) -> Keys:
-        config = self.module.node.config
-        folder = self.module.node.config_dir / config.keys_dir  # an absolute path stays unchanged
+        config, folder = self.module.node.config, keys_folder(self.module.node)
         if (folder / "node.key").exists():
             return Keys.load(folder, config.platform)
         log.warning(
@@ -73,7 +74,8 @@ class Broker(Service):
             former=FormerState(former_session.declared_period_ns, quiet_ns),
             now_ns=now_ns,
             chance=random.random,
+            exchange=None if keys.is_open else RosterExchange(keys, node.hardware, random.random),
         )
         if keys.roster is not None:
-            core.add_members((member.platform for member in keys.roster.members), now_ns)
+            core.add_members((member.platform for member in keys.roster.valid()), now_ns)
         return core

@@ -21,10 +21,12 @@ from swarmd.broker.core.action import (
     WriteLimits,
     WriteMirrors,
 )
+from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
+from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmd.broker.net_boards import NetBoards
 from swarmd.broker.own_boards import OwnBoards
@@ -32,7 +34,17 @@ from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import ChannelLimits, Denial, Neighbours, Routes, SetChannel, Traffic, TreePlan
+from swarmware.types.net import (
+    ChannelLimits,
+    Denial,
+    Neighbours,
+    RosterState,
+    Routes,
+    SetChannel,
+    SignedRoster,
+    Traffic,
+    TreePlan,
+)
 from swarmware.types.rpc import Empty
 
 OF_DATAGRAMS: Final = (AdoptSession, LinkChanged, ProveSession, WriteMirrors)
@@ -66,7 +78,14 @@ class BrokerShell:
             self._transport = BeaconTransport(config, keys, module.clock, core, feed, former_session.keep)
             stack.callback(self._transport.close)
             self._gateway = FrameGateway(
-                config, keys, module.clock, node.messaging, node.table, core, self._on_denial
+                config,
+                keys,
+                module.clock,
+                node.messaging,
+                node.table,
+                core,
+                self._on_denial,
+                lambda found: feed(core.on_roster_actions(found, module.clock.now_ns())),
             )
             stack.callback(self._gateway.close)
             self._own = OwnBoards(node, core.published, core.counters)
@@ -75,6 +94,7 @@ class BrokerShell:
             stack.callback(self._mirrors.close)
             self._closing = stack.pop_all()
         self._boards = NetBoards(module)
+        self._membership = Membership(service, keys, self._transport, self._gateway)
         self._plan = module.reader("tree/plan", TreePlan)
         core.set_ports(self._gateway.links.port, self._gateway.datagrams.port)
 
@@ -84,6 +104,7 @@ class BrokerShell:
         module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
         module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
         module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
+        module.serve("sys/broker/roster", SignedRoster, self._membership.serve, reply=RosterState)
         module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
         self._health.report("name", description="One computer for each name")
         self._health.report("processor", description="Beacons are sent when they are due")
@@ -141,6 +162,10 @@ class BrokerShell:
                 self._report_duplicate(action)
             case ReportDuplicateGone():
                 self._health.report("name")
+            case SendRoster():
+                self._gateway.send_roster(action)
+            case ApplyRoster():
+                self._membership.apply(action.change)
             case ReportSlowdown():
                 self._report_slowdown(action)
 
@@ -156,6 +181,7 @@ class BrokerShell:
         self._driver.feed(self._core.on_inputs_read(now_ns))
 
     def _publish(self, traffic: bool) -> None:
+        self._gateway.end_visits()
         if traffic:
             self._boards.traffic.write(self._traffic())
         self._boards.neighbours.write(self._neighbours())

@@ -43,7 +43,6 @@ from swarmware.module.module import Module
 from swarmware.module.requester import requester, requesting_platform
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
-from swarmware.transport.security.roster import read_roster
 from swarmware.types.mission import (
     INACTIVE,
     AbortAnswer,
@@ -63,7 +62,7 @@ from swarmware.types.mission import (
     OrderReceipt,
     TaskAnswer,
 )
-from swarmware.types.net import Neighbours, Routes, Traffic
+from swarmware.types.net import Neighbours, RosterState, Routes, Traffic
 from swarmware.types.rpc import Empty
 from swarmware.types.vehicle import VehicleState
 
@@ -132,7 +131,8 @@ class Mission(Service):
         self._member_states = MemberStates(
             self._others, module.clock, lambda: self._core.phase in INACTIVE, self._take_states
         )
-        self._census = Census(module.platform, round(self.config.lost_after_s * 1e9), self._roster())
+        self._census = Census(module.platform, round(self.config.lost_after_s * 1e9))
+        self._roster: BoardReader[RosterState] = module.reader("net/roster", RosterState)
         self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
         self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
@@ -408,20 +408,10 @@ class Mission(Service):
 
     def _absent(self) -> list[LeftOut]:
         self._member_states.take_news()
+        roster = self._roster.value
+        members = () if roster is None else roster.members
+        self._census.roster = frozenset(each.platform for each in members if not each.revoked)
         absent = self._census.absent(self.module.now_ns())
         if self._drain.by:
             absent.append(LeftOut(self.module.platform, drained_text(self._drain.by)))
         return absent
-
-    def _roster(self) -> frozenset[str]:
-        """All members on the roster, also those never received; empty without keys."""
-        node = self.module.node
-        keys = node.config_dir / node.config.keys_dir  # an absolute one stays what it is
-        if not (keys / "roster.json").is_file():
-            return frozenset()
-        try:
-            roster = read_roster(keys / "roster.json", (keys / "root.pub").read_bytes())
-        except (SwarmError, OSError) as error:
-            log.warning("roster: %s", error)
-            return frozenset()
-        return frozenset(member.platform for member in roster.valid())

@@ -24,6 +24,8 @@ _MOVING = struct.Struct("<IqII")
 _MOVING_AT: Final = HEADER_BYTES - _MOVING.size
 """Layout of the end of the header: sequence, stamp and echo times."""
 
+KIND_AT: Final = 3
+"""Offset of the kind in an encoded frame."""
 HOPS_AT: Final = 6
 """Offset of the hops left in an encoded frame."""
 
@@ -47,6 +49,7 @@ class FrameKind(IntEnum):
     HELLO = 10
     ROUTE = 11
     EVENT = 12
+    ROSTER = 13
 
 
 class Flag(IntFlag):

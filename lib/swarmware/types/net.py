@@ -195,6 +195,45 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     invalid ones; not counted as received."""
     unsigned: int = 0
     """Frames that another member forwarded without a signature of their sender."""
+    revoked: int = 0
+    """Datagrams, frames and connections of platforms that were revoked; not counted as received."""
+    rosters: int = 0
+    """Rosters that the swarm's root did not sign, that are damaged, or older than the one in force."""
+
+
+@register
+class RosterMemberState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A member of the swarm, without its keys."""
+
+    platform: str
+    role: str
+    serial: int
+    """Number of its admission; another one after it joined again."""
+    revoked: bool = False
+
+
+@register
+class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """The roster that is in force at a node (board `net/roster`, reply of `sys/broker/roster`)."""
+
+    version: int = 0
+    """Rises with each change; 0: the node has no keys."""
+    key_epoch: int = 0
+    """Number of the group key."""
+    swarm: str = ""
+    root: str = ""
+    """Fingerprint of the root that signed it."""
+    members: tuple[RosterMemberState, ...] = ()
+    revoked_self: bool = False
+    """This node was revoked."""
+
+
+@register
+class SignedRoster(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A roster with the root's signature (`sys/broker/roster`); empty: only the one in force is asked for."""
+
+    text: bytes = b""
+    """Content of `roster.json`."""
 
 
 @register

@@ -6,7 +6,6 @@ import socket
 from contextlib import ExitStack
 from pathlib import Path
 
-import msgspec
 import pytest
 import zmq
 from tests.integration.broker.swarm import Station, free_port, on_uvloop, swarm
@@ -21,7 +20,7 @@ from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import make_swarm
 from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
-from swarmware.transport.sodium import SigningKey
+from swarmware.transport.sodium import SigningKey, seal_box
 from swarmware.types.scalar import Text
 
 
@@ -42,10 +41,13 @@ async def test_a_stranger_with_another_group_key_is_dropped_and_counted(tmp_path
 def replace_key(folder: Path, root: SigningKey, names: tuple[str, str]) -> None:
     """Makes keys with which `names[1]` is another one than the rest believes, in its own roster only."""
     platform = names[1]
-    roster = msgspec.json.decode((folder / "roster.json").read_bytes().split(b"\n")[0], type=Roster)
-    fresh = Keys(platform, bytes(range(32)), None, Keys.open(platform).group)
+    before = Keys.load(folder, platform)
+    roster = before.roster
+    assert roster is not None
+    fresh = Keys(platform, bytes(range(32)), None, before.group)
+    box = seal_box(fresh.curve_public, before.group.key)
     members = tuple(
-        RosterMember(m.platform, m.sign_public, fresh.curve_public, m.role, m.serial)
+        RosterMember(m.platform, m.sign_public, fresh.curve_public, m.role, m.serial, box)
         if m.platform == platform
         else m
         for m in roster.members

@@ -7,6 +7,7 @@ from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action, PollInputs, PublishTables, SendBeacon, WriteMirrors
+from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
@@ -18,12 +19,14 @@ from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.runtime.driver import CoreDriver
 from swarmware.testing.virtual import VirtualSwarm
+from swarmware.transport.security.keys import Keys
 from swarmware.types.net import BoardSubscription
 
 SEAL_BYTES: Final = 16
 _SESSION: Final = struct.Struct("<Q")
 """Stands for what the seal proves: the session of the sender."""
 SENDER_ADDRESS: Final = ("10.0.0.1", 1)
+TCP_PORT: Final = 7447
 OVERHEAD: Final = SEAL_BYTES + IP_UDP_BYTES
 """What a datagram has beside header and body."""
 
@@ -69,9 +72,12 @@ class BrokerNode:
         write_boards: Callable[["BrokerNode", int], None] = lambda node, now_ns: None,
         on_value: Callable[["BrokerNode", BoardSubscription, RemoteValue], None] = lambda *_: None,
         on_tables: Callable[["BrokerNode"], None] = lambda _: None,
+        keys: Keys | None = None,
+        on_roster: Callable[["BrokerNode", SendRoster], None] = lambda *_: None,
     ) -> None:
         """`write_boards`: puts the values of the own boards before a beacon; `on_tables`: the tables of
-        neighbours and routes are due for publication, at once after a change."""
+        neighbours and routes are due for publication, at once after a change; `on_roster`: carries a message
+        about the roster to another node."""
         self.air = air
         self.name = name
         self.hw = hardware_id(name)
@@ -84,7 +90,10 @@ class BrokerNode:
             former=former,
             now_ns=clock.now_ns(),
             chance=air.random.random,
+            exchange=None if keys is None else RosterExchange(keys, self.hw, air.random.random),
         )
+        if keys is not None:
+            self.core.set_ports(TCP_PORT, 0)
         self.actions: list[Action] = []
         """All but the requests for inputs and beacons, and the values of boards."""
         self.links: list[LinkChanged] = []
@@ -100,6 +109,7 @@ class BrokerNode:
         self._write_boards = write_boards
         self._on_value = on_value
         self._on_tables = on_tables
+        self._on_roster = on_roster
         self.driver: CoreDriver[Action] = air.drive(self.core, self._perform, clock=clock)
         air.join(name, self.receive)
         self.driver.feed()
@@ -119,6 +129,9 @@ class BrokerNode:
             case LinkChanged(hw, _, state):
                 self.links.append(action)
                 self.link_states[hw] = state
+            case SendRoster():
+                self.actions.append(action)
+                self._on_roster(self, action)
             case PublishTables():
                 self.actions.append(action)
                 self._on_tables(self)
@@ -129,7 +142,9 @@ class BrokerNode:
         outgoing = self.core.compose(now_ns)
         self.declared_period_ns = outgoing.declared_period_ns or self.declared_period_ns
         session = self.core.session if outgoing.with_session else None
-        header = Header(0, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
+        exchange = self.core.exchange
+        mark = 0 if exchange is None else exchange.epochs.sealing.mark
+        header = Header(mark, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
         data = datagram(self.core.session, header, outgoing.beacon)
         size = wire_bytes(data)
         self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns)
@@ -146,10 +161,40 @@ class BrokerNode:
     def receive(self, _sender: str, data: bytes) -> None:
         """Takes a datagram from the air."""
         size = wire_bytes(data) - IP_UDP_BYTES
+        if self.core.exchange is not None and not self._opens(self.core.exchange, header_of(data), data):
+            return
         _, actions = self.core.on_datagram(
             header_of(data), beacon_of(data), SENDER_ADDRESS, True, size, self.clock.now_ns()
         )
         self.driver.feed(actions)
+
+    def _opens(self, exchange: RosterExchange, header: Header, data: bytes) -> bool:
+        """What the transport does before the core: revoked senders, and the key that opens the datagram."""
+        now_ns = self.clock.now_ns()
+        if exchange.excludes(header.sender_hw):
+            self.core.counters.refused.revoked += 1
+            return False
+        if exchange.epochs.opening(header.epoch, now_ns) is not None:
+            return True
+        self.core.counters.refused.other_epoch += 1
+        hello = beacon_of(data).hello
+        if exchange.former_key(header.epoch) is not None and hello is not None:
+            late = exchange.on_late(header.sender_hw, hello.name, SENDER_ADDRESS[0], hello.tcp_port, now_ns)
+            self.driver.feed(self.core.on_roster_actions(late, now_ns))
+        return False
+
+    def take_roster(self, sender: str, payload: bytes) -> None:
+        """A message about the roster arrives over the connection of a member."""
+        assert self.core.exchange is not None
+        now_ns = self.clock.now_ns()
+        found = self.core.exchange.on_message(hardware_id(sender), sender, payload, SENDER_ADDRESS[0], now_ns)
+        self.driver.feed(self.core.on_roster_actions(found, now_ns))
+
+    def hand_over(self, text: bytes) -> None:
+        """An operator gives this node a roster."""
+        assert self.core.exchange is not None
+        now_ns = self.clock.now_ns()
+        self.driver.feed(self.core.on_roster_actions(self.core.exchange.on_text(text, now_ns), now_ns))
 
     def of(self, kind: type[Action]) -> Sequence[Action]:
         """The actions of one kind."""

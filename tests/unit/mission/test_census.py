@@ -46,7 +46,8 @@ def test_who_is_reached_but_has_no_mission_daemon_is_said_so() -> None:
 
 @pytest.mark.parametrize("heard", [False, True])
 def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
-    census = Census("gcs", 3 * S, frozenset({"gcs", "uav1"}))
+    census = Census("gcs", 3 * S)
+    census.roster = frozenset({"gcs", "uav1"})
     if heard:
         census.on_state("uav1", IDLE, 10 * S)
     assert list(why(census, 11 * S)) == ([] if heard else ["uav1"])

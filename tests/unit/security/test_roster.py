@@ -9,13 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound
-from swarmware.transport.security.keys import FORMER_MAX, Keys, write_keys
+from swarmware.transport.security.keys import FORMER_MAX, Keys, read_roster, write_keys
 from swarmware.transport.security.root import Candidate, Root, candidate, fingerprint, make_swarm
 from swarmware.transport.security.roster import (
     Roster,
     RosterMember,
     parse_roster,
-    read_roster,
     sign_roster,
 )
 from swarmware.transport.security.seal import GroupKey
@@ -130,8 +129,9 @@ def test_a_member_with_another_role_is_named(swarm: Swarm) -> None:
     seed = (swarm.directory / "uav1" / "node.key").read_bytes()
     change = swarm.keys["gcs"].apply(swarm.admit("uav1", seed, "operator"))
     assert change is not None
-    assert not change.rotated
-    assert [member.role for member in change.came] == ["operator"]
+    assert not (change.rotated or change.came or change.gone)
+    assert [member.role for member in change.changed] == ["operator"]
+    assert not swarm.keys["uav1"].is_revoked
 
 
 def test_an_older_or_the_same_roster_changes_nothing(swarm: Swarm) -> None:

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from zmq.utils import z85
 
 from swarmware.errors import ConfigError, Denied, InvalidInput
-from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.keys import Keys, read_roster
 from swarmware.transport.security.root import make_swarm
-from swarmware.transport.security.roster import Roster, RosterMember, read_roster, sign_roster
+from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Refusal, Sealer
 from swarmware.transport.sodium import SigningKey
 

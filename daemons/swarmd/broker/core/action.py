@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.types.net import BoardSubscription, ChannelLimits, TimingBatch
@@ -99,4 +100,6 @@ Action = (
     | ReportDuplicateGone
     | ReportSlowdown
     | LinkChanged
+    | SendRoster
+    | ApplyRoster
 )

@@ -1,6 +1,6 @@
 """The beacon protocol of a node: interprets received beacons, and composes the next one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Final
 
 import msgspec
@@ -36,6 +36,8 @@ SILENCE_NS: Final = 430_000_000
 second, as a node without subscribers."""
 FIRST_SILENCE_NS: Final = 350_000_000
 """The same until hellos have declared it: neighbours tolerate the loss of one datagram."""
+ROSTER_HELLOS: Final = 3
+"""Consecutive beacons with a hello after a change of the roster: two may be lost."""
 REST_HELLOS: Final = 3
 """Consecutive hellos that declare the longer period: one may be lost."""
 OWN_SHARE: Final = 700
@@ -117,6 +119,9 @@ class BeaconProtocol:
         self.slowdown = Slowdown()
         self.tcp_port = 0
         self.frame_port = 0
+        self._roster_version = 0
+        self._announcements = 0
+        """Beacons from the next one on that have a hello, as the roster has changed."""
         self.reserved_bytes = 0
         """Bytes of the next body kept free for session checks."""
         self._busy_hz = busy_hz
@@ -298,10 +303,32 @@ class BeaconProtocol:
         """Adds a hello, with name and session, to the next beacon."""
         self._hello_ns = NEVER_NS
 
+    def forget(self, hw: int, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
+        """Removes everything about a node that is not a member any more."""
+        self.nodes.remove(hw)
+        self.relay_cache.forget_origin(hw)
+        return self.topology.exclude(hw, now_ns)
+
+    def drop_subscriptions(self, platforms: Collection[str]) -> None:
+        """Ends the subscriptions to the boards of platforms that are not members any more."""
+        subscriptions = self._subscriptions.items()
+        self._subscriptions = {key: one for key, one in subscriptions if one.want.platform not in platforms}
+
+    def wants(self) -> tuple[BoardSubscription, ...]:
+        """The boards that this node subscribes to."""
+        return tuple(one.want for one in self._subscriptions.values())
+
+    def set_roster_version(self, version: int) -> None:
+        """Sets the version of the roster that hellos show."""
+        self._announcements = ROSTER_HELLOS if self._roster_version else 0
+        self._roster_version = version
+
     def may_skip(self, now_ns: int) -> bool:
         """Whether the next beacon may be skipped: it has no change that must be sent now."""
         silence_ns = SILENCE_NS if self._rest_hellos >= REST_HELLOS else FIRST_SILENCE_NS
         if not self.busy or self._hello_ns == NEVER_NS or now_ns - self._sent_ns >= silence_ns:
+            return False
+        if self._announcements:
             return False
         if self.topology.is_changing(now_ns, SETTLE_NS):
             return False
@@ -363,6 +390,7 @@ class BeaconProtocol:
         calm = not self.topology.is_changing(now_ns) and now_ns - self._replanned_ns >= HELLO_NS
         again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
         waits = now_ns - self._hello_ns < again_ns - round(0.5e9 / self._busy_hz)
+        waits = waits and not self._announcements
         waits = waits and not self.topology.is_new(now_ns)  # until then neighbours may use the former session
         waits = waits and not (rests and self._rest_hellos < REST_HELLOS)
         if waits and period_ns <= SLOWER * self._declared_ns:
@@ -372,6 +400,7 @@ class BeaconProtocol:
         elif period_ns < rest_ns:
             self._rest_hellos = 0
         self._hello_ns = now_ns
+        self._announcements = max(0, self._announcements - 1)
         self._declared_ns = period_ns
         who = self.identity
         return Hello(
@@ -386,6 +415,7 @@ class BeaconProtocol:
             min(period_ns // 1_000_000, 0xFFFF),
             min(self.topology.neighbours.listing_ns() // 1_000_000, 0xFFFF),
             self.frame_port,
+            self._roster_version,
         )
 
     def sent(self, sequence: int, tx_ns: int, datagram_bytes: int) -> None:

@@ -22,6 +22,7 @@ from swarmd.broker.core.action import (
     WriteMirrors,
 )
 from swarmd.broker.core.admission.origins import RATE_DIVISOR
+from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
 from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello
@@ -39,6 +40,7 @@ from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.runtime.core import AT_ONCE
+from swarmware.transport.security.roster import RosterChange
 from swarmware.types.net import UNACCEPTED, ChannelLimits, SetChannel, TimingBatch, TimingSample, TreePlan
 
 DUPLICATE_NS: Final = 5_000_000_000
@@ -95,8 +97,10 @@ class BrokerCore:
         former: FormerState,
         now_ns: int,
         chance: Callable[[], float],
+        exchange: RosterExchange | None = None,
     ) -> None:
-        """`connections`: whether sessions can be proven over connections; not without keys.
+        """`connections`: whether sessions can be proven over connections; not without keys. `exchange`: of
+        the roster; None without keys.
 
         `chance`: uniform from 0 to 1, for the jitter of beacons.
         """
@@ -117,6 +121,9 @@ class BrokerCore:
             relay_bytes_s=config.relay_bytes_s,
             declared_period=DeclaredPeriod(former.declared_period_ns, now_ns),
         )
+        self.exchange = exchange
+        if exchange is not None:
+            protocol.set_roster_version(exchange.version)
         self.nodes = protocol.nodes
         self.published = protocol.published
         self.forwarder = FrameForwarder(identity.hw, topology.routing)
@@ -153,6 +160,8 @@ class BrokerCore:
         """Sets the ports that hellos announce: of connections, and of frames as datagrams."""
         self._protocol.tcp_port = tcp_port
         self._protocol.frame_port = frame_port
+        if self.exchange is not None:
+            self.exchange.port = tcp_port
 
     # time
 
@@ -161,7 +170,8 @@ class BrokerCore:
         if self._tables_changed or self._triggered:
             return AT_ONCE
         due_ns = min(self._schedule.due_ns, self._publish_ns)
-        return due_ns if self._links_ns is None else min(due_ns, self._links_ns)
+        asked_ns = None if self.exchange is None else self.exchange.deadline_ns()
+        return min(each_ns for each_ns in (due_ns, self._links_ns, asked_ns) if each_ns is not None)
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Requests the inputs: datagrams are received before the silence of their sender is judged."""
@@ -184,6 +194,8 @@ class BrokerCore:
             self._on_beacon_due(actions, now_ns)
         if self._tables_changed or now_ns >= self._publish_ns:
             self._publish(actions, now_ns)
+        if self.exchange is not None:
+            actions += self.exchange.advance(now_ns)
         self._links_ns = protocol.deadline_ns()
         return actions
 
@@ -258,11 +270,19 @@ class BrokerCore:
                 if not by_multicast and len(self._claimants) < CLAIMANTS_MAX:
                     self._claimants[address] = now_ns + CLAIMANT_NS
                 return False, actions
+        if self.exchange is not None:
+            hello = beacon.hello
+            if hello is not None and self.exchange.excludes_name(hw, hello.name):
+                self.counters.refused.revoked += 1
+                return False, actions
+            beacon = self.exchange.without_excluded(beacon)
         received = self._protocol.on_beacon(header, beacon, address, now_ns)
         if received is None:
             self.counters.datagram_received(size, UNACCEPTED)
             return True, actions
         self.counters.datagram_received(size, self.nodes.platform(hw))
+        if self.exchange is not None and beacon.hello is not None:
+            self.exchange.on_shown(hw, self.nodes.platform(hw), beacon.hello.roster_version, now_ns)
         if by_multicast:
             self._by_unicast.discard(hw)
         else:
@@ -306,6 +326,10 @@ class BrokerCore:
         actions += links
         if links or routes:
             self._tables_changed = True
+        if self.exchange is not None:
+            for link in links:
+                if link.after is LinkState.DOWN:
+                    self.exchange.forget(link.hw)
         if any(not change.via for change in routes) or any(
             change.event is LinkEvent.SILENT for change in links
         ):
@@ -316,11 +340,40 @@ class BrokerCore:
         self._sessions.on_proof(hw, session, now_ns)
         return []
 
+    # the roster
+
+    def on_roster_actions(self, found: list[RosterAction], now_ns: int) -> list[Action]:
+        """Takes what the exchange of the roster has decided: a new roster changes who is received."""
+        actions = list[Action](found)
+        for action in found:
+            if isinstance(action, ApplyRoster):
+                self._on_roster(action.change, actions, now_ns)
+        return actions
+
+    def _on_roster(self, change: RosterChange, actions: list[Action], now_ns: int) -> None:
+        assert self.exchange is not None, "without keys there is no roster"
+        self._protocol.set_roster_version(change.roster.version)
+        self._triggered = True
+        self.add_members((member.platform for member in change.roster.valid()), now_ns)
+        gone = {member.platform for member in change.gone}
+        for hw in self.nodes.units_of(gone):
+            if hw != self.identity.hw:
+                self._sessions.forget(hw)
+                self._on_changes(*self._protocol.forget(hw, now_ns), actions, now_ns)
+        if gone:
+            self._tables_changed = True
+            self._protocol.drop_subscriptions(gone)
+            actions.append(KeepMirrors(self._protocol.wants()))
+
     # beacons
 
     def compose(self, now_ns: int) -> OutgoingBeacon:
         """The next beacon; also schedules the one after it."""
         protocol, sessions = self._protocol, self._sessions
+        if self.exchange is not None:
+            up = (neighbour.hw for neighbour in self._neighbours.up())
+            if self.exchange.switch_epoch(up, now_ns):
+                protocol.schedule_hello()  # with the session: others open it with another key from now on
         try:
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting)
             outgoing = protocol.compose(now_ns)
@@ -392,6 +445,11 @@ class BrokerCore:
             return None
         elapsed_ns = now_ns - neighbour.received_ns
         return neighbour.clock_us * 1000 + elapsed_ns - elapsed_ns // RATE_DIVISOR
+
+    def is_up(self, hw: int) -> bool:
+        """Whether the link to a node is up."""
+        neighbour = self._neighbours.get(hw)
+        return neighbour is not None and neighbour.state is LinkState.UP
 
     def link_target(self, hw: int) -> LinkTarget | None:
         """Target of a connection to a neighbour; None: it has not announced a port."""

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter
+from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.forwarding import frame_datagram
 from swarmd.broker.core.forwarding.frame_datagram import DatagramPaths
 from swarmd.broker.core.traffic import Counters
@@ -18,7 +18,6 @@ from swarmd.broker.links.zmq_links import LinkPeer
 from swarmware.errors import ConfigError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame
-from swarmware.model.names import hardware_id
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.seal import Refusal
 from swarmware.types.net import UNACCEPTED
@@ -29,6 +28,8 @@ DATAGRAM_MAX: Final = 2048
 SEALS_MAX: Final = 4096
 
 Address = tuple[str, int]
+
+
 OnFrame = Callable[[bytes, LinkPeer], None]
 """Called with an encoded frame and the neighbour that sealed it."""
 
@@ -47,6 +48,7 @@ class FrameDatagrams:
         counters: Counters,
         port: int,
         *,
+        excludes: Callable[[int], bool],
         find_peer: Callable[[int], LinkPeer | None],
         on_frame: OnFrame,
         on_sent: Callable[[LinkPeer, Frame], None],
@@ -60,6 +62,7 @@ class FrameDatagrams:
         self._own = own
         self._clock = clock
         self._counters = counters
+        self._excludes = excludes
         self._find_peer = find_peer
         self._on_frame = on_frame
         self._on_sent = on_sent
@@ -70,13 +73,15 @@ class FrameDatagrams:
         self._paths = DatagramPaths()
         self._held: list[tuple[LinkPeer, Frame, bytes]] | None = None
         """Datagrams that wait for the end of `batch`; None: they are sent at once."""
-        self._limiter = DatagramLimiter(
-            None if keys.roster is None else {hardware_id(each.platform) for each in keys.roster.valid()}
-        )
+        self._limiter = DatagramLimiter(member_ids(keys.roster))
         self._loop = asyncio.get_running_loop()
         self._socket = _bound_socket(config, port)
         self.port: int = self._socket.getsockname()[1]
         self._loop.add_reader(self._socket.fileno(), self._on_readable)
+
+    def on_roster(self) -> None:
+        """The keys have another roster."""
+        self._limiter.members = member_ids(self._keys.roster)
 
     # sending
 
@@ -186,6 +191,9 @@ class FrameDatagrams:
             counters.datagram_received(len(data), UNACCEPTED)
             counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
+            return
+        if self._excludes(sender_hw):
+            counters.refused.revoked += 1
             return
         if not limiter.may_open(address, sender_hw, self._clock.now_ns()):
             counters.refused.flooded += 1

@@ -9,6 +9,7 @@ import zmq
 
 from swarmd.broker.links.zmq_socket import Socket, ZmqSocket
 from swarmware.transport.security.keys import Keys
+from swarmware.types.net import Refused
 
 DOMAIN: Final = "swarm"
 COMPLAINTS: Final = 100
@@ -30,8 +31,13 @@ class Zap:
     connections.
     """
 
-    def __init__(self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys) -> None:
+    def __init__(
+        self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys, refused: Refused
+    ) -> None:
         self._keys = keys
+        self._refused = refused
+        self.users: set[str] = set()
+        """User-Ids of the connections that were accepted since the socket was bound."""
         self._complained: set[bytes] = set()
         socket = context.socket(zmq.REP)
         socket.setsockopt(zmq.LINGER, 0)
@@ -52,7 +58,7 @@ class Zap:
         socket.send_multipart(reply)
 
     def _judge(self, parts: list[bytes]) -> str | None:
-        """User-Id of the connection, the member's platform; None: denied."""
+        """User-Id of the connection, the member's key; None: denied."""
         if len(parts) != _PARTS or parts[0] != _VERSION or parts[5] != b"CURVE":
             return None
         address, key = parts[3].decode("ascii", "replace"), parts[6]
@@ -62,11 +68,15 @@ class Zap:
             return "" if _is_loopback(address) else None
         member = self._keys.by_curve(key)
         if member is None:
+            former = self._keys.revoked(key)
+            self._refused.revoked += bool(former)
             if key not in self._complained and len(self._complained) < COMPLAINTS:
                 self._complained.add(key)
-                log.warning("connection from %s denied: its key is not on the roster", address)
+                reason = f"{former} was revoked" if former else "its key is not on the roster"
+                log.warning("connection from %s denied: %s", address, reason)
             return None
-        return member.platform
+        self.users.add(member.user)
+        return member.user
 
     def close(self) -> None:
         """Stops answering: no further connection is accepted."""

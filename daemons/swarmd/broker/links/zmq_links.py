@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -15,9 +16,9 @@ from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, Zap
 from swarmd.broker.links.zmq_socket import POLLOUT, ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
-from swarmware.model.frame import FRAME_LIMIT, Frame
+from swarmware.model.frame import FRAME_LIMIT, KIND_AT, Frame, FrameKind
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import ConnectionStatus
+from swarmware.types.net import ConnectionStatus, Refused
 
 SEND_HIGH_WATER: Final = 4
 """Frames inside libzmq per connection; the rest waits in the send queue, which has priorities."""
@@ -34,11 +35,16 @@ FAILURES: Final = 3
 """Consecutive handshakes that fail without a reason, after which the server key is assumed to differ."""
 DENIED_NS: Final = 2_000_000_000
 """Pause before the next connection to a neighbour that denied the last one."""
+REBIND_S: Final = (0.1, 0.8)
+"""Time after which the connections of a revoked member end."""
+BIND_AGAIN_S: Final = 0.005
 KEEPALIVE_S: Final = 60
 """Idle time before TCP keep-alive probes; a dead connection is closed after 90 s."""
 
 OnFrame = Callable[[bytes, str], None]
 """Called with an encoded frame and the platform at the other end; empty without authentication."""
+OnRoster = Callable[[bytes, str, str], None]
+"""Called with an encoded frame of kind ROSTER, the platform and the address at the other end."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -211,7 +217,9 @@ class ZmqLinks:
         loop: asyncio.AbstractEventLoop,
         *,
         now_ns: Callable[[], int],
+        refused: Refused,
         on_frame: OnFrame,
+        on_roster: OnRoster,
         on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
         on_sent: Callable[[LinkPeer, int, Frame], None],
     ) -> None:
@@ -232,12 +240,15 @@ class ZmqLinks:
         self.sent_one = on_sent
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
+        self._on_roster = on_roster
+        self._refused = refused
+        self._rebinding: asyncio.TimerHandle | None = None
         self._peers: dict[int, _PeerConnections] = {}
         self.deferred: dict[_PeerConnections, None] | None = None
         """Connections with frames that wait for the end of `batch`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first CURVE socket: without an authenticator libzmq accepts every client
-        self._zap = Zap(self._context, loop, keys)
+        self._zap = Zap(self._context, loop, keys, refused)
         router = self.make_socket(zmq.ROUTER)
         router.setsockopt(zmq.CURVE_SERVER, 1)
         router.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
@@ -346,9 +357,42 @@ class ZmqLinks:
             socket.recv_multipart(zmq.NOBLOCK)  # a frame is one part
             return
         data = part.bytes
+        user = str(part.get("User-Id"))
+        if user:  # the connection was accepted with a former roster
+            member = self.keys.by_user(user)
+            if member is None:
+                self._refused.revoked += 1
+                return
+            user = member.platform
         self.received_frames += 1
         self.received_bytes += len(data)
-        self._on_frame(data, str(part.get("User-Id")))
+        if len(data) > KIND_AT and data[KIND_AT] == FrameKind.ROSTER:
+            self._on_roster(data, user, str(part.get("Peer-Address")))
+        else:
+            self._on_frame(data, user)
+
+    def drop_revoked(self) -> None:
+        """Ends the connections of revoked members: the port is released and taken again, others reconnect.
+
+        Their frames are refused before that; at different instants, as all neighbours of the member do this.
+        """
+        if self._rebinding is None and any(self.keys.by_user(user) is None for user in self._zap.users):
+            self._rebinding = self.loop.call_later(random.uniform(*REBIND_S), self._unbind)
+
+    def _unbind(self) -> None:
+        router = self._router.socket
+        where = router.getsockopt_string(zmq.LAST_ENDPOINT)
+        router.unbind(where)
+        self._zap.users.clear()
+        self._bind(where)
+
+    def _bind(self, where: str) -> None:
+        self._rebinding = None
+        try:
+            self._router.socket.bind(where)
+        except zmq.ZMQError as error:  # the thread of libzmq has not released the port yet
+            log.debug("%s: %s", where, error.strerror)
+            self._rebinding = self.loop.call_later(BIND_AGAIN_S, lambda: self._bind(where))
 
     def _on_router_event(self, event: int, value: int) -> None:
         if event == zmq.EVENT_ACCEPTED:
@@ -361,6 +405,8 @@ class ZmqLinks:
         """Closes all sockets and the context."""
         for hw in list(self._peers):
             self.disconnect(hw)
+        if self._rebinding is not None:
+            self._rebinding.cancel()
         self._monitor.close()
         self._router.close()
         self._zap.close()

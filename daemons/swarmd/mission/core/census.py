@@ -14,10 +14,11 @@ class _ReceivedState(msgspec.Struct):
 class Census:
     """Collects the states of other platforms; lists who can take part in a mission, and who cannot."""
 
-    def __init__(self, me: str, lost_after_ns: int, roster: frozenset[str] = frozenset()) -> None:
+    def __init__(self, me: str, lost_after_ns: int) -> None:
         self._me = me
         self._lost_after_ns = lost_after_ns
-        self._roster = roster
+        self.roster: frozenset[str] = frozenset()
+        """All members, also those never received; empty without keys."""
         self._received: dict[str, _ReceivedState] = {}
         self._reached: dict[str, int] = {}
 
@@ -45,7 +46,7 @@ class Census:
     def absent(self, now_ns: int) -> list[LeftOut]:
         """Known platforms that cannot take part now, with the reason: lost, or drained by an operator."""
         present = self.present(now_ns)
-        known = {*self._received, *self._reached, *self._roster} - {*present, self._me}
+        known = {*self._received, *self._reached, *self.roster} - {*present, self._me}
         found = {name: self._why(name, now_ns) for name in known}
         found |= {name: drained_text(state.drained_by) for name, state in present.items() if state.drained_by}
         return [LeftOut(name, found[name]) for name in sorted(found)]

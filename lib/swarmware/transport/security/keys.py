@@ -120,6 +120,10 @@ class Keys:
         """The member that a connection was opened for, by `RosterMember.user`; None when it was revoked."""
         return self._by_user.get(user)
 
+    def revoked(self, curve_public: bytes) -> str:
+        """The platform that had this CURVE key until it was revoked; empty where none had."""
+        return self._revoked.get(curve_public, "")
+
     def curve_of(self, platform: str) -> bytes | None:
         """The CURVE key of a platform on the roster; None when it is not a member, or without a roster."""
         return self._curve_of.get(platform)
@@ -174,6 +178,21 @@ class Keys:
         self._by_user = {member.user: member for member in valid}
         self._curve_of = {member.platform: member.curve_public for member in valid}
         self._sign_of = {member.platform: member.sign_public for member in valid}
+        members = () if roster is None else roster.members
+        self._revoked = {
+            each.curve_public: each.platform for each in members if each.curve_public not in self._by_curve
+        }
+
+
+def read_roster(path: Path, root_public: bytes) -> Roster:
+    """Read and verify the roster in a file.
+
+    Raises: ConfigError when it is damaged, Denied when the root did not sign it.
+    """
+    try:
+        return parse_roster(path.read_bytes(), root_public, str(path))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def write_keys(directory: Path, seed: bytes, root_public: bytes, signed: bytes) -> None:

@@ -21,10 +21,11 @@ from swarmware.transport.security.keys import (
     ROSTER,
     SEED_BYTES,
     read_group_key,
+    read_roster,
     read_secret,
     write_keys,
 )
-from swarmware.transport.security.roster import Roster, RosterMember, read_roster, sign_roster
+from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
 from swarmware.transport.security.seal import GroupKey
 from swarmware.transport.sodium import KEY_BYTES, SigningKey, curve_of_signing, seal_box
 

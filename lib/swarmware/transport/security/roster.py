@@ -1,12 +1,10 @@
 """The roster: the members of the swarm with keys and roles, signed by the swarm's root."""
 
-from pathlib import Path
 from typing import Final
 
 import msgspec
 
 from swarmware.errors import ConfigError, Denied, SwarmError
-from swarmware.model import document
 from swarmware.model.access import Role
 from swarmware.model.names import check_platform
 from swarmware.transport.sodium import BOX_BYTES, KEY_BYTES, SigningKey, verify
@@ -32,8 +30,8 @@ class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def user(self) -> str:
-        """Platform and admission in one word: it names the other end of a connection."""
-        return f"{self.platform}#{self.serial}"
+        """Its key as a word, which names the other end of a connection."""
+        return self.curve_public.hex()
 
 
 class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,18 +77,19 @@ class RosterChange(msgspec.Struct, frozen=True):
 
 
 def difference(before: Roster, after: Roster) -> RosterChange:
-    """Who came and went between two rosters; the caller determines `revoked_self`."""
-    former = {member.serial: member for member in before.valid()}
-    present = {member.serial: member for member in after.valid()}
-    same = [(former[serial], member) for serial, member in present.items() if serial in former]
-    replaced = [(old, new) for old, new in same if old.curve_public != new.curve_public]
+    """Who came and went between two rosters; the caller determines `revoked_self`.
+
+    A member is the same as long as it has the same key, also when it was admitted again.
+    """
+    former = {member.curve_public: member for member in before.valid()}
+    present = {member.curve_public: member for member in after.valid()}
     return RosterChange(
         after,
-        came=tuple(new for serial, new in present.items() if serial not in former)
-        + tuple(new for _, new in replaced),
-        gone=tuple(old for serial, old in former.items() if serial not in present)
-        + tuple(old for old, _ in replaced),
-        changed=tuple(new for old, new in same if old.role != new.role),
+        came=tuple(member for key, member in present.items() if key not in former),
+        gone=tuple(member for key, member in former.items() if key not in present),
+        changed=tuple(
+            member for key, member in present.items() if key in former and former[key].role != member.role
+        ),
         rotated=after.key_epoch != before.key_epoch,
     )
 
@@ -115,17 +114,6 @@ def split_signed(text: bytes, source: str) -> tuple[bytes, bytes]:
         raise ConfigError(f"{source}: expected a line of JSON and a line with its signature") from error
 
 
-def read_roster(path: Path, root_public: bytes) -> Roster:
-    """Read and verify the roster in a file.
-
-    Raises: ConfigError when it is damaged, Denied when the root did not sign it.
-    """
-    try:
-        return parse_roster(path.read_bytes(), root_public, str(path))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
-
-
 def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
     """Decode and verify the text of a roster.
 
@@ -138,7 +126,10 @@ def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
         raise ConfigError(f"{source}: the root's public key: {error}") from error
     if not genuine:
         raise Denied(f"{source}: not signed by this swarm's root")
-    roster = document.json(document.text(body, source), Roster, source)
+    try:
+        roster = msgspec.json.decode(body, type=Roster)
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise ConfigError(f"{source}: {error}") from error
     serials = set[int]()
     for member in roster.members:
         try:

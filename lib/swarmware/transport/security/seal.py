@@ -90,6 +90,10 @@ class ReceivedSession:
         self._top = sequence
         self._seen = 1
 
+    def rekeyed(self, key: SealKey) -> "ReceivedSession":
+        """The same session under another key: it continues behind the newest datagram."""
+        return ReceivedSession(self.number, key, self._top)
+
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed."""
         ahead = sequence - self._top
@@ -139,6 +143,17 @@ class Opener:
             if one.number == session:
                 return one.open(sender_hw, sequence, clear, box)
         return self._open_first(sender_hw, session, sequence, clear, box)
+
+    def rekeyed(self, group: GroupKey) -> "Opener":
+        """An opener for another group key that knows the same sessions: senders that change the key do not
+        begin a session."""
+        fresh = Opener(group)
+        fresh._adopted = dict(self._adopted)
+        for sender_hw, known in self._senders.items():
+            fresh._senders[sender_hw] = [
+                one.rekeyed(_session_key(group.key, sender_hw, one.number)) for one in known
+            ]
+        return fresh
 
     def adopt(self, sender_hw: int, session: int) -> None:
         """Set the present session of a sender, which other sessions cannot displace."""

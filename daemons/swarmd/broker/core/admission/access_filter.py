@@ -26,6 +26,11 @@ class AccessFilter:
         self._senders: dict[str, Sender] = {}
         self._reported: dict[tuple[str, str, str], tuple[int, int]] = {}
 
+    def set_roles(self, roles: Mapping[str, Role]) -> None:
+        """Takes the roles of another roster."""
+        self._roles = roles
+        self._senders.clear()
+
     def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
         """Checks a frame, and adds its authenticated sender and time of arrival.
 

@@ -3,6 +3,9 @@
 from collections.abc import Collection
 from typing import Final
 
+from swarmware.model.names import hardware_id
+from swarmware.transport.security.roster import Roster
+
 NON_MEMBERS_S: Final = 10
 """Datagrams per second of senders that are not on the roster: a unit of a member may be among them."""
 FAILURES_S: Final = 50
@@ -15,12 +18,17 @@ _SECOND_NS: Final = 1_000_000_000
 Address = tuple[str, int]
 
 
+def member_ids(roster: Roster | None) -> frozenset[int] | None:
+    """Hardware ids of the members; None: no roster."""
+    return None if roster is None else frozenset(hardware_id(member.platform) for member in roster.valid())
+
+
 class DatagramLimiter:
     """Counters of accepted and failed datagrams, reset each second."""
 
     def __init__(self, members: Collection[int] | None) -> None:
         """`members`: hardware ids on the roster; None: no roster."""
-        self._members = None if members is None else frozenset(members)
+        self.members = None if members is None else frozenset(members)
         self._second = 0
         self._non_members = 0
         self._failures = 0
@@ -41,7 +49,7 @@ class DatagramLimiter:
             return True
         if self._failures >= ALL_FAILURES_S:
             return False
-        if self._members is not None and sender_hw not in self._members:
+        if self.members is not None and sender_hw not in self.members:
             self._non_members += 1
             return self._non_members <= NON_MEMBERS_S
         return True

@@ -137,6 +137,14 @@ class Sessions:
         if claim is not None:
             claim.proven = claim.answered = True
 
+    def forget(self, hw: int) -> None:
+        """Removes the sessions of a node whose key is not on the roster any more."""
+        self._present.pop(hw, None)
+        self._questions.pop(hw, None)
+        self._answers.pop(hw, None)
+        for key in [key for key in self._claims if key[0] == hw]:
+            del self._claims[key]
+
     def due(self, now_ns: int) -> tuple[SessionCheck, ...]:
         """Removes and returns the checks for the next beacon."""
         out = [SessionCheck(CheckKind.ANSWER, hw, value) for hw, value in self._answers.items()][:CHECKS_MAX]

@@ -76,6 +76,8 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     """Declared period in which the sender lists every received node."""
     frame_port: int = 0
     """UDP port where the sender takes frames as datagrams, at the source address; 0: none."""
+    roster_version: int = 0
+    """Version of the sender's roster; 0: it has none."""
 
 
 class Echo(NamedTuple):

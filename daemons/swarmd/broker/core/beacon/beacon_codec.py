@@ -127,8 +127,9 @@ def member_bytes(member: MemberRow) -> int:
 
 def hello_bytes(hello: Hello) -> int:
     """Encoded size of a hello."""
-    port = session_checks.PORT_PART_BYTES if hello.frame_port else 0
-    return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode()) + port
+    parts = session_checks.PORT_PART_BYTES if hello.frame_port else 0
+    parts += session_checks.ROSTER_PART_BYTES if hello.roster_version else 0
+    return 1 + _HELLO.size + len(hello.curve_public) + len(hello.name.encode()) + parts
 
 
 def encode(beacon: Beacon) -> bytes:
@@ -146,6 +147,9 @@ def encode(beacon: Beacon) -> bytes:
         if beacon.hello is not None and beacon.hello.frame_port:
             present |= Section.EXTRA
             out.append(session_checks.encode_port(beacon.hello.frame_port))
+        if beacon.hello is not None and beacon.hello.roster_version:
+            present |= Section.EXTRA
+            out.append(session_checks.encode_roster_version(beacon.hello.roster_version))
     except (struct.error, ValueError, OverflowError) as error:
         raise WireError(f"beacon: cannot be encoded: {error}") from error
     out[0] = bytes((present,))
@@ -193,8 +197,8 @@ def _decode(data: bytes) -> Beacon:
     if at > len(data):
         raise WireError(f"beacon of {len(data)} bytes: its sections need {at}")
     if present & Section.EXTRA and present & Section.HELLO:
-        port = session_checks.decode_port(data, start)
-        contents[0] = msgspec.structs.replace(contents[0], frame_port=port)
+        port, version = session_checks.decode_hello_parts(data, start)
+        contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
     return Beacon(*contents)
 
 

@@ -1,4 +1,4 @@
-"""Extra parts of a beacon: questions and answers about sessions, and the port for frames as datagrams."""
+"""Extra parts of a beacon: questions and answers about sessions; frame port and roster version of a hello."""
 
 import struct
 from collections.abc import Iterable
@@ -16,6 +16,10 @@ _FRAME_PORT: Final = 2
 """Type of the part with the port for frames, beside a hello."""
 _PORT_BYTES: Final = 2
 PORT_PART_BYTES: Final = _PART.size + _PORT_BYTES
+_ROSTER: Final = 3
+"""Type of the part with the version of the roster, beside a hello."""
+_ROSTER_BYTES: Final = 4
+ROSTER_PART_BYTES: Final = _PART.size + _ROSTER_BYTES
 
 
 class CheckKind(IntEnum):
@@ -61,15 +65,27 @@ def encode_port(port: int) -> bytes:
     return _PART.pack(_FRAME_PORT, _PORT_BYTES) + port.to_bytes(_PORT_BYTES, "little")
 
 
-def decode_port(data: bytes, at: int) -> int:
-    """The port for frames in the extra parts from an offset, which `decode` accepts; 0: none."""
+def encode_roster_version(version: int) -> bytes:
+    """Encodes the version of the roster as an extra part of the body.
+
+    Raises: OverflowError when it does not fit its field.
+    """
+    return _PART.pack(_ROSTER, _ROSTER_BYTES) + version.to_bytes(_ROSTER_BYTES, "little")
+
+
+def decode_hello_parts(data: bytes, at: int) -> tuple[int, int]:
+    """Port for frames and version of the roster in the extra parts from an offset, which `decode` accepts;
+    0: none."""
+    port = version = 0
     while at < len(data):
         kind, length = _PART.unpack_from(data, at)
         at += _PART.size
         if kind == _FRAME_PORT and length == _PORT_BYTES:
-            return int.from_bytes(data[at : at + length], "little")
+            port = int.from_bytes(data[at : at + length], "little")
+        elif kind == _ROSTER and length == _ROSTER_BYTES:
+            version = int.from_bytes(data[at : at + length], "little")
         at += length
-    return 0
+    return port, version
 
 
 def decode(data: bytes, at: int) -> tuple[tuple[SessionCheck, ...], int]:

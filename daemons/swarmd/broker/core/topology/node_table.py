@@ -1,6 +1,6 @@
 """Names, kinds and tree versions of all known nodes, by hardware id."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Final
 
 import msgspec
@@ -62,15 +62,9 @@ class NodeTable:
     def _learn(self, hw: int, name: str, kind: PlatformCode, tree_version: int, now_ns: int) -> bool:
         node = self._all.get(hw)
         if node is None or node.name != name:
+            if not is_named(hw, name) or len(self._all) >= MEMBER_LIMIT:
+                return False
             platform, _, unit = name.partition(".")
-            try:
-                check_platform(platform)
-                if unit:
-                    check_platform(unit)
-            except InvalidInput:
-                return False
-            if hardware_id(platform, unit or "main") != hw or len(self._all) >= MEMBER_LIMIT:
-                return False
             node = self._all[hw] = KnownNode(hw, platform, unit or "main")
             self.version += 1
         if node.tree_version != tree_version or node.kind != kind:
@@ -89,6 +83,15 @@ class NodeTable:
         """Platform of a hardware id, or the id in hex while the name is unknown."""
         node = self._all.get(hw)
         return node.platform if node is not None else f"{hw:08x}"
+
+    def remove(self, hw: int) -> None:
+        """Removes a node that is not a member any more."""
+        if self._all.pop(hw, None) is not None:
+            self.version += 1
+
+    def units_of(self, platforms: Collection[str]) -> list[int]:
+        """Hardware ids of all known units of these platforms."""
+        return [hw for hw, node in self._all.items() if node.platform in platforms]
 
     def rows(
         self, now_ns: int, room: int, common: frozenset[int], reachable: Callable[[int], int]
@@ -119,6 +122,18 @@ class NodeTable:
         for hw in [hw for hw, node in self._all.items() if now_ns - node.received_ns > FORGET_NS]:
             del self._all[hw]
             self.version += 1
+
+
+def is_named(hw: int, name: str) -> bool:
+    """Whether a name as encoded in beacons is valid and belongs to this hardware id."""
+    platform, _, unit = name.partition(".")
+    try:
+        check_platform(platform)
+        if unit:
+            check_platform(unit)
+    except InvalidInput:
+        return False
+    return hardware_id(platform, unit or "main") == hw
 
 
 def wire_name(platform: str, unit: str) -> str:

@@ -168,6 +168,15 @@ class RoutingTable:
                 self._select(destination, now_ns, changes)
         return changes
 
+    def exclude(self, hw: int, now_ns: int) -> list[RouteChanged]:
+        """Takes the routes to a node that is not a member any more; its feasibility distance stays."""
+        changes: list[RouteChanged] = []
+        destination = self._destinations.get(hw)
+        if destination is not None:
+            destination.advertised.clear()
+            self._select(destination, now_ns, changes)
+        return changes
+
     def on_rows(self, via: int, rows: Iterable[tuple[int, int, int]], now_ns: int) -> list[RouteChanged]:
         """Takes the rows of a neighbour's newest beacon, among them its own row (its sequence, 0)."""
         cost = self._costs.get(via)

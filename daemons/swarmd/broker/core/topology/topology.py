@@ -109,6 +109,14 @@ class Topology:
         routes += self.routing.advance(now_ns)
         return links, routes
 
+    def exclude(self, hw: int, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
+        """Removes a node that is not a member any more: its link, the routes over it and to it."""
+        neighbour = self.neighbours.get(hw)
+        if neighbour is not None and neighbour.state is not LinkState.DOWN:
+            neighbour.deadline_ns = now_ns
+        links, routes = self.advance(now_ns)
+        return links, routes + self.routing.exclude(hw, now_ns)
+
     def _update_cost(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
         """Sets the cost of a link in the routing table; compares routes when it rose by the hysteresis."""
         measured = (neighbour.window, neighbour.missed, neighbour.reported)

@@ -1,0 +1,169 @@
+"""The roster while brokers run: revocation and rotation without a restart and without a gap, on the wire."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+
+from swarmware.errors import Conflict, Denied
+from swarmware.module.board import BoardReader
+from swarmware.transport.security.keys import Keys, read_roster
+from swarmware.transport.security.root import Root, candidate
+from swarmware.types.net import RosterState, SignedRoster
+from swarmware.types.scalar import Float, Text
+
+NAMES = ("uav1", "uav2", "uav3")
+Boards = dict[str, BoardReader[RosterState]]
+
+
+@asynccontextmanager
+async def members(
+    root: Path,
+) -> AsyncIterator[tuple[Root, dict[str, Station], dict[str, BoardReader[RosterState]]]]:
+    async with swarm(root, *NAMES) as stations:
+        for name, station in stations.items():
+            await station.until_up(*(other for other in NAMES if other != name))
+        boards = {name: station.app.reader("net/roster", RosterState) for name, station in stations.items()}
+        yield Root.load(root / "keys"), stations, boards
+
+
+async def hand_over(station: Station, text: bytes) -> RosterState:
+    return await station.app.request("sys/broker/roster", SignedRoster(text), RosterState)
+
+
+async def until_has(board: BoardReader[RosterState], version: int) -> RosterState:
+    async with asyncio.timeout(PATIENCE_S):
+        while (state := board.value) is None or state.version < version:
+            await board.changed()
+    return state
+
+
+@on_uvloop
+async def test_a_rotation_loses_no_message_and_no_beacon(tmp_path: Path) -> None:
+    async with members(tmp_path) as (root, stations, boards):
+        one, other = stations["uav1"], stations["uav2"]
+        one.plan(offers=[("app/count", Float)])
+        count = one.app.writer("app/count", Float, link="tick", rate_hz=10)
+        other.plan(wants=[("uav1", "app/count", Float)])
+        mirror = other.app.reader("/uav1/app/count", Float)
+        box = other.app.inbox("cmd/note", Text)
+        received = list[str]()
+        changes = list[str]()
+        sending = True
+
+        async def write() -> None:
+            value = 0
+            while sending:
+                value += 1
+                count.write(Float(float(value)))
+                await asyncio.sleep(0.05)
+
+        async def read() -> None:
+            async for note in box:
+                received.append(note.value)
+
+        async def watch() -> None:
+            while True:
+                await one.neighbours.changed()
+                if (state := one.states().get("uav2")) != "up":
+                    changes.append(str(state))
+
+        tasks = [asyncio.create_task(each()) for each in (write, read, watch)]
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while mirror.value is None:
+                    await mirror.changed()
+            sent = 0
+            for epoch in (1, 2):
+                await hand_over(one, root.rotate())
+                for board in boards.values():
+                    assert (await until_has(board, 1 + epoch)).key_epoch == epoch
+                for _ in range(40):
+                    sent += 1
+                    outcome = await one.app.send("/uav2/cmd/note", Text(str(sent)), timeout_s=5.0)
+                    assert outcome.delivered, outcome
+                    await mirror.changed(timeout_s=2.0)
+            assert received == [str(number) for number in range(1, sent + 1)]
+            assert changes == [], "the link stayed up"
+        finally:
+            sending = False
+            for task in tasks[1:]:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+        for name in NAMES:
+            traffic = await stations[name].traffic()
+            assert traffic.refused.other_epoch == 0
+            assert traffic.refused.forged == 0
+            assert Keys.load(tmp_path / "keys" / name, name).group.epoch == 2
+
+
+@on_uvloop
+async def test_a_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Path) -> None:
+    async with members(tmp_path) as (root, stations, boards):
+        one, other, revoked = (stations[name] for name in NAMES)
+        box, other_box = one.app.inbox("cmd/note", Text), other.app.inbox("cmd/note", Text)
+        assert (await revoked.app.send("/uav1/cmd/note", Text("before"), timeout_s=5.0)).delivered
+        await hand_over(other, root.revoke("uav3"))
+        for name in ("uav1", "uav2"):
+            state = await until_has(boards[name], 2)
+            assert [member.platform for member in state.members if member.revoked] == ["uav3"]
+            assert not state.revoked_self
+        assert (await until_has(boards["uav3"], 2)).revoked_self
+        await revoked.until(
+            lambda: revoked.conditions().get("broker/membership") == "revoked", revoked.checks
+        )
+        assert not (await revoked.app.send("/uav1/cmd/note", Text("after"), timeout_s=1.0)).delivered
+        for station in (one, other):
+            await station.until_counted(lambda traffic: traffic.refused.revoked > 0)
+            await station.until_lost("uav3")
+            assert "uav3" not in station.states() or station.states()["uav3"] == "down"
+        assert (await one.app.send("/uav2/cmd/note", Text("among us"), timeout_s=5.0)).delivered
+        assert (await anext(other_box)).value == "among us"
+        assert (await anext(box)).value == "before"
+        assert len(box) == 0
+        with pytest.raises(Denied, match="uav3 was revoked"):
+            Keys.load(tmp_path / "keys" / "uav3", "uav3")
+
+
+@on_uvloop
+async def test_a_node_that_was_away_during_rotations_catches_up(tmp_path: Path) -> None:
+    async with members(tmp_path) as (root, stations, boards):
+        late = stations["uav3"]
+        await late.stop()
+        for _ in range(3):
+            await hand_over(stations["uav1"], root.rotate())
+        await until_has(boards["uav2"], 4)
+        await late.start()
+        await until_has(late.app.reader("net/roster", RosterState), 4)
+        await late.until_up("uav1", "uav2")
+        outcome = await late.app.send("/uav1/cmd/note", Text("back"), timeout_s=1.0)
+        assert outcome.where or outcome.delivered
+        assert Keys.load(tmp_path / "keys" / "uav3", "uav3").group.epoch == 3
+
+
+@on_uvloop
+async def test_a_new_member_is_taken_while_the_others_run(tmp_path: Path) -> None:
+    async with members(tmp_path) as (root, stations, boards):
+        text = root.admit(candidate("uav4", "node", b"\4" * 32, root.public))
+        await hand_over(stations["uav1"], text)
+        for board in boards.values():
+            state = await until_has(board, 2)
+            assert [member.platform for member in state.members] == [*NAMES, "uav4"]
+
+
+@on_uvloop
+async def test_a_roster_that_is_not_the_roots_or_is_old_is_refused_with_its_reason(tmp_path: Path) -> None:
+    async with members(tmp_path) as (root, stations, _):
+        one, older = stations["uav1"], root.signed
+        await hand_over(one, root.rotate())
+        with pytest.raises(Conflict, match="roster 1 is older than 2"):
+            await hand_over(one, older)
+        stranger = Root.make(tmp_path / "stranger")
+        with pytest.raises(Denied, match="not signed by this swarm's root"):
+            await hand_over(one, stranger.rotate())
+        assert (await hand_over(one, b"")).version == 2
+        stored = read_roster(tmp_path / "keys" / "uav1" / "roster.json", root.public)
+        assert stored.version == 2

@@ -1,0 +1,288 @@
+"""The exchange of the roster between neighbours: questions, differences, refusals, key epochs."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.unit.security.test_roster import Swarm
+
+from swarmd.broker.core.admission import roster_update
+from swarmd.broker.core.admission.group_epochs import ACCEPT_NS, SWITCH_NS, GroupEpochs
+from swarmd.broker.core.admission.roster_exchange import (
+    ANSWER_NS,
+    UNANSWERED_MAX,
+    ApplyRoster,
+    RosterAction,
+    RosterExchange,
+    SendRoster,
+)
+from swarmd.broker.core.admission.roster_update import (
+    RosterOffer,
+    RosterQuestion,
+    RosterUpdate,
+    decode,
+    encode,
+    make_update,
+    merge,
+)
+from swarmd.broker.core.beacon.beacon import Beacon, MemberRow, PlatformCode, RouteRow
+from swarmware.errors import ConfigError, Denied, WireError
+from swarmware.model.names import hardware_id
+from swarmware.transport.security.roster import sign_roster
+from swarmware.transport.security.seal import GroupKey
+from swarmware.transport.sodium import SigningKey
+
+SECOND = 1_000_000_000
+HW = {name: hardware_id(name) for name in ("gcs", "uav1", "uav2", "uav3")}
+HOST = "10.0.0.9"
+GARBAGE = [b"", b"garbage", b"\x90", b"\x93\x09\x01\x02", b"\xc1", b"\x92\x02\xa1x"]
+DAMAGED = [b"", b"garbage", b"{}\n00\n", b'{"version":5}\n', b'{"version":"x"}\n00\n']
+
+
+@pytest.fixture
+def swarm(tmp_path: Path) -> Swarm:
+    return Swarm(tmp_path / "swarm")
+
+
+def exchange(swarm: Swarm, name: str) -> RosterExchange:
+    made = RosterExchange(swarm.keys[name], HW[name], lambda: 0.0)
+    made.port = 7447
+    return made
+
+
+def sent(actions: list[RosterAction]) -> tuple[SendRoster, roster_update.RosterMessage]:
+    (action,) = actions
+    assert isinstance(action, SendRoster)
+    return action, decode(action.payload)
+
+
+def carry(actions: list[RosterAction], to: RosterExchange, sender: str, now_ns: int) -> list[RosterAction]:
+    (action,) = [each for each in actions if isinstance(each, SendRoster)]
+    return to.on_message(HW[sender], sender, action.payload, HOST, now_ns)
+
+
+def test_who_sees_a_higher_version_asks_and_gets_only_the_difference(swarm: Swarm) -> None:
+    one, other = exchange(swarm, "uav1"), exchange(swarm, "uav2")
+    one.on_text(swarm.admit("uav3", b"\3" * 32), 0)
+    other.on_shown(HW["uav1"], "uav1", one.version, 0)
+    question = other.advance(0)
+    action, message = sent(question)
+    assert (action.hw, message) == (HW["uav1"], RosterQuestion(1, 7447))
+    answer = carry(question, one, "uav2", 1)
+    update = sent(answer)[1]
+    assert isinstance(update, RosterUpdate)
+    assert update.base == 1
+    assert [member.platform for member in update.members] == ["uav3"]
+    assert len(encode(update)) < 400
+    (applied,) = carry(answer, other, "uav1", 2)
+    assert isinstance(applied, ApplyRoster)
+    assert other.version == one.version == 2
+    assert other.deadline_ns() is None
+
+
+@pytest.mark.parametrize("change", ["admit", "again", "revoke", "rotate", "role"])
+def test_a_difference_leads_to_the_roster_that_the_root_signed(swarm: Swarm, change: str) -> None:
+    base = swarm.root.roster
+    seed = (swarm.directory / "uav1" / "node.key").read_bytes()
+    changes: dict[str, Callable[[], bytes]] = {
+        "admit": lambda: swarm.admit("uav3", b"\3" * 32),
+        "again": lambda: swarm.admit("uav2", b"\4" * 32),
+        "revoke": lambda: swarm.root.revoke("uav2"),
+        "rotate": swarm.root.rotate,
+        "role": lambda: swarm.admit("uav1", seed, "operator"),
+    }
+    text = changes[change]()
+    update = make_update(base, swarm.root.roster, text)
+    assert update.base == base.version, "the difference is enough"
+    assert merge(base, update) == text
+
+
+def test_a_roster_that_is_encoded_in_another_way_is_sent_as_a_whole(swarm: Swarm) -> None:
+    base, key = swarm.root.roster, SigningKey((swarm.directory / "root.key").read_bytes())
+    swarm.root.rotate()
+    body = msgspec.json.encode(swarm.root.roster).replace(b'{"version"', b'{ "version"')
+    text = body + b"\n" + key.sign(body).hex().encode() + b"\n"
+    update = make_update(base, swarm.root.roster, text)
+    assert (update.base, update.whole) == (0, text)
+
+
+def test_a_node_that_restarted_answers_with_the_whole_roster(swarm: Swarm) -> None:
+    one, other = exchange(swarm, "uav1"), exchange(swarm, "uav2")
+    one.on_text(swarm.root.rotate(), 0)
+    again = exchange(swarm, "uav1")
+    other.on_shown(HW["uav1"], "uav1", 2, 0)
+    answer = carry(other.advance(0), again, "uav2", 1)
+    update = sent(answer)[1]
+    assert isinstance(update, RosterUpdate)
+    assert update.base == 0
+    carry(answer, other, "uav1", 2)
+    assert other.version == 2
+
+
+def test_another_neighbour_is_asked_when_no_answer_comes(swarm: Swarm) -> None:
+    node = exchange(swarm, "uav1")
+    for name in ("uav2", "gcs"):
+        node.on_shown(HW[name], name, 2, 0)
+    first = sent(node.advance(0))[0].hw
+    assert node.advance(ANSWER_NS - 1) == []
+    second = sent(node.advance(ANSWER_NS))[0].hw
+    assert {first, second} == {HW["uav2"], HW["gcs"]}
+
+
+def test_who_never_answers_is_not_asked_for_ever(swarm: Swarm) -> None:
+    node, asked = exchange(swarm, "uav1"), 0
+    node.on_shown(HW["uav2"], "uav2", 2, 0)
+    now_ns = 0
+    while (now_ns := node.deadline_ns()) is not None:  # type: ignore[assignment]
+        asked += len(node.advance(now_ns))
+        assert asked <= 2 * UNANSWERED_MAX
+    node.on_shown(HW["uav2"], "uav2", 2, 60 * SECOND)
+    assert node.deadline_ns() is not None, "it shows its version again"
+
+
+def test_a_forged_roster_is_refused_and_its_sender_is_not_asked_again(swarm: Swarm) -> None:
+    node = exchange(swarm, "uav1")
+    node.on_shown(HW["uav2"], "uav2", 99, 0)
+    node.advance(0)
+    forged = sign_roster(msgspec.structs.replace(swarm.root.roster, version=99), SigningKey(b"\5" * 32))
+    with pytest.raises(Denied, match="not signed"):
+        node.on_message(HW["uav2"], "uav2", encode(RosterUpdate(0, forged)), HOST, 1)
+    assert node.version == 1
+    assert node.deadline_ns() is None
+
+
+def test_a_forged_difference_is_refused_and_the_whole_roster_is_asked_for(swarm: Swarm) -> None:
+    node, base = exchange(swarm, "uav1"), swarm.root.roster
+    swarm.root.rotate()
+    update = make_update(base, swarm.root.roster, swarm.root.signed)
+    node.on_shown(HW["uav2"], "uav2", 2, 0)
+    node.advance(0)
+    with pytest.raises(Denied, match="not signed"):
+        node.on_message(HW["uav2"], "uav2", encode(msgspec.structs.replace(update, swarm="x")), HOST, 1)
+    assert node.version == 1
+    assert sent(node.advance(2))[1] == RosterQuestion(0, 7447)
+
+
+def test_an_older_roster_is_refused(swarm: Swarm) -> None:
+    node, older = exchange(swarm, "uav1"), swarm.root.signed
+    node.on_text(swarm.root.rotate(), 0)
+    with pytest.raises(ConfigError, match="older than 2"):
+        node.on_message(HW["uav2"], "uav2", encode(RosterUpdate(0, older)), HOST, 1)
+    assert node.version == 2
+
+
+@pytest.mark.parametrize("payload", GARBAGE)
+def test_a_message_that_cannot_be_read_is_refused(swarm: Swarm, payload: bytes) -> None:
+    with pytest.raises(WireError):
+        exchange(swarm, "uav1").on_message(HW["uav2"], "uav2", payload, HOST, 0)
+
+
+@pytest.mark.parametrize("whole", DAMAGED)
+def test_a_damaged_roster_is_refused(swarm: Swarm, whole: bytes) -> None:
+    with pytest.raises((ConfigError, Denied)):
+        exchange(swarm, "uav1").on_message(HW["uav2"], "uav2", encode(RosterUpdate(0, whole)), HOST, 0)
+
+
+def test_group_keys_that_do_not_fit_the_members_are_refused(swarm: Swarm) -> None:
+    base = swarm.root.roster
+    text = swarm.root.rotate()
+    update = make_update(base, swarm.root.roster, text)
+    with pytest.raises(WireError, match="do not fit its members"):
+        merge(base, msgspec.structs.replace(update, boxes=update.boxes[:-1]))
+
+
+def test_a_node_that_missed_rotations_is_offered_the_roster_and_asks_for_it(swarm: Swarm) -> None:
+    present, late = exchange(swarm, "uav1"), exchange(swarm, "uav2")
+    for _ in range(3):
+        present.on_text(swarm.root.rotate(), 0)
+    assert present.former_key(swarm.keys["uav2"].group.mark) == swarm.keys["uav2"].group
+    offer = present.on_late(HW["uav2"], "uav2", "10.0.0.2", 7000, SECOND)
+    action, message = sent(offer)
+    assert (action.host, action.port, message) == ("10.0.0.2", 7000, RosterOffer(4, 7447))
+    assert present.on_late(HW["uav2"], "uav2", "10.0.0.2", 7000, SECOND + 1) == [], "once in a while"
+    question = carry(offer, late, "uav1", SECOND)
+    action, _ = sent(question)
+    assert (action.host, action.port) == (HOST, 7447)
+    answer = carry(question, present, "uav2", SECOND)
+    assert (sent(answer)[0].host, sent(answer)[0].port) == (HOST, 7447)
+    carry(answer, late, "uav1", SECOND)
+    assert late.version == 4
+    assert late.switch_epoch((), SECOND)
+    assert late.epochs.sealing == present.epochs.opening(3, SECOND)
+
+
+@pytest.mark.parametrize("name", ["uav9", "uav3"])
+def test_a_stranger_or_a_revoked_node_of_a_former_epoch_is_offered_nothing(swarm: Swarm, name: str) -> None:
+    node = exchange(swarm, "uav1")
+    node.on_text(swarm.admit("uav3", b"\3" * 32), 0)
+    node.on_text(swarm.root.revoke("uav3"), 0)
+    assert node.on_late(hardware_id(name), name, "10.0.0.2", 7000, SECOND) == []
+
+
+def test_what_a_beacon_has_about_a_revoked_node_is_left_out(swarm: Swarm) -> None:
+    node = exchange(swarm, "uav1")
+    beacon = Beacon(
+        rows=(RouteRow(HW["uav2"], 1, 256), RouteRow(HW["gcs"], 1, 256)),
+        members=(MemberRow(HW["uav2"], 1, PlatformCode.UAV, "uav2"),),
+    )
+    assert node.without_excluded(beacon) is beacon
+    node.on_text(swarm.root.revoke("uav2"), 0)
+    assert node.without_excluded(beacon) == Beacon(rows=(RouteRow(HW["gcs"], 1, 256),))
+    assert node.excludes(HW["uav2"])
+    unit = hardware_id("uav2", "camera")
+    assert not node.excludes(unit)
+    assert node.excludes_name(unit, "uav2.camera")
+    assert node.excludes(unit)
+    assert not node.excludes_name(HW["gcs"], "gcs")
+
+
+def test_a_revoked_neighbour_gets_the_roster_that_revokes_it(swarm: Swarm) -> None:
+    node, revoked = exchange(swarm, "uav1"), exchange(swarm, "uav2")
+    node.on_shown(HW["uav2"], "uav2", 1, 0)
+    farewell = node.on_text(swarm.root.revoke("uav2"), 0)
+    assert [type(action) for action in farewell] == [SendRoster, ApplyRoster]
+    (applied,) = carry(farewell, revoked, "uav1", 1)
+    assert isinstance(applied, ApplyRoster)
+    assert applied.change.revoked_self
+    assert not revoked.epochs.is_switching
+
+
+KEYS = [GroupKey(epoch, bytes([epoch]) * 32) for epoch in range(20)]
+
+
+def test_the_new_key_opens_at_once_and_seals_when_all_neighbours_have_it() -> None:
+    epochs = GroupEpochs(KEYS[0])
+    epochs.rotate(KEYS[1], 0)
+    assert epochs.sealing is KEYS[0]
+    assert epochs.opening(1, 0) is KEYS[1]
+    assert not epochs.switch(False, SWITCH_NS - 1)
+    assert epochs.switch(True, SWITCH_NS - 1)
+    assert epochs.sealing is KEYS[1]
+    assert not epochs.switch(True, SWITCH_NS)
+
+
+def test_the_new_key_seals_after_a_while_in_any_case() -> None:
+    epochs = GroupEpochs(KEYS[0])
+    epochs.rotate(KEYS[1], 0)
+    epochs.rotate(KEYS[2], SWITCH_NS - 1)
+    assert epochs.switch(False, SWITCH_NS)
+    assert epochs.sealing is KEYS[2]
+
+
+def test_the_former_key_opens_for_ten_seconds() -> None:
+    epochs = GroupEpochs(KEYS[0])
+    epochs.rotate(KEYS[1], 0)
+    epochs.switch(True, 0)
+    assert epochs.opening(0, ACCEPT_NS - 1) is KEYS[0]
+    assert epochs.opening(0, ACCEPT_NS) is None
+    assert epochs.opening(1, 100 * ACCEPT_NS) is KEYS[1]
+    assert epochs.opening(7, 0) is None
+
+
+def test_a_mark_that_returns_after_sixteen_rotations_is_that_of_the_newest_key() -> None:
+    epochs = GroupEpochs(KEYS[0])
+    for key in KEYS[1:17]:
+        epochs.rotate(key, 0)
+        epochs.switch(True, 0)
+    assert epochs.opening(0, 0) is KEYS[16]
