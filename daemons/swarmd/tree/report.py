@@ -42,6 +42,7 @@ class TreeReport:
 
     def _counters(self) -> TreeStats:
         tree, exchange, subscribers = self._tree, self._exchange, self._tree.subscribers
+        sync = tree.replicas.sync()
         return TreeStats(
             resources=len(tree.local.index),
             platforms=sum(1 for replica in tree.replicas if replica.index is not None),
@@ -56,4 +57,8 @@ class TreeReport:
             notify_failures=subscribers.failures,
             events_dropped=subscribers.dropped,
             refused=self._boundary.refused,
+            digest=tree.local.digest,
+            followed=sync.followed,
+            structures=sync.structures,
+            subscriptions=sync.subscriptions,
         )

@@ -48,7 +48,8 @@ class TreeView:
         """State of the replica of one platform's tree."""
         index = self._index(platform)
         size, digest = (0, 0) if index is None else (len(index), index.digest)
-        return TreePlatform(platform, self.is_reachable(platform), size, digest)
+        followed = platform == self._own or self._tree.replicas.follows(platform)
+        return TreePlatform(platform, self.is_reachable(platform), size, digest, followed)
 
     def is_reachable(self, platform: str) -> bool:
         """Whether it is this platform, or one with a route."""

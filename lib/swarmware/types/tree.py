@@ -193,6 +193,8 @@ class TreePlatform(msgspec.Struct, frozen=True, array_like=True, gc=False):
     resources: int
     digest: int
     """Of the structure; 0: not known yet."""
+    followed: bool = True
+    """Whether this node keeps its copy of the structure up to date; else it requests it when it needs it."""
 
 
 @register
@@ -246,6 +248,14 @@ class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Events that were dropped from a subscriber's full queue."""
     refused: int = 0
     """Items of other platforms, and own operations, that failed and were skipped."""
+    digest: int = 0
+    """Of the structure of this platform."""
+    followed: int = 0
+    """Reachable platforms that this one follows: neighbours, and those whose data its applications read."""
+    structures: int = 0
+    """Of these, those whose structure agrees here by digest with what they announce."""
+    subscriptions: int = 0
+    """Of these, those that hold exactly the subscription of this platform, by digest; or there is none."""
 
 
 @register

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from tests.integration.cli.conftest import Ctl, Lab
+from tests.integration.cli.conftest import NODES, Ctl, Lab
 
 from swarmware.model.clock import utc_ns
 
@@ -258,6 +258,15 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
     assert ctl("log query /uav1/bogus").err == "no entry matches\n"
 
 
+def test_every_node_is_synchronised_with_those_that_it_follows(ctl: Ctl) -> None:
+    expected = f"synced {len(NODES) - 1}/{len(NODES) - 1}"
+    end_s = time.monotonic() + 60
+    while (listed := ctl("node ls")).out.count(expected) != len(NODES):
+        assert time.monotonic() < end_s, listed.out
+    nodes = ctl("node ls --json").document["nodes"]
+    assert [node["sync"]["followed"] for node in nodes] == [len(NODES) - 1] * len(NODES)
+
+
 def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) -> None:
     lab.signal("uav2", signal.SIGSTOP)
     try:
@@ -269,6 +278,7 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
             pass
         assert listed.code == 3
         lost = next(one for one in ctl("node ls --json").document["nodes"] if one["platform"] == "uav2")
+        assert lost["sync"] is None
         assert lost["lost_s"] > 0
         assert (lost["armed"], lost["mode"]) == (False, "auto")
         last = ctl("tree get /uav2/nav/pose.z_m")

@@ -11,6 +11,7 @@ from swarmd.tree.core.action import (
     RequestSubscription,
     SendNotify,
 )
+from swarmd.tree.core.replicas.replicas import SyncState
 from swarmd.tree.core.structure import structure
 from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree
@@ -353,3 +354,31 @@ def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -
     assert seen is not None
     assert seen.index is not None
     assert [item.resource.path for item in seen.index] == ["relay/load"]
+
+
+def test_a_tree_counts_who_of_those_it_follows_is_synchronised_with_it_by_digest() -> None:
+    both = Pair(core("gcs"), core("uav1"))
+    gcs = both.trees["gcs"]
+    assert gcs.replicas.sync() == SyncState(0, 0, 0)
+    gcs.on_applications([], ["/uav1/power/battery"], 0)
+    both.meet()
+    assert gcs.replicas.sync() == SyncState(1, 0, 0), "it is asked"
+    assert gcs.replicas.follows("uav1")
+    both.carry()
+    assert gcs.replicas.sync() == SyncState(1, 1, 1)
+    both.trees["uav1"].on_applications([STEP], [], 0)
+    gcs.on_up("uav1", both.trees["uav1"].local.version, True, 0)
+    assert gcs.replicas.sync() == SyncState(1, 0, 1), "the beacon announces another structure"
+    both.carry()
+    assert gcs.replicas.sync() == SyncState(1, 1, 1)
+    gcs.on_applications([], ["/uav1/**"], 0)
+    assert gcs.replicas.sync() == SyncState(1, 1, 0), "it does not hold the new subscription yet"
+    both.carry()
+    gcs.on_gone("uav1", 0)
+    assert gcs.replicas.sync() == SyncState(0, 0, 0), "nobody to agree with"
+
+
+def test_a_far_platform_that_nobody_reads_is_not_followed() -> None:
+    both = pair(near=False)
+    assert both.trees["gcs"].replicas.sync() == SyncState(0, 0, 0)
+    assert not both.trees["gcs"].replicas.follows("uav1")

@@ -19,7 +19,12 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the nodes: whether they answer, health, mission; mode, armed, height and battery of vehicles.
+    """List the nodes: whether they answer, health, synchronisation, mission; mode, armed, height and battery
+    of vehicles.
+
+    SYNC compares digests: `synced 15/15` has the structures of all 15 platforms that the node follows, and
+    these hold its subscriptions. `structure 14/15`: one structure differs; `values 14/15`: one platform
+    lacks the subscription; `behind`: the joined node has an older structure of this one.
 
     Example: swarmctl node ls --json
     """

@@ -5,6 +5,7 @@ import asyncio
 import msgspec
 
 from swarmctl.commandline.nodes import names_one
+from swarmctl.commands.node.sync import NodeSync, synchronisation
 from swarmctl.resources.fanout import ask_all, read_boards, warn_errors
 from swarmctl.resources.last_words import last_words
 from swarmctl.session.session import Session
@@ -36,6 +37,8 @@ class NodeOverview(msgspec.Struct, frozen=True):
     battery_ratio: float | None
     lost_s: float | None
     """Age of the newest value of a platform without a route; its other values are the last known ones."""
+    sync: NodeSync | None = None
+    """Whether its data are synchronised; null: it did not answer, or is the tree of a former version."""
 
 
 class NodeList(msgspec.Struct, frozen=True):
@@ -49,19 +52,18 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
     asked = await session.selected()
     ways = {route.platform: route for route in (await session.routes()).routes}
     (
-        (infos, errors),
-        (healths, _),
-        (missions, _),
-        (vehicles, _),
-        (poses, _),
-        (batteries, _),
+        ((infos, errors), (healths, _), (missions, _), (vehicles, _), (poses, _), (batteries, _)),
+        syncs,
     ) = await asyncio.gather(
-        ask_all(session, asked, "sys/node/info", Empty(), NodeInfo),
-        read_boards(session, asked, "health/state", HealthState),
-        read_boards(session, asked, "mission/state", MissionState),
-        read_boards(session, asked, "vehicle/state", VehicleState),
-        read_boards(session, asked, "nav/pose", Pose),
-        read_boards(session, asked, "power/battery", BatteryState),
+        asyncio.gather(
+            ask_all(session, asked, "sys/node/info", Empty(), NodeInfo),
+            read_boards(session, asked, "health/state", HealthState),
+            read_boards(session, asked, "mission/state", MissionState),
+            read_boards(session, asked, "vehicle/state", VehicleState),
+            read_boards(session, asked, "nav/pose", Pose),
+            read_boards(session, asked, "power/battery", BatteryState),
+        ),
+        synchronisation(session, asked),
     )
     away = [name for name in asked if name != session.here and name not in ways]
     lost = {
@@ -86,6 +88,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
                 round(pose.z_m, 2) if pose else None,
                 round(battery.remaining_ratio, 3) if battery else None,
                 words.seen_s if words else None,
+                syncs.get(name),
             )
         )
     return nodes, errors
@@ -99,6 +102,7 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
             _presence(one),
             spoken(one.info.uptime_s) if one.info else None,
             one.health.level if one.health else None,
+            str(one.sync) if one.sync else None,
             one.mode,
             one.armed,
             None if one.height_m is None else f"{round(one.height_m, 1) + 0.0:.1f}",
@@ -114,13 +118,14 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
         Column("STATE"),
         Column("UP", right=True),
         Column("HEALTH"),
+        Column("SYNC", drop=1),
         Column("MODE"),
         Column("ARMED"),
         Column("HEIGHT m", right=True),
         Column("BATTERY", right=True),
         Column("MISSION"),
-        Column("VIA", drop=1),
-        Column("HOPS", right=True, drop=2),
+        Column("VIA", drop=2),
+        Column("HOPS", right=True, drop=3),
     ]
     return columns, rows
 

@@ -93,6 +93,11 @@ class RemoteSubscription:
         return self.state is SubscriptionState.ASKING
 
     @property
+    def is_settled(self) -> bool:
+        """Whether the other platform holds exactly what is wanted, or nothing is wanted."""
+        return self.state in {SubscriptionState.HELD, SubscriptionState.NONE}
+
+    @property
     def will_report(self) -> bool:
         """Whether a reply will come, which has the digest of the structure, too."""
         return self.is_due or self.is_asking

@@ -47,6 +47,16 @@ class ReplicaTimeouts(msgspec.Struct, frozen=True, kw_only=True):
     """Follow every platform; else neighbours, and those with a subscription."""
 
 
+class SyncState(msgspec.Struct, frozen=True):
+    """Synchronisation with the platforms that are followed and reachable."""
+
+    followed: int
+    structures: int
+    """Those whose structure is current."""
+    subscriptions: int
+    """Those that hold the subscription of this platform."""
+
+
 class _Due(StrEnum):
     """What a timer of a replica is for."""
 
@@ -99,6 +109,20 @@ class Replicas:
             for platform in sorted(self._replicas)
             for resource in self._replicas[platform].wants
         ]
+
+    def sync(self) -> SyncState:
+        """How many of the followed platforms agree with what is known of them here."""
+        followed = [replica for replica in self if replica.up and self._is_followed(replica)]
+        return SyncState(
+            len(followed),
+            sum(replica.structure.is_current for replica in followed),
+            sum(replica.subscription.is_settled for replica in followed),
+        )
+
+    def follows(self, platform: str) -> bool:
+        """Whether the structure of a platform is kept up to date here."""
+        replica = self._replicas.get(platform)
+        return replica is not None and replica.up and self._is_followed(replica)
 
     def asks(self, platform: str) -> bool:
         """Whether the reply of a structure request to it may come."""

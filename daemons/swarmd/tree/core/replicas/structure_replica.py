@@ -100,6 +100,11 @@ class StructureReplica:
         """Whether it has to be requested."""
         return self.state in DUE
 
+    @property
+    def is_current(self) -> bool:
+        """Whether it agrees with every report."""
+        return self.state is StructureState.CURRENT
+
     # -- the exchange
 
     def on_asked(self) -> bool:
