@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 import socket
 import threading
 import time
@@ -320,6 +321,21 @@ def test_a_lost_root_is_named_with_the_option_for_another_place(base: Station, r
     for command in commands:
         with pytest.raises(NotFound, match=r"root key is not in it.*--root DIR"):
             command()
+
+
+def test_an_older_copy_of_the_root_continues_from_the_roster_of_the_node(
+    base: Station, vehicle: Station, root: Path, tmp_path: Path
+) -> None:
+    shutil.copytree(root, tmp_path / "copy")
+    with inviting_at(base, root, plan()) as token:
+        join(vehicle, token("uav1"), None, replace=False)
+    changing.revoke(base, root, ("uav1",), yes=True)
+    changing.rotate(base, tmp_path / "copy")
+    assert "is an older copy of the root" in base.stderr.getvalue().replace("\n", " ")
+    roster = base.keys("gcs").roster
+    assert roster is not None and roster.version == Root.load(root).roster.version + 1
+    assert roster.find("uav1") is None, "the copy has not brought back a revoked member"
+    assert roster.key_epoch == Root.load(root).roster.key_epoch + 1
 
 
 def test_a_root_of_another_swarm_is_refused(base: Station, vehicle: Station, tmp_path: Path) -> None:

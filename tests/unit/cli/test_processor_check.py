@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.commands.doctor.checks import processor
+from swarmctl.commands.doctor.checks import foreign, processor
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.transport.shm.layout import ring_file
@@ -15,9 +15,11 @@ from swarmware.types.net import Refused, Traffic
 BOARD = "net/traffic"
 
 
-def frame(slowed_ticks: int, slowdown: float) -> bytes:
+def frame(slowed_ticks: int, slowdown: float, refused: Refused | None = None) -> bytes:
     counts = (0,) * 14
-    traffic = Traffic(0, 1, *counts, 10.0 / slowdown, Refused(), slowed_ticks=slowed_ticks, slowdown=slowdown)
+    traffic = Traffic(
+        0, 1, *counts, 10.0 / slowdown, refused or Refused(), slowed_ticks=slowed_ticks, slowdown=slowdown
+    )
     return encode(Frame(FrameKind.BOARD, data_id(BOARD, "Traffic"), payload=registry.encode(traffic)))
 
 
@@ -42,3 +44,19 @@ def test_a_short_processor_is_named(tmp_path: Path, data: bytes | None, verdict:
 
 def test_a_board_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert processor(tmp_path).verdict == "warning"
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (None, []),
+        (frame(0, 1.0), []),
+        (frame(0, 1.0, Refused(forged=7)), ["7 datagrams that no member has sealed"]),
+        (b"x" * 60, []),
+    ],
+)
+def test_nodes_of_another_swarm_are_named(tmp_path: Path, data: bytes | None, found: list[str]) -> None:
+    with RingWriter(ring_file(tmp_path, BOARD), slots=4, slot_bytes=1024) as ring:
+        if data is not None:
+            ring.write(data)
+        assert [one.text.split(":")[0] for one in foreign(tmp_path)] == found

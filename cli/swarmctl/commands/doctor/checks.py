@@ -206,6 +206,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         )
     if "broker" in alive:
         yield processor(node.shm_path)
+        yield from foreign(node.shm_path)
     if alive:
         yield from _present(folder, monitored="health" in alive)
     yield from _settings(folder, node.services)
@@ -217,16 +218,13 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
 def processor(shm_dir: Path) -> CheckResult:
     """Whether the broker sends its beacons in time, from its board `net/traffic`."""
     try:
-        with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
-            data = ring.newest()
-        if data is None:
-            return CheckResult("processor", "ok", "the broker has just started")
-        frame = decode(data)
-        traffic = registry.decode(Traffic, frame.payload, frame.codec)
+        traffic = _traffic(shm_dir)
     except SwarmError as error:
         return CheckResult(
             "processor", "warning", f"net/traffic cannot be read: {error}", "swarmctl traffic ls"
         )
+    if traffic is None:
+        return CheckResult("processor", "ok", "the broker has just started")
     if traffic.slowdown > 1:
         text = (
             f"processor overloaded: beacons {traffic.slowdown:g} times rarer ({traffic.slowed_ticks} so far)"
@@ -235,6 +233,28 @@ def processor(shm_dir: Path) -> CheckResult:
     return CheckResult(
         "processor", "ok", f"{traffic.tick_hz:g} beacons a second, {traffic.slowed_ticks} delayed so far"
     )
+
+
+def foreign(shm_dir: Path) -> Iterator[CheckResult]:
+    """Whether nodes with keys of another swarm are in reach, from the broker's board `net/traffic`."""
+    try:
+        traffic = _traffic(shm_dir)
+    except SwarmError:
+        return  # `processor` reports a board that cannot be read
+    if traffic is not None and traffic.refused.forged:
+        text = f"{traffic.refused.forged} datagrams that no member has sealed: of another swarm, or forged"
+        advice = "compare `root` of `swarmctl keys show` on the nodes that do not see each other"
+        yield CheckResult("keys", "warning", text, advice)
+
+
+def _traffic(shm_dir: Path) -> Traffic | None:
+    """The counters of the broker; None before the first. Raises: SwarmError when they cannot be read."""
+    with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
+        data = ring.newest()
+    if data is None:
+        return None
+    frame = decode(data)
+    return registry.decode(Traffic, frame.payload, frame.codec)
 
 
 def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:

@@ -1,11 +1,18 @@
 """`swarmctl keys revoke` and `keys rotate`: the root signs a roster, and this computer's node hands it on."""
 
+import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
-from swarmctl.commands.keys.distribution import hand_over, local_member
+from swarmctl.commands.keys.distribution import (
+    NodeRoster,
+    current_root,
+    follow,
+    hand_over,
+    local_member,
+)
 from swarmctl.commands.keys.root_folder import RootFolder
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Output
@@ -24,6 +31,8 @@ class RosterChanged(msgspec.Struct, frozen=True):
     """Platforms that are members now."""
     revoked: list[str]
     """Platforms that the command revoked."""
+    nodes: list[NodeRoster]
+    """Roster of each member; empty: no node here runs that could give it to them."""
 
 
 def revoke(out: Output, root_dir: Path | None, platforms: tuple[str, ...], *, yes: bool) -> None:
@@ -33,7 +42,7 @@ def revoke(out: Output, root_dir: Path | None, platforms: tuple[str, ...], *, ye
     `confirm` and `hand_over`.
     """
     folder = RootFolder(root_dir)
-    root = folder.load()
+    root = current_root(out, folder)
     node = local_member(out, root)
     if node is not None and node.platform in platforms:
         raise InvalidInput(
@@ -47,7 +56,7 @@ def revoke(out: Output, root_dir: Path | None, platforms: tuple[str, ...], *, ye
 def rotate(out: Output, root_dir: Path | None) -> None:
     """Changes the group key of the swarm. Raises: as `hand_over`."""
     folder = RootFolder(root_dir)
-    local_member(out, folder.load())
+    current_root(out, folder)
     _change(out, folder, lambda root: root.rotate(), ())
 
 
@@ -58,11 +67,24 @@ def _change(
         root = folder.load()
         change(root)
     roster = root.roster
-    hand_over(out, root)
+    nodes = asyncio.run(_distribute(out, root))
     members = [member.platform for member in roster.valid()]
     if out.settings.structured:
-        changed = RosterChanged(roster.swarm, roster.version, roster.key_epoch, members, list(revoked))
+        changed = RosterChanged(roster.swarm, roster.version, roster.key_epoch, members, list(revoked), nodes)
         out.document(changed)
         return
-    columns = [Column("ROSTER", right=True), Column("GROUP KEY", right=True), Column("MEMBERS")]
-    out.table(columns, [(roster.version, roster.key_epoch, ", ".join(members))])
+    if not nodes:
+        columns = [Column("ROSTER", right=True), Column("GROUP KEY", right=True), Column("MEMBERS")]
+        out.table(columns, [(roster.version, roster.key_epoch, ", ".join(members))])
+        return
+    columns = [Column("NODE"), Column("ROSTER", right=True), Column("SYNC"), Column("REASON")]
+    rows = [
+        (one.platform, one.version, "yes" if one.synchronous else "no", one.reason or None) for one in nodes
+    ]
+    out.table(columns, rows)
+    if late := [one.platform for one in nodes if not one.synchronous]:
+        out.warn(f"{', '.join(late)}: without roster {roster.version} yet; each takes it when it is in reach")
+
+
+async def _distribute(out: Output, root: Root) -> list[NodeRoster]:
+    return await follow(out, root) if await hand_over(out, root) else []

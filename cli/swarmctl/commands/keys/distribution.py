@@ -1,9 +1,35 @@
-"""A new roster on its way from the root to the node on this computer, and from there to the swarm."""
+"""A new roster on its way: from the root to the node on this computer, and from there to the swarm."""
+
+import asyncio
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
 
 from swarmctl.commands.keys.node_keys import NodeKeys
+from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.resources.fanout import read_boards
+from swarmctl.session.session import NAME, Session, connect
 from swarmctl.terminal.output import Output
-from swarmware.errors import Denied, NotFound
+from swarmware.errors import Denied, NotFound, SwarmError
+from swarmware.module.module import Module
 from swarmware.transport.security.root import Root, fingerprint
+from swarmware.types.net import RosterState, SignedRoster
+
+POLL_S: Final = 0.25
+"""Period of the questions for the roster of each node: a board of another node is read, not followed."""
+
+
+class NodeRoster(msgspec.Struct, frozen=True):
+    """The roster that a node has."""
+
+    platform: str
+    version: int | None
+    """None: the node was not reached."""
+    synchronous: bool
+    """It is the one of the root."""
+    reason: str = ""
+    """Why the node was not reached."""
 
 
 def local_member(out: Output, root: Root) -> NodeKeys | None:
@@ -27,18 +53,85 @@ def local_member(out: Output, root: Root) -> NodeKeys | None:
     return node
 
 
-def hand_over(out: Output, root: Root) -> None:
-    """Gives the root's roster to the node on this computer, which gives it to the others.
+def current_root(out: Output, folder: RootFolder) -> Root:
+    """The root in a folder; from an older copy of it, with the newer roster of the node on this computer.
 
-    Raises: as `local_member`; OSError when the folder of keys cannot be written.
+    Raises: as `RootFolder.load` and `local_member`; OSError when the folder cannot be written.
     """
+    root = folder.load()
     node = local_member(out, root)
+    keys = None if node is None else node.load()
+    if keys is None or keys.roster is None or keys.roster.version <= root.roster.version:
+        return root
+    folder.continue_from(keys.signed)
+    out.warn(
+        f"{folder.path} has roster {root.roster.version}, and {keys.platform} has {keys.roster.version}: it"
+        " is an older copy of the root, and continues from the newer roster"
+    )
+    return folder.load()
+
+
+async def hand_over(out: Output, root: Root) -> bool:
+    """Gives the root's roster to the node on this computer, which gives it to the others while it runs.
+
+    Returns whether it runs and has taken it. Raises: as `local_member`; OSError when the folder of keys
+    cannot be written.
+    """
+    node, version = local_member(out, root), root.roster.version
     if node is None:
         out.warn(
-            f"no node of the swarm is on this computer: roster {root.roster.version} stays with the root;"
+            f"no node of the swarm is on this computer: roster {version} stays with the root;"
             " expected a node here, which hands it on"
         )
-        return
-    node.take(root.signed)
-    if node.runs:
-        out.say(f"{node.platform} uses roster {root.roster.version} after a restart")
+        return False
+    if not node.runs:
+        node.take(root.signed)
+        out.say(f"{node.platform} does not run: it takes roster {version} at its next start, and hands it on")
+        return False
+    try:
+        async with Module(NAME, config_dir=node.config_dir) as module:
+            await module.request(
+                "sys/broker/roster",
+                SignedRoster(root.signed),
+                RosterState,
+                timeout_s=out.settings.timeout_s,
+            )
+    except SwarmError as error:
+        node.take(root.signed)
+        out.warn(f"{node.platform} did not take roster {version} ({error}): it does at its next start")
+        return False
+    return True
+
+
+async def follow(out: Output, root: Root) -> list[NodeRoster]:
+    """The roster of each member: when all that are in reach have the root's, else after the time-out."""
+    wanted = root.roster.version
+    async with connect(out.settings, out) as session:
+        members = [member.platform for member in root.roster.valid()]
+        found: list[NodeRoster] = []
+        try:
+            async with asyncio.timeout(out.settings.timeout_s):
+                async for _ in session.module.every(POLL_S):
+                    found = await rosters(session, members, wanted)
+                    if all(one.synchronous for one in found):
+                        break
+        except TimeoutError:
+            pass  # those without it are in the result
+        return found or [NodeRoster(name, None, False, "no answer in time") for name in members]
+
+
+async def reached_rosters(out: Output, platforms: Sequence[str], wanted: int) -> list[NodeRoster]:
+    """The roster that each node has now, asked through the node on this computer, which runs."""
+    async with connect(out.settings, out) as session:
+        return await rosters(session, platforms, wanted)
+
+
+async def rosters(session: Session, platforms: Sequence[str], wanted: int) -> list[NodeRoster]:
+    """The roster that each node has now."""
+    states, errors = await read_boards(session, list(platforms), "net/roster", RosterState)
+    return [
+        NodeRoster(name, states[name].version, states[name].version >= wanted)
+        if name in states
+        else NodeRoster(name, None, False, str(errors[name]))
+        for name in platforms
+    ]

@@ -9,7 +9,7 @@ from typing import Final, Literal
 import msgspec
 
 from swarmctl.commands.keys.addresses import host_and_port, own_addresses
-from swarmctl.commands.keys.distribution import hand_over, local_member
+from swarmctl.commands.keys.distribution import current_root, hand_over
 from swarmctl.commands.keys.listener import JoinListener, listening_socket
 from swarmctl.commands.keys.root_folder import RootFolder
 from swarmctl.terminal.output import Output
@@ -65,8 +65,7 @@ def invite_nodes(out: Output, root_dir: Path | None, plan: InvitationPlan) -> No
     """
     check_plan(plan)
     folder = RootFolder(root_dir)
-    root = folder.load()
-    local_member(out, root)
+    root = current_root(out, folder)
     for platform in plan.platforms:
         if root.roster.find(platform) is not None:
             out.warn(f"{platform} is a member already: the node that joins with this token takes its place")
@@ -160,7 +159,7 @@ class _Gate:
                 self._out.detail(f"a request of {address} was refused or not readable")
                 return found
             try:
-                root = self._admit(found)
+                root = await self._admit(found)
             except (SwarmError, OSError) as error:
                 self._out.warn(f"{found.request.platform} at {address} could not be admitted: {error}")
                 return self._core.failed(found, str(error), utc_ns())
@@ -171,7 +170,7 @@ class _Gate:
             self._changed.set()
         return answer
 
-    def _admit(self, admission: Admission) -> Root:
+    async def _admit(self, admission: Admission) -> Root:
         request, invitation = admission.request, admission.invitation
         with self._folder.locked():
             root = self._folder.load()
@@ -179,7 +178,7 @@ class _Gate:
                 root.admit(Candidate(request.platform, invitation.role, request.sign_public, request.proof))
         if not admission.repeated:
             self._folder.record(invitation, used=True)
-            hand_over(self._out, root)
+            await hand_over(self._out, root)
         return root
 
     def _show(
@@ -224,7 +223,7 @@ def _to_file(out: Output, folder: RootFolder, plan: InvitationPlan) -> None:
         content = JoinFile(platform, seed, root.public, signed)
         replace_file(path, seal_file(token, os.urandom(NONCE_BYTES), content), mode=0o600)
     invitation = Invitation(platform, plan.role, token, 0)
-    hand_over(out, root)
+    asyncio.run(hand_over(out, root))
     show_invited(out, invitation, "invited", file=plan.file)
     out.say(
         f"bring {path} to {platform}, and the line by another way: together they are its identity;"

@@ -1,9 +1,11 @@
 """`swarmctl keys ls` and `keys show`: members of the swarm, as this computer's node or the root has them."""
 
+import asyncio
 from pathlib import Path
 
 import msgspec
 
+from swarmctl.commands.keys.distribution import reached_rosters
 from swarmctl.commands.keys.node_keys import NodeKeys
 from swarmctl.commands.keys.root_folder import RootFolder
 from swarmctl.terminal.output import Output
@@ -24,6 +26,8 @@ class ListedMember(msgspec.Struct, frozen=True):
     """Ed25519 public key, hexadecimal."""
     curve_public: str
     """X25519 public key, hexadecimal."""
+    roster: int | None = None
+    """Version of the roster that the node has now; None: it was not asked, or not reached."""
 
 
 class MemberList(msgspec.Struct, frozen=True):
@@ -44,6 +48,10 @@ class MemberList(msgspec.Struct, frozen=True):
 def list_members(out: Output, root_dir: Path | None) -> None:
     """Prints the members. Raises: as `known_members`."""
     found = known_members(out, root_dir)
+    node = _node(out) if root_dir is None else None
+    asked = node is not None and node.runs
+    if asked:
+        found = asyncio.run(_with_rosters(out, found))
     if out.settings.structured:
         out.document(found)
         return
@@ -52,10 +60,18 @@ def list_members(out: Output, root_dir: Path | None) -> None:
         Column("ROLE"),
         Column("SERIAL", right=True),
         Column("STATE"),
+        *((Column("ROSTER", right=True), Column("SYNC")) if asked else ()),
         Column("KEY", wide=True),
     ]
     rows = [
-        (one.platform, one.role, one.serial, "revoked" if one.revoked else "member", one.sign_public)
+        (
+            one.platform,
+            one.role,
+            one.serial,
+            "revoked" if one.revoked else "member",
+            *((one.roster, _synchronous(one, found.version)) if asked else ()),
+            one.sign_public,
+        )
         for one in found.members
     ]
     title = (
@@ -113,6 +129,23 @@ def known_members(out: Output, root_dir: Path | None) -> MemberList:
             )
     root = folder.load()
     return _members(root.roster, fingerprint(root.public), folder.path)
+
+
+async def _with_rosters(out: Output, found: MemberList) -> MemberList:
+    """The members with the roster that each node has now."""
+    names = [one.platform for one in found.members if not one.revoked]
+    versions = {one.platform: one.version for one in await reached_rosters(out, names, found.version)}
+    members = [
+        one if one.revoked else msgspec.structs.replace(one, roster=versions[one.platform])
+        for one in found.members
+    ]
+    return msgspec.structs.replace(found, members=members)
+
+
+def _synchronous(member: ListedMember, version: int) -> str | None:
+    if member.revoked or member.roster is None:
+        return None
+    return "yes" if member.roster >= version else "no"
 
 
 def _node(out: Output) -> NodeKeys | None:

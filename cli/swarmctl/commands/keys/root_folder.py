@@ -14,6 +14,7 @@ from swarmware.model import document
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.enrolment.inviter import Invitation
 from swarmware.transport.enrolment.messages import JoinRefusal
+from swarmware.transport.security.keys import ROSTER
 from swarmware.transport.security.root import ROOT_KEY, Root
 
 INVITATIONS: Final = "invitations.json"
@@ -63,6 +64,11 @@ class RootFolder:
         if not os.access(self.path / ROOT_KEY, os.R_OK):
             raise Denied(f"{self.path / ROOT_KEY}: not readable by this user; expected its owner")
         return Root.load(self.path)
+
+    def continue_from(self, signed: bytes) -> None:
+        """Take a newer roster that the root has signed: the folder is an older copy. Raises: OSError."""
+        with self.locked():
+            replace_file(self.path / ROSTER, signed, mode=0o644)
 
     @contextmanager
     def locked(self) -> Iterator[None]:

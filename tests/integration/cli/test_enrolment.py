@@ -1,0 +1,129 @@
+"""A swarm is made by its commands: nodes of real processes join, see each other, and learn of changes."""
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from tests.integration.broker.swarm import free_port
+
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import Root
+from swarmware.types.net import Routes
+
+PATIENCE_S = 30.0
+
+
+class Operator:
+    """Types `swarmctl keys …` on the computer of a node."""
+
+    def __init__(self, root: Path) -> None:
+        self._env = {**os.environ, "SWARMCTL_ROOT": str(root), "NO_COLOR": "1"}
+
+    async def start(self, config_dir: Path, *words: str) -> asyncio.subprocess.Process:
+        env = {**self._env, "SWARM_CONFIG": str(config_dir)}
+        pipe = asyncio.subprocess.PIPE
+        return await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "swarmctl", "keys", *words, env=env, stdout=pipe, stderr=pipe
+        )
+
+    async def keys(self, config_dir: Path, *words: str) -> str:
+        """The output of a command that succeeds."""
+        return await ended(await self.start(config_dir, *words))
+
+    @asynccontextmanager
+    async def inviting(self, config_dir: Path, *platforms: str) -> AsyncIterator[list[str]]:
+        """The words of each `keys join`; at the end all have joined."""
+        command = ("invite", *platforms, "--address", "127.0.0.1", "--valid", "60s")
+        process = await self.start(config_dir, *command)
+        assert process.stdout is not None
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                lines = [(await process.stdout.readline()).decode().split() for _ in platforms]
+            yield [line[3] for line in lines]
+            await ended(process)
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+
+
+async def ended(process: asyncio.subprocess.Process) -> str:
+    async with asyncio.timeout(PATIENCE_S):
+        out, err = await process.communicate()
+    assert process.returncode == 0, err.decode()
+    return out.decode()
+
+
+async def until(routes: BoardReader[Routes], *platforms: str) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while routes.value is None or {route.platform for route in routes.value.routes} != set(platforms):
+            await routes.changed()
+
+
+async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_path: Path) -> None:
+    broker = {"udp_port": free_port(), "bind_address": "127.0.0.1", "multicast_interface": "127.0.0.1"}
+    base, vehicle, other = (
+        make_node(tmp_path, name, kind=kind, services={"broker": broker, "tree": {}})
+        for name, kind in (("gcs", "gcs"), ("uav1", "uav"), ("uav2", "uav"))
+    )
+    root, operator = tmp_path / "root", Operator(tmp_path / "root")
+    await operator.keys(base, "init", "--swarm", "harbour")
+    async with operator.inviting(base, "uav1") as (token,):
+        await operator.keys(vehicle, "join", token)
+    async with (
+        spawn(base, "broker", "tree"),
+        spawn(vehicle, "broker", "tree"),
+        Module("probe", config_dir=base) as probe,
+    ):
+        routes = probe.reader("net/routes", Routes)
+        await until(routes, "uav1")
+
+        async with operator.inviting(base, "uav2") as (token,):
+            await operator.keys(other, "join", token)
+        async with spawn(other, "broker", "tree"):
+            await until(routes, "uav1", "uav2")
+            shown = await operator.keys(base, "rotate")
+            assert [line.split()[:3] for line in shown.splitlines()[1:]] == [
+                ["gcs", "4", "yes"],
+                ["uav1", "4", "yes"],
+                ["uav2", "4", "yes"],
+            ]
+            listed = await operator.keys(base, "ls")
+            assert [line.split()[-2:] for line in listed.splitlines()[2:]] == [["4", "yes"]] * 3
+            shown = await operator.keys(base, "revoke", "uav2", "--yes")
+            assert [line.split()[:3] for line in shown.splitlines()[1:]] == [
+                ["gcs", "5", "yes"],
+                ["uav1", "5", "yes"],
+            ]
+            await until(routes, "uav1")
+    for folder, name in ((base, "gcs"), (vehicle, "uav1")):
+        assert Keys.load(folder.parent / "keys", name).signed == Root.load(root).signed
+
+
+async def test_an_inviter_that_is_killed_leaves_a_root_that_invites_again(tmp_path: Path) -> None:
+    base, vehicle = make_node(tmp_path, "gcs"), make_node(tmp_path, "uav1")
+    root, operator = tmp_path / "root", Operator(tmp_path / "root")
+    await operator.keys(base, "init")
+    process = await operator.start(base, "invite", "uav1", "--address", "127.0.0.1")
+    assert process.stdout is not None
+    async with asyncio.timeout(PATIENCE_S):
+        token = (await process.stdout.readline()).decode().split()[3]
+    process.send_signal(signal.SIGKILL)
+    await process.communicate()
+    refused = await operator.start(vehicle, "join", token)
+    async with asyncio.timeout(PATIENCE_S):
+        _, err = await refused.communicate()
+    assert refused.returncode == 4 and b"no inviter answers" in err
+    assert Root.load(root).roster.version == 1
+    async with operator.inviting(base, "uav1") as (token,):
+        joining = await operator.start(vehicle, "join", token)
+        await ended(joining)
+    assert Keys.load(vehicle.parent / "keys", "uav1").roster == Root.load(root).roster
