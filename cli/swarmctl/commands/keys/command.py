@@ -18,6 +18,14 @@ root_option: Final = click.option(
     help="Folder of the swarm's root key; default: ~/.local/share/swarmware/root.",
 )
 
+read_root_option: Final = click.option(
+    "--root",
+    "root_dir",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Read the roster of the root in this folder, not that of the node.",
+)
+
 
 @click.group(cls=Group)
 def cmd() -> None:
@@ -116,7 +124,7 @@ def join(ctx: click.Context, token: str, file: Path | None, replace: bool) -> No
 
 
 @cmd.command(nodes=Nodes.NONE)
-@root_option
+@read_root_option
 @click.pass_context
 def ls(ctx: click.Context, root_dir: Path | None) -> None:
     """List the members of the swarm and who was revoked, as the node on this computer has them.
@@ -133,7 +141,7 @@ def ls(ctx: click.Context, root_dir: Path | None) -> None:
 
 @cmd.command(nodes=Nodes.NONE)
 @click.argument("platform", required=False, type=PLATFORM)
-@root_option
+@read_root_option
 @click.pass_context
 def show(ctx: click.Context, platform: str | None, root_dir: Path | None) -> None:
     """Show a member: role, key, and the swarm's root; without a name the node on this computer.
