@@ -5,6 +5,7 @@ from contextlib import closing
 import pytest
 
 from swarmctl.commands.keys.addresses import host_and_port, reachable
+from swarmctl.commands.keys.inviting import InvitationPlan, check_plan
 from swarmctl.commands.keys.listener import listening_socket
 from swarmware.errors import Conflict, InvalidInput
 
@@ -50,3 +51,19 @@ def test_two_inviters_on_one_computer_take_a_port_each() -> None:
         assert one.getsockname()[1] != other.getsockname()[1]
         with pytest.raises(Conflict, match="is in use"):
             listening_socket(one.getsockname()[1])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "text"),
+    [
+        (InvitationPlan(("uav1", "uav1"), "node", 60.0), "named twice"),
+        (InvitationPlan(("UAV1",), "node", 60.0), "UAV1"),
+        (InvitationPlan(("uav1",), "king", 60.0), "king"),
+        (InvitationPlan(("uav1",), "node", 1e9), "--valid"),
+        (InvitationPlan(("uav1",), "node", 0.0), "--valid"),
+        (InvitationPlan(("uav1", "uav2"), "node", 60.0, "", "x"), "--file: 2 platforms"),
+    ],
+)
+def test_an_invitation_that_cannot_be_made_is_refused(wanted: InvitationPlan, text: str) -> None:
+    with pytest.raises(InvalidInput, match=text):
+        check_plan(wanted)

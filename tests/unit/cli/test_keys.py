@@ -489,24 +489,6 @@ def test_members_are_listed_and_shown_as_documents(base: Station, root: Path, ve
         list_members(vehicle, None)
 
 
-@pytest.mark.parametrize(
-    ("wanted", "text"),
-    [
-        (plan("uav1", "uav1"), "named twice"),
-        (plan("UAV1"), "UAV1"),
-        (plan(role="king"), "king"),
-        (plan(valid_s=1e9), "--valid"),
-        (plan(valid_s=0.0), "--valid"),
-        (InvitationPlan(("uav1", "uav2"), "node", 60.0, "", "x"), "--file: 2 platforms"),
-    ],
-)
-def test_an_invitation_that_cannot_be_made_is_refused(
-    base: Station, root: Path, wanted: InvitationPlan, text: str
-) -> None:
-    with pytest.raises(InvalidInput, match=text):
-        invite_nodes(base, root, wanted)
-
-
 def test_a_damaged_record_of_invitations_names_its_place(base: Station, root: Path) -> None:
     for damage in (b"{", b'[{"number": "xy", "platform": "a", "role": "node", "expires_utc_s": 1}]'):
         (root / "invitations.json").write_bytes(damage)
