@@ -11,7 +11,6 @@ FOLDERS = ("lib", "daemons", "cli")
 PAGES = (*(ROOT / "share").glob("doc/*.md"), ROOT / "README.md", ROOT / "pyproject.toml")
 EXAMPLES = [*(ROOT / "share").rglob("*.py")]
 OVERRIDES = {
-    "revoke": "for `swarmctl keys`, which follows",
     "NO_DOCUMENT": "commands without a schema: a test holds that all others have one",
     "SSLContext": "read by asyncio",
     "command_class": "read by click",

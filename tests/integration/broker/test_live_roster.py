@@ -1,17 +1,24 @@
 """The roster while brokers run: revocation and rotation without a restart and without a gap, on the wire."""
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.test_hostile_frames import PATH, TRIES, dealer, order
 
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmware.errors import Conflict, Denied
+from swarmware.model.frame import encode
+from swarmware.model.names import hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.transport.security.keys import Keys, read_roster
-from swarmware.transport.security.root import Root, candidate
+from swarmware.transport.security.root import Root, candidate, make_swarm
+from swarmware.transport.security.seal import Sealer
 from swarmware.types.net import RosterState, SignedRoster
 from swarmware.types.scalar import Float, Text
 
@@ -167,3 +174,37 @@ async def test_a_roster_that_is_not_the_roots_or_is_old_is_refused_with_its_reas
         assert (await hand_over(one, b"")).version == 2
         stored = read_roster(tmp_path / "keys" / "uav1" / "roster.json", root.public)
         assert stored.version == 2
+
+
+@on_uvloop
+async def test_nothing_that_a_revoked_member_sends_is_taken(tmp_path: Path) -> None:
+    port, udp = free_port(socket.SOCK_STREAM), free_port()
+    make_swarm(tmp_path / "keys", dict.fromkeys(NAMES, "operator"))
+    settings = {"uav1": {"tcp_port": port, "unicast_port": udp}}
+    async with swarm(tmp_path, "uav1", "uav2", keys=False, settings=settings) as pair:
+        one, root = pair["uav1"], Root.load(tmp_path / "keys")
+        await pair["uav2"].until_up("uav1")
+        keys = Keys.load(tmp_path / "keys" / "uav3", "uav3")
+        server = keys.curve_of("uav1")
+        assert server is not None
+        box = one.app.inbox(PATH, Text)
+        hw, sealer = hardware_id("uav3"), Sealer(keys.group, hardware_id("uav3"), 7)
+        async with dealer(keys, server, port) as connection:
+            connection.send(encode(order("uav3", 0, one.app.clock.now_ns())))
+            assert (await anext(box)).value == "hostile", "it is a member"
+            await hand_over(one, root.revoke("uav3"))
+            for number in range(1, TRIES + 1):
+                connection.send(encode(order("uav3", number, one.app.clock.now_ns())))
+            before = (await one.until_counted(lambda traffic: traffic.refused.revoked > 0)).refused.revoked
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as air:
+                for sequence in range(1, TRIES + 1):
+                    clear = codec.encode_header(Header(keys.group.mark, hw, sequence, 0, 7))
+                    beacon = clear + sealer.seal(sequence, clear, codec.encode(Beacon()))
+                    air.sendto(beacon, ("127.0.0.1", udp))
+                    if sequence % 50 == 0:
+                        await asyncio.sleep(0)  # the broker empties its buffer
+            await one.until_counted(lambda traffic: traffic.refused.revoked >= before + TRIES)
+        await until_has(pair["uav2"].app.reader("net/roster", RosterState), 2)
+        assert (await pair["uav2"].app.send("/uav1/" + PATH, Text("member"), timeout_s=10.0)).delivered
+        assert (await anext(box)).value == "member", "the orders of the revoked one are not there"
+        assert len(box) == 0
