@@ -154,6 +154,10 @@ WITHOUT_NODES = {
     "kill": "one vehicle, named twice",
     "lab down": "of a lab",
     "lab env": "one node, named once",
+    **dict.fromkeys(
+        ("keys init", "keys invite", "keys join", "keys ls", "keys show", "keys revoke", "keys rotate"),
+        "of the swarm's root and the node on this computer",
+    ),
     "lab ls": "of labs",
     "lab report": "of a folder",
     "lab run": "of a new lab",
