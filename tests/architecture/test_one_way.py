@@ -23,7 +23,6 @@ CALLS: Final = {
             "lib/swarmware/transport/appfile/trace.py": "sets the file of a dead application aside",
             "lib/swarmware/recorder/growing_file.py": "a segment gets its name when it has its end",
             "lib/swarmware/recorder/ring.py": "sets a damaged segment aside",
-            "daemons/swarmd/tree/store.py": "sets a damaged file aside",
         },
     ),
     "map memory": (

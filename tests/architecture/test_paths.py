@@ -24,6 +24,7 @@ EXCEPTIONS: Final = {
     ("daemons/swarmd/health/core/apps.py", "f'app/{self.name}'"): "the name of a check, no path",
     ("daemons/swarmd/health/core/apps.py", "f\"app/{self.id.replace('#', '_')}\""): "the name of a check",
     ("daemons/swarmd/tree/operator_api.py", "f'sys/tree/{verb}'"): "the verb of the request",
+    ("cli/swarmctl/resources/access.py", "f'sys/tree/{verb}'"): "the verb of the request",
 }
 """Texts that are composed elsewhere, each with its reason."""
 

@@ -35,6 +35,10 @@ COMMANDS: Final = (
     "tree show /uav1",
     "tree get /uav1/nav/pose",
     "tree type Pose",
+    "tree log -n uav1",
+    "tree diff uav1 uav2",
+    "tree dump /uav1/nav",
+    "tree lint --templates",
     "call /uav1/sys/node/info",
     "wait /uav1/nav/pose age()<60 --timeout 5",
     "topo",
@@ -60,7 +64,8 @@ COMMANDS: Final = (
 )
 """Commands that a person waits for, and the help of each top command."""
 NOT_MEASURED: Final = {
-    "acts": "node restart, node drain, node undrain, app restart, app start, app stop, tree set, pub,"
+    "acts": "node restart, node drain, node undrain, app restart, app start, app stop, tree set, tree undo,"
+    " tree rule, tree load, pub,"
     " traffic set, mission start, mission abort, hold, land, return, arm, disarm, kill, health clear,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
     " lab up, lab down, lab run,"

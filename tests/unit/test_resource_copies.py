@@ -23,7 +23,7 @@ def test_an_entry_of_a_template_has_the_fields_of_a_resource_but_its_path() -> N
 def test_a_listed_resource_has_the_fields_of_the_resource_and_what_one_node_sees() -> None:
     entry = TreeEntry.of(POSE, "/uav1/nav/pose", 0.2, Quality.LIVE)
     assert (entry.path, entry.age_s, entry.quality) == ("/uav1/nav/pose", 0.2, Quality.LIVE)
-    shared = set(TreeEntry.__struct_fields__) - {"path", "age_s", "quality", "measured_hz"}
+    shared = set(TreeEntry.__struct_fields__) - {"path", "age_s", "quality", "measured_hz", "rule"}
     assert {name: getattr(entry, name) for name in shared} == {name: getattr(POSE, name) for name in shared}
     assert set(Resource.__struct_fields__) - shared == {"path", "critical", "max_age_s", "default"}, (
         "not listed"

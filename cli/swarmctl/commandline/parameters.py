@@ -60,6 +60,14 @@ def named_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
     return found
 
 
+def at_pattern(ctx: click.Context, pattern: str) -> tuple[CliSettings, str]:
+    """As `at_path`; a platform alone means everything of it, and nothing everything of the selected nodes."""
+    chosen, local = at_path(ctx, pattern.rstrip("/"))
+    if local.startswith("/"):
+        return chosen._replace(node=local[1:]), "**"
+    return chosen, local or "**"
+
+
 def at_path(ctx: click.Context, path: str) -> tuple[CliSettings, str]:
     """The settings with the nodes of a path, which may be a pattern, and the path without them."""
     platform, _, local = path.removeprefix("/").partition("/")

@@ -132,8 +132,14 @@ async def write(session: Session, path: str, text: str, version: int | None = No
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
     """
     request = TreeSet(path, msgspec.msgpack.encode(json_or_text(text)), version)
-    done = await session.ask(join(session.here, "sys/tree/set"), request, TreeSetDone, about=path)
+    done = await _ask_owner(session, "set", path, request)
     return await _written(session, done)
+
+
+async def _ask_owner(session: Session, verb: str, path: str, request: msgspec.Struct) -> TreeSetDone:
+    """Asks the platform of a resource for a change: it decides with the rights of this session."""
+    platform = split(path)[0] or session.here
+    return await session.ask(join(platform, f"sys/tree/{verb}"), request, TreeSetDone, about=path)
 
 
 async def _written(session: Session, done: TreeSetDone) -> Written:
@@ -162,7 +168,7 @@ async def undo(session: Session, path: str) -> Written:
 
     Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
     """
-    done = await session.ask(join(session.here, "sys/tree/undo"), TreeUndo(path), TreeSetDone, about=path)
+    done = await _ask_owner(session, "undo", path, TreeUndo(path))
     return await _written(session, done)
 
 
@@ -171,6 +177,5 @@ async def reset(session: Session, path: str) -> Written:
 
     Raises: NotFound, InvalidInput when it is not a setting, NoAnswer, Denied.
     """
-    request = TreeReset(path)
-    done = await session.ask(join(session.here, "sys/tree/reset"), request, TreeSetDone, about=path)
+    done = await _ask_owner(session, "reset", path, TreeReset(path))
     return await _written(session, done)

@@ -1,5 +1,7 @@
 """Reasons why fewer values arrive than their owner writes."""
 
+from typing import Final
+
 from swarmctl.resources.newest import newest
 from swarmctl.resources.rate_meter import RateMeter
 from swarmctl.session.session import Session
@@ -9,6 +11,9 @@ from swarmware.model.names import Pattern
 from swarmware.types import registry
 from swarmware.types.net import ChannelLimit, ChannelLimits
 from swarmware.types.tree import TreeEntry
+
+MISSION_STATE: Final = "mission/state"
+"""Board whose rate a mission needs: its barriers wait for it."""
 
 _BY_LINK = {
     "tick": "the beacon carries the newest value only",

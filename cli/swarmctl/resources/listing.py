@@ -35,7 +35,7 @@ async def listing(session: Session, pattern: str) -> TreeListing:
         full = session.path(pattern)
     else:
         full = f"{session.path(pattern.rstrip('/') or '/')}/**" if pattern != "/" else "/**"
-    found = await _pages(session, full)
+    found = await pages(session, full)
     if not found.entries:
         platform = names.split(full)[0] or session.platform
         known = [one.platform for one in found.platforms]
@@ -63,22 +63,26 @@ async def at_owners(session: Session, found: TreeListing) -> TreeListing:
 
     async def ask(platform: str, paths: list[str]) -> list[TreeEntry]:
         try:
-            return list((await _pages(session, names.join(platform, _common(paths)), platform)).entries)
+            return list((await pages(session, names.join(platform, _common(paths)), platform)).entries)
         except SwarmError as error:
             session.out.warn(f"{platform}: ages and rates as seen from {session.here}: {error}")
             return []
 
     answers = await asyncio.gather(*(ask(*item) for item in by_platform.items()))
     owners = {entry.path: entry for answer in answers for entry in answer}
-    merged = [
-        entry
-        if (known := owners.get(entry.path)) is None or known.age_s is None
-        else msgspec.structs.replace(
-            entry, age_s=known.age_s, quality=known.quality, measured_hz=known.measured_hz
-        )
-        for entry in found.entries
-    ]
+    merged = [_as_owned(entry, owners.get(entry.path)) for entry in found.entries]
     return msgspec.structs.replace(found, entries=tuple(merged))
+
+
+def _as_owned(entry: TreeEntry, known: TreeEntry | None) -> TreeEntry:
+    """An entry with what its owner knows of its value, and the owner's rule."""
+    if known is None:
+        return entry
+    if known.age_s is None:
+        return msgspec.structs.replace(entry, rule=known.rule)
+    return msgspec.structs.replace(
+        entry, age_s=known.age_s, quality=known.quality, measured_hz=known.measured_hz, rule=known.rule
+    )
 
 
 def _common(paths: list[str]) -> str:
@@ -100,7 +104,7 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
     """
     await session.check_selected(path)
     full = session.path(path)
-    found = await _pages(session, full)
+    found = await pages(session, full)
     entries = [entry for entry in found.entries if entry.kind in VALUED]
     if is_pattern(full):
         if not entries:
@@ -114,7 +118,7 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
     entry = entries[0] if entries else await _at_owner(session, platform, full)
     if entry is None or entry.kind not in VALUED:
         # the error of its tree has the reason: an unknown path, a branch, a command
-        await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
+        await _ask_value(session, full)
         raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
     return [entry]
 
@@ -128,7 +132,7 @@ async def entry_of(session: Session, path: str) -> TreeEntry:
     entry = await _exact(session, full)
     if entry is None:
         # the error of its tree names similar paths
-        await session.ask(names.join(session.here, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
+        await _ask_value(session, full)
         raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
     return entry
 
@@ -140,7 +144,7 @@ async def find_entry(session: Session, path: str) -> TreeEntry | None:
     """
     full = names.check_path(session.path(path))
     platform = names.split(full)[0] or session.here
-    found = await _pages(session, full)
+    found = await pages(session, full)
     if found.entries:
         return found.entries[0]
     try:
@@ -157,6 +161,12 @@ async def consequence(session: Session, path: str) -> str:
     return "" if entry is None else entry.confirm
 
 
+async def _ask_value(session: Session, full: str) -> None:
+    """Asks the owner for a value, for the error that says why there is none."""
+    owner = names.split(full)[0] or session.here
+    await session.ask(names.join(owner, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
+
+
 async def _exact(session: Session, full: str) -> TreeEntry | None:
     """The resource at a global path; None: there is none.
 
@@ -164,7 +174,7 @@ async def _exact(session: Session, full: str) -> TreeEntry | None:
     """
     platform = names.split(full)[0] or session.here
     await session.reach(platform)
-    found = await _pages(session, full)
+    found = await pages(session, full)
     return found.entries[0] if found.entries else await _at_owner(session, platform, full)
 
 
@@ -172,11 +182,11 @@ async def _at_owner(session: Session, platform: str, full: str) -> TreeEntry | N
     """The resource as its platform lists it: a new one is known there first."""
     if platform == session.here:
         return None
-    found = await _pages(session, full, platform)
+    found = await pages(session, full, platform)
     return found.entries[0] if found.entries else None
 
 
-async def _pages(session: Session, pattern: str, platform: str = "") -> TreeListing:
+async def pages(session: Session, pattern: str, platform: str = "") -> TreeListing:
     """All pages of a list of the joined node, or of another platform."""
     path = names.join(platform or session.here, "sys/tree/list")
     found = await session.ask(path, TreeList(pattern, PAGE), TreeListing)

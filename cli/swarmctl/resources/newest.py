@@ -5,8 +5,10 @@ Overviews import this and the types that they show, not what the description of 
 
 from typing import Final
 
+import msgspec
+
 from swarmctl.session.session import Session
-from swarmware.errors import NoAnswer
+from swarmware.errors import NoAnswer, NotFound
 from swarmware.model.names import join, split
 from swarmware.types.tree import Quality, TreeGet, TreeValue, ValueSource
 
@@ -16,21 +18,49 @@ its subscription may have ended."""
 
 
 async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
-    """The newest value; a mirror older than FRESH_S is replaced by the owner's value, if it answers.
+    """The newest value: the copy at the joined node if it is young enough, else that of the owner.
 
     Of a platform without a route it is the last value that the joined node received.
     Raises: NotFound, NoAnswer.
     """
-    ask = join(session.here, "sys/tree/get")
-    lost = not fresh and not await session.in_reach(split(path)[0] or session.here)
-    found = await session.ask(ask, TreeGet(path, fresh), TreeValue, about="" if lost else path)
-    if (
-        found.source is not ValueSource.MIRROR
-        or found.quality is Quality.LOST
-        or (found.age_s or FRESH_S) < FRESH_S
-    ):
-        return found
+    platform = split(path)[0] or session.here
+    if fresh or platform == session.here:
+        return await owned(session, path)
+    reachable = await session.in_reach(platform)
+    copy = None
     try:
-        return await session.ask(ask, TreeGet(path, True), TreeValue, about=path)
+        ask = join(session.here, "sys/tree/get")
+        copy = await session.ask(ask, TreeGet(path), TreeValue, about=path if reachable else "")
+    except NotFound:
+        if not reachable:
+            raise
+    if copy is not None and (not reachable or _is_young(copy)):
+        return copy
+    try:
+        return await owned(session, path)
     except NoAnswer:
+        if copy is None:
+            raise
+        return copy
+
+
+def _is_young(copy: TreeValue) -> bool:
+    """Whether the copy is used without a query; the last value of an owner that has ended is as it is."""
+    if copy.quality is Quality.LOST:
+        return True
+    return copy.quality is Quality.LIVE and copy.age_s is not None and copy.age_s < FRESH_S
+
+
+async def owned(session: Session, path: str) -> TreeValue:
+    """The newest value at its owner, which is asked directly.
+
+    Raises: NotFound, NoAnswer, Denied.
+    """
+    platform = split(path)[0] or session.here
+    found = await session.ask(join(platform, "sys/tree/get"), TreeGet(path), TreeValue, about=path)
+    if platform == session.here:
         return found
+    age_s = session.age_s(platform, found.stamp_ns)
+    return msgspec.structs.replace(
+        found, source=ValueSource.ASKED, age_s=found.age_s if age_s is None else age_s
+    )

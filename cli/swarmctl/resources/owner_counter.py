@@ -2,11 +2,12 @@
 
 import asyncio
 
+from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError
-from swarmware.model.names import join, split
+from swarmware.model.names import split
 from swarmware.model.resource import Kind
-from swarmware.types.tree import TreeEntry, TreeGet, TreeValue
+from swarmware.types.tree import TreeEntry, TreeValue
 
 
 def is_numbered(session: Session, entry: TreeEntry) -> bool:
@@ -17,9 +18,8 @@ def is_numbered(session: Session, entry: TreeEntry) -> bool:
 
 async def at_owner(session: Session, path: str) -> TreeValue | None:
     """The newest value at its owner, with its number and rate there; None: no answer."""
-    request = TreeGet(path, True)
     try:
-        return await session.ask(join(session.here, "sys/tree/get"), request, TreeValue, about=path)
+        return await owned(session, path)
     except SwarmError:
         return None
 

@@ -132,6 +132,15 @@ class Session:
         except NoAnswer as error:
             raise NoAnswer(f"{about or full}: {platform} does not answer ({error})") from error
 
+    def age_s(self, platform: str, stamp_ns: int) -> float | None:
+        """Age of a stamp of a platform's clock; None: that clock is not known at the joined node."""
+        local_ns = self.module.remote_clocks.to_local(names.hardware_id(platform), stamp_ns)
+        return None if local_ns is None else (self.module.now_ns() - local_ns) / 1e9
+
+    def renew(self) -> None:
+        """Asks for routes and known platforms again at their next use."""
+        self._routes, self._known = None, ()
+
     async def routes(self) -> Routes:
         """Routes of the joined node; requested once.
 

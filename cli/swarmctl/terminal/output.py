@@ -47,6 +47,11 @@ class Output:
         return terminal_width(self._out)
 
     @property
+    def height(self) -> int | None:
+        """Lines of the terminal; None: stdout is none."""
+        return os.get_terminal_size(self._out.fileno()).lines if self._out.isatty() else None
+
+    @property
     def lively(self) -> bool:
         """Whether stderr is a terminal that can show a progress bar."""
         return self._err.isatty() and not self.settings.quiet

@@ -7,9 +7,11 @@ from typing import Final
 
 import msgspec
 
+from swarmd.tree.change_log import ChangeLog
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
+from swarmd.tree.rule_store import RuleStore
 from swarmd.tree.settings import Settings
 from swarmd.tree.tree_view import TreeView, json_text
 from swarmd.tree.type_catalogue import TypeCatalogue
@@ -21,24 +23,24 @@ from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.requester import requester
-from swarmware.module.writer import BoardWriter
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
 from swarmware.types.description import TypeDescription
 from swarmware.types.tree import (
-    Quality,
+    Rule,
     TreeChange,
     TreeEntry,
     TreeGet,
     TreeList,
     TreeListing,
     TreeReset,
+    TreeRule,
+    TreeRules,
     TreeSet,
     TreeSetDone,
     TreeUndo,
     TreeValue,
     TypeRequest,
-    ValueSource,
 )
 
 LIMIT: Final = 5000
@@ -48,7 +50,7 @@ DEMAND_S: Final = 1.0
 
 
 class OperatorApi:
-    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `list` and `type`."""
+    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `rule`, `list` and `type`."""
 
     def __init__(
         self,
@@ -59,7 +61,8 @@ class OperatorApi:
         view: TreeView,
         settings: Settings,
         types: TypeCatalogue,
-        changes: BoardWriter[TreeChange],
+        changes: ChangeLog,
+        rules: RuleStore,
         answer_s: float,
     ) -> None:
         """`stepped`: set after each step of the tree, which may have brought a structure."""
@@ -71,6 +74,8 @@ class OperatorApi:
         self._settings = settings
         self._types = types
         self._changes = changes
+        self._rules = rules
+        self._setting_rule = asyncio.Lock()
         self._answer_s = answer_s
         self._access = Access()
 
@@ -81,6 +86,7 @@ class OperatorApi:
         serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
         serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
         serve("sys/tree/reset", TreeReset, self._reset, reply=TreeSetDone)
+        serve("sys/tree/rule", TreeRule, self._rule, reply=TreeRules)
         serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
         serve("sys/tree/type", TypeRequest, self._type, reply=TypeDescription)
 
@@ -92,32 +98,38 @@ class OperatorApi:
 
     # -- get
 
-    async def _get(self, request: TreeGet, meta: Meta) -> TreeValue:
+    def _get(self, request: TreeGet, meta: Meta) -> TreeValue:
         view = self._view
         platform, local = self._split(request.path)
         if platform == self._module.platform:
             self._access.check(meta.sender, Verb.GET, local)
             return view.own_value(view.own_leaf(local), self._settings.version(local))
+        if request.fresh or meta.sender_hw != self._module.node.hardware:
+            raise self._not_its_owner(platform, request.path, "get")
         view.check_platform(platform)
-        mirrored = None if request.fresh else view.mirrored_value(platform, local)
-        if mirrored is not None and (mirrored.quality == Quality.LIVE or not view.is_reachable(platform)):
+        mirrored = view.mirrored_value(platform, local)
+        if mirrored is not None:
             return mirrored
         if not view.is_reachable(platform):
             raise NoAnswer(f"{request.path}: {platform} cannot be reached, and this node has no value of it")
-        # the owner has the newest value, and finds similar paths
-        found = await self._module.request(
-            names.join(platform, "sys/tree/get"), TreeGet(local), TreeValue, timeout_s=self._answer_s
+        owner = names.join(platform, "sys/tree/get")
+        raise NotFound(
+            f"{request.path}: {self._module.platform} has no copy of it; expected a request to {owner}"
         )
-        stamp_ns = self._module.remote_clocks.to_local(names.hardware_id(platform), found.stamp_ns)
-        age_s = found.age_s if stamp_ns is None else (self._module.now_ns() - stamp_ns) / 1e9
-        return msgspec.structs.replace(found, source=ValueSource.ASKED, age_s=age_s)
+
+    def _not_its_owner(self, platform: str, path: str, verb: str) -> Denied:
+        """A request that only the owner of the resource decides, with the rights of who asks."""
+        owner = names.join(platform, f"sys/tree/{verb}")
+        return Denied(f"{path}: asked of {self._module.platform}; expected a request to its owner, {owner}")
 
     # -- type
 
-    async def _type(self, request: TypeRequest, _: Meta) -> TypeDescription:
+    async def _type(self, request: TypeRequest, meta: Meta) -> TypeDescription:
         name, platform = request.name, request.platform or self._module.platform
         if platform == self._module.platform:
             return self._types.description(name)
+        if meta.sender_hw != self._module.node.hardware:
+            raise self._not_its_owner(platform, f"type {name!r} of {platform}", "type")
         self._view.check_platform(platform)
         if not self._view.is_reachable(platform):
             return self._types.kept(platform, name)
@@ -135,42 +147,28 @@ class OperatorApi:
 
     # -- changes
 
-    async def _set(self, request: TreeSet, meta: Meta) -> TreeSetDone:
-        path, _dot, field = request.path.partition(".")
+    def _own_resource(self, path: str, verb: str) -> Resource:
+        """A resource of this platform.
+
+        Raises: NotFound; Denied for another platform, which decides with the rights of who asks.
+        """
         platform, local = self._split(path)
         if platform != self._module.platform:
-            there = msgspec.structs.replace(request, path=f"{local}.{field}" if field else local)
-            return await self._change_there(platform, "set", there, request.path, meta)
-        resource = self._view.own_leaf(local).resource
+            raise self._not_its_owner(platform, path, verb)
+        return self._view.own_leaf(local).resource
+
+    async def _set(self, request: TreeSet, meta: Meta) -> TreeSetDone:
+        path, _dot, field = request.path.partition(".")
+        resource = self._own_resource(path, "set")
         return await self._change_here(resource, meta, partial(self._set_here, resource, field, request))
 
     async def _undo(self, request: TreeUndo, meta: Meta) -> TreeSetDone:
-        platform, local = self._split(request.path)
-        if platform != self._module.platform:
-            return await self._change_there(platform, "undo", TreeUndo(local), request.path, meta)
-        resource = self._view.own_leaf(local).resource
+        resource = self._own_resource(request.path, "undo")
         return await self._change_here(resource, meta, partial(self._undo_here, resource))
 
     async def _reset(self, request: TreeReset, meta: Meta) -> TreeSetDone:
-        platform, local = self._split(request.path)
-        if platform != self._module.platform:
-            return await self._change_there(platform, "reset", TreeReset(local), request.path, meta)
-        resource = self._view.own_leaf(local).resource
+        resource = self._own_resource(request.path, "reset")
         return await self._change_here(resource, meta, partial(self._reset_here, resource))
-
-    async def _change_there(
-        self, platform: str, verb: str, request: msgspec.Struct, path: str, meta: Meta
-    ) -> TreeSetDone:
-        """Forward a change to the platform of the resource.
-
-        Raises: Denied for a request of a third platform, which would get this platform's rights.
-        """
-        if meta.sender is not None:
-            raise Denied(f"{path}: asked of {self._module.platform}; expected a request to its own platform")
-        self._view.check_platform(platform)
-        return await self._module.request(
-            names.join(platform, f"sys/tree/{verb}"), request, TreeSetDone, timeout_s=self._answer_s
-        )
 
     async def _change_here(
         self, resource: Resource, meta: Meta, change: Callable[[str, str], Awaitable[TreeSetDone]]
@@ -183,9 +181,9 @@ class OperatorApi:
             self._access.check(meta.sender, verb, resource.path)
             done = await change(shown, by)
         except SwarmError as error:
-            self._changes.write(TreeChange(shown, by, before, "", str(error)))
+            await self._changes.record(TreeChange(shown, by, before, "", str(error)))
             raise
-        self._changes.write(TreeChange(shown, by, before, json_text(done.data)))
+        await self._changes.record(TreeChange(shown, by, before, json_text(done.data)))
         return done
 
     async def _set_here(
@@ -203,7 +201,9 @@ class OperatorApi:
             version = await self._settings.set(resource, value, shown, by, request.version)
             return TreeSetDone(shown, version, resource.type, registry.encode(value))
         if request.version is not None and (frame is None or frame.sequence != request.version):
-            have = "no value" if frame is None else f"version {frame.sequence}"
+            have = "no value"
+            if frame is not None:
+                have = f"version {frame.sequence} ({self._view.own_text(resource)})"
             raise Conflict(f"{shown}: has {have} now; expected version {request.version}")
         return await self._forward_to_owner(resource, shown, value)
 
@@ -229,6 +229,33 @@ class OperatorApi:
     async def _reset_here(self, resource: Resource, shown: str, by: str) -> TreeSetDone:
         value, version = await self._settings.reset(resource, shown, by)
         return TreeSetDone(shown, version, resource.type, registry.encode(value))
+
+    # -- rules of notifications
+
+    async def _rule(self, request: TreeRule, meta: Meta) -> TreeRules:
+        """Rules in force, after the change of one. Raises: Denied, NotFound, InvalidInput, SwarmError."""
+        platform = self._module.platform
+        if request.changes:
+            shown, by = names.join(platform, request.pattern), requester(self._module, meta)
+            before = _rule_text(self._rules.rules, request.pattern)
+            try:
+                self._access.check(meta.sender, Verb.SET, request.pattern)
+                async with self._setting_rule:
+                    await self._set_rule(request, shown)
+            except SwarmError as error:
+                await self._changes.record(TreeChange(shown, by, before, "", str(error)))
+                raise
+            after = _rule_text(self._rules.rules, request.pattern)
+            await self._changes.record(TreeChange(shown, by, before, after))
+        return TreeRules(platform, self._rules.rules)
+
+    async def _set_rule(self, request: TreeRule, shown: str) -> None:
+        rules = self._rules.changed(request)
+        try:
+            await asyncio.to_thread(self._rules.put, rules)
+        except OSError as error:
+            raise SwarmError(f"rule {shown}: cannot be stored: {error}; the old rules stay") from error
+        self._driver.feed(self._tree.on_rules(rules, self._module.now_ns()))
 
     # -- list
 
@@ -265,3 +292,14 @@ class OperatorApi:
                     await self._stepped.wait()
         except TimeoutError:
             return  # known structures are listed, others as unknown
+
+
+def _rule_text(rules: tuple[Rule, ...], pattern: str) -> str:
+    """The rule of a pattern for the record of changes; empty: there is none."""
+    found = next((rule for rule in rules if rule.pattern == pattern), None)
+    if found is None:
+        return ""
+    return (
+        f"rule: deadband {found.deadband:g}, min interval {found.min_interval_s:g} s,"
+        f" max interval {found.max_interval_s:g} s"
+    )

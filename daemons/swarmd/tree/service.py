@@ -7,8 +7,10 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
 
+from swarmd.tree import change_log, rule_store
 from swarmd.tree import config as own
 from swarmd.tree.boundary import Boundary
+from swarmd.tree.change_log import ChangeLog
 from swarmd.tree.config_api import ConfigApi
 from swarmd.tree.core.action import (
     Action,
@@ -25,6 +27,7 @@ from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.operator_api import OperatorApi
 from swarmd.tree.report import TreeReport
+from swarmd.tree.rule_store import RuleStore
 from swarmd.tree.settings import Settings
 from swarmd.tree.store import SettingsStore
 from swarmd.tree.taps import Peek, Tap
@@ -83,6 +86,9 @@ class Tree(Service):
         changes: BoardWriter[TreeChange] = module.stream_writer(
             "tree/changes", TreeChange, kind="event", link="request", log="all"
         )
+        self._changes = ChangeLog(module, changes, node.config.data_path / change_log.FILE)
+        rules = RuleStore(node.config.data_path / rule_store.FILE)
+        self._driver.defer(self._tree.on_rules(rules.rules, module.now_ns()))
         self._operator_api = OperatorApi(
             module,
             self._tree,
@@ -91,7 +97,8 @@ class Tree(Service):
             TreeView(self._tree, self._peek, module.now_ns, module.remote_clocks.to_local),
             self._settings,
             TypeCatalogue(module.platform, node.applications.table),
-            changes,
+            self._changes,
+            rules,
             config.answer_s,
         )
         self._config_api = ConfigApi(module, self._settings)
@@ -118,6 +125,7 @@ class Tree(Service):
             self._exchange.serve()
             self._operator_api.serve()
             self._config_api.serve()
+            self._changes.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")
                 group.create_task(self._follow_applications(changed), name="tree:apps")

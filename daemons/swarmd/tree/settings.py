@@ -174,7 +174,8 @@ class Settings:
                 raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} has the reason")
             present = self.version(resource.path)
             if expected is not None and expected != present:
-                raise Conflict(f"{shown}: has version {present} now; expected {expected}")
+                found = msgspec.json.encode(_plain(self._value(resource))).decode()
+                raise Conflict(f"{shown}: has version {present} ({found}) now; expected {expected}")
             kept = self._store.get(resource.path)
             change = SettingChange(
                 utc_ns=utc_ns(),

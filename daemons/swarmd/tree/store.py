@@ -11,7 +11,7 @@ import tomli_w
 from swarmware.errors import ConfigError
 from swarmware.model.clock import utc_ns
 from swarmware.model.stored_setting import HISTORY_LIMIT, SettingChange, StoredSetting, read_settings
-from swarmware.runtime.filewriter import replace_file
+from swarmware.runtime.filewriter import replace_file, set_aside
 
 SIZE_LIMIT: Final = 1 << 20
 """Maximum bytes of the file while there is history to remove: a quarter of what a start reads."""
@@ -33,11 +33,7 @@ class SettingsStore:
         except FileNotFoundError:
             return
         except (OSError, ConfigError) as error:
-            aside = self._path.with_suffix(f".broken-{utc_ns()}")
-            try:
-                self._path.rename(aside)
-            except OSError:
-                aside = self._path
+            aside = set_aside(self._path, f".broken-{utc_ns()}")
             log.error("%s: cannot be used (%s); kept as %s, defaults are in force", self._path, error, aside)
 
     def __iter__(self) -> Iterator[tuple[str, StoredSetting]]:

@@ -103,7 +103,8 @@ class TreeView:
         age_s = None if frame is None else self._age_s(platform, frame)
         quality = self._quality(platform, leaf, age_s, known=frame is not None)
         measured = self._measured_hz(platform, resource, frame, age_s)
-        return TreeEntry.of(resource, names.join(platform, resource.path), age_s, quality, measured)
+        rule = self._tree.subscribers.rule_of(resource.path) if platform == self._own else None
+        return TreeEntry.of(resource, names.join(platform, resource.path), age_s, quality, measured, rule)
 
     # -- values
 

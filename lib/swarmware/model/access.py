@@ -58,8 +58,8 @@ DEFAULT: Final = (
     AccessRule(Verb.GET, "**", Role.OBSERVER),
     AccessRule(Verb.SET, "**", Role.OPERATOR),
     # the tree itself checks the access to the requested path
-    AccessRule(Verb.CALL, "sys/tree/{get,history,list,structure,subscribe,type}", Role.OBSERVER),
-    AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset}", Role.NODE),
+    AccessRule(Verb.CALL, "sys/tree/{get,history,list,log,structure,subscribe,type}", Role.OBSERVER),
+    AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset,rule}", Role.NODE),
     AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions}", Role.OBSERVER),
     AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", Role.OBSERVER),
     AccessRule(Verb.CALL, "sys/{mission,vehicle,health}/**", Role.OPERATOR),

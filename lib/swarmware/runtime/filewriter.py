@@ -28,3 +28,13 @@ def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = 
         with contextlib.suppress(OSError):
             fresh.unlink()  # on a full disk it would occupy the last free space
         raise
+
+
+def set_aside(path: Path, suffix: str) -> Path:
+    """Rename a file that cannot be used, to keep it; returns its name, the old one if that fails."""
+    aside = path.with_suffix(suffix)
+    try:
+        path.rename(aside)
+    except OSError:
+        return path
+    return aside

@@ -44,12 +44,12 @@ class ValueSource(OpenEnum):
 
 @register
 class TreeGet(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request of `sys/tree/get`: the newest value of a resource of any platform."""
+    """Request of `sys/tree/get`: the newest value of a resource, or of the copy that a node has of it."""
 
     path: str
-    """`/uav3/nav/pose`, or `nav/pose` on the platform that is asked."""
+    """`nav/pose` of the platform that is asked; `/uav3/nav/pose` of another one: its copy at the own node."""
     fresh: bool = False
-    """Query the owner even if there is a fresh mirror."""
+    """Refuse a copy: only the owner has the present value."""
 
 
 @register
@@ -135,6 +135,19 @@ class TypeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Notification rule of some resources."""
+
+    pattern: PathText
+    """Pattern of the local paths to which it applies."""
+    deadband: Finite = 0.0
+    """A number must differ by more than this from the value sent last; 0: any change."""
+    min_interval_s: Seconds = 0.0
+    max_interval_s: Seconds = 0.0
+    """Send again after this time even without a change; 0: never."""
+
+
+@register
 class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One resource of an answer of `sys/tree/list`."""
 
@@ -163,6 +176,8 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Effect of setting it, which an operator must confirm; empty: no confirmation."""
     measured_hz: float | None = None
     """Rate at which the owner has written the newest values; None: not known."""
+    rule: Rule | None = None
+    """Rule of an operator for its notifications; None: none, or known to its owner only."""
 
     @classmethod
     def of(
@@ -172,14 +187,17 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
         age_s: float | None,
         quality: Quality,
         measured_hz: float | None = None,
+        rule: Rule | None = None,
     ) -> Self:
         """The entry of a resource; `path`: its global path."""
         shared = {field: getattr(resource, field) for field in _OF_RESOURCE}
-        return cls(path=path, age_s=age_s, quality=quality, measured_hz=measured_hz, **shared)
+        return cls(path=path, age_s=age_s, quality=quality, measured_hz=measured_hz, rule=rule, **shared)
 
 
 _OF_RESOURCE: Final = tuple(
-    field for field in TreeEntry.__struct_fields__ if field not in {"path", "age_s", "quality", "measured_hz"}
+    field
+    for field in TreeEntry.__struct_fields__
+    if field not in {"path", "age_s", "quality", "measured_hz", "rule"}
 )
 """Fields of an entry that are those of its resource."""
 
@@ -220,6 +238,73 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     after: str
     refused: str = ""
     """Reason of a refusal; empty when it was executed."""
+
+
+@register
+class TreeLogQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/log`: the changes that this platform was asked for, also refused ones."""
+
+    pattern: PathText = "**"
+    """Pattern of local paths."""
+    by: Annotated[str, msgspec.Meta(max_length=200)] = ""
+    """Part of the requester's name; empty: all requesters."""
+    since_utc_ns: int = 0
+    """Only changes from this instant on, by the wall clock of the platform."""
+    refused: bool = False
+    """Only refused changes."""
+    limit: int = 100
+    """The newest of them."""
+
+
+@register
+class LoggedChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A change that was asked for, and when."""
+
+    utc_ns: int
+    """Wall clock of the platform."""
+    change: TreeChange
+
+
+@register
+class TreeLog(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/tree/log`: the newest change first."""
+
+    platform: str
+    changes: tuple[LoggedChange, ...] = ()
+    more: int = 0
+    """Number of older changes that match."""
+
+
+@register
+class TreeRule(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/rule`: the rule by which this platform sends values to all its subscribers.
+
+    Without a deadband, an interval or `reset` it asks for the rules in force.
+    """
+
+    pattern: PathText
+    """Pattern of local paths."""
+    deadband: Finite | None = None
+    min_interval_s: Seconds | None = None
+    max_interval_s: Seconds | None = None
+    """None: as it is; 0 in a new rule."""
+    reset: bool = False
+    """Remove the rule of exactly this pattern."""
+
+    @property
+    def changes(self) -> bool:
+        """Whether it changes a rule."""
+        return self.reset or any(
+            value is not None for value in (self.deadband, self.min_interval_s, self.max_interval_s)
+        )
+
+
+@register
+class TreeRules(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/tree/rule`: the rules in force; the first whose pattern matches a path applies to it."""
+
+    platform: str
+    rules: tuple[Rule, ...] = ()
 
 
 @register
@@ -309,19 +394,6 @@ class StructureReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     data: bytes = b""
     """zlib (with the preset dictionary of share/doc/protocol.md, section 14, or none) of MessagePack: the
     template's resources (form 3 only) and the changes."""
-
-
-@register
-class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Notification rule of some resources."""
-
-    pattern: PathText
-    """Pattern of the local paths to which it applies."""
-    deadband: Finite = 0.0
-    """A number must differ by more than this from the value sent last; 0: any change."""
-    min_interval_s: Seconds = 0.0
-    max_interval_s: Seconds = 0.0
-    """Send again after this time even without a change; 0: never."""
 
 
 @register

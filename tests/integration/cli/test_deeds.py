@@ -33,6 +33,16 @@ def test_a_setting_is_changed_versioned_and_read_back(ctl: Ctl) -> None:
     undone = ctl("config undo navigator/altitude_kp -n uav2").out
     assert undone == f"{GAIN} = 1.5 (version {before['version'] + 3}; was 1.25)\n"
     assert ctl("config get navigator/altitude_kp -n uav2").out == "1.5\n"
+    assert ctl(f"tree undo {GAIN} --json").document["value"] == 1.25
+    refused = ctl(f"tree set {GAIN} 2 --version 99")
+    assert refused.code == 1
+    assert f"has version {before['version'] + 4} (1.25) now; expected 99" in refused.err
+    changes = ctl(f"tree log {GAIN} --since 1h --count 2 --json").document["changes"]
+    assert [(one["before"], one["after"], bool(one["refused"])) for one in changes] == [
+        (1.25, None, True),
+        (1.5, 1.25, False),
+    ]
+    assert all("gcs" in one["by"] for one in changes)
 
 
 def test_what_is_not_mirrored_yet_is_watched(ctl: Ctl) -> None:

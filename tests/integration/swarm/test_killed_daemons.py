@@ -118,7 +118,7 @@ async def answer(module: Module) -> TreeValue:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             try:
-                return await module.request("sys/tree/get", TreeGet(POSE, fresh=True), TreeValue, timeout_s=1)
+                return await module.request("/uav1/sys/tree/get", TreeGet(POSE), TreeValue, timeout_s=1)
             except SwarmError:
                 await routes.changed()  # written once a second, and when the way there changes
 

@@ -11,7 +11,8 @@ import msgspec
 import uvloop
 from tests.integration.broker.swarm import free_port
 
-from swarmware.errors import SwarmError
+from swarmware.errors import NotFound, SwarmError
+from swarmware.model import names
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
@@ -71,11 +72,17 @@ class Platform:
     # -- what operators do
 
     async def get(self, path: str, *, fresh: bool = False) -> TreeValue:
-        return await self.probe.request("sys/tree/get", TreeGet(path, fresh), TreeValue, timeout_s=5)
+        """Of the copy at this node, else of the owner."""
+        if not fresh:
+            try:
+                return await self.probe.request("sys/tree/get", TreeGet(path), TreeValue, timeout_s=5)
+            except NotFound:
+                pass
+        return await self.probe.request(_owner(path, "get"), TreeGet(path), TreeValue, timeout_s=5)
 
     async def set(self, path: str, value: object, version: int | None = None) -> TreeSetDone:
         wish = TreeSet(path, msgspec.msgpack.encode(value), version)
-        return await self.probe.request("sys/tree/set", wish, TreeSetDone, timeout_s=5)
+        return await self.probe.request(_owner(path, "set"), wish, TreeSetDone, timeout_s=5)
 
     async def list(self, pattern: str) -> dict[str, TreeEntry]:
         found = await self.probe.request("sys/tree/list", TreeList(pattern), TreeListing, timeout_s=5)
@@ -91,6 +98,12 @@ class Platform:
                 except SwarmError:
                     pass  # it starts, or starts again
                 await asyncio.sleep(0.05)
+
+
+def _owner(path: str, verb: str) -> str:
+    """The request at the platform of a resource."""
+    platform = names.split(path)[0]
+    return names.join(platform, f"sys/tree/{verb}") if platform else f"sys/tree/{verb}"
 
 
 async def until(reader: BoardReader[T], what: Callable[[T], bool]) -> T:

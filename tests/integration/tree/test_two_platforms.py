@@ -20,9 +20,23 @@ from swarmware.errors import (
     TypeMismatch,
 )
 from swarmware.model.resource import Kind, Resource
+from swarmware.types.description import TypeDescription
 from swarmware.types.net import ChannelLimits, SetChannel
 from swarmware.types.scalar import Blob, Float, Int, Text
-from swarmware.types.tree import StreamLosses, TreeChange, TreeSet, TreeSetDone, TreeUndo
+from swarmware.types.tree import (
+    Rule,
+    StreamLosses,
+    TreeChange,
+    TreeGet,
+    TreeReset,
+    TreeRule,
+    TreeRules,
+    TreeSet,
+    TreeSetDone,
+    TreeUndo,
+    TreeValue,
+    TypeRequest,
+)
 from swarmware.types.vehicle import Goal, GoalKind, Pose, VehicleState
 
 SPEED = Resource(
@@ -126,17 +140,17 @@ async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owne
         board.write(Text("turn left"))
         await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None)
         asked = await gcs.get("/uav1/plan/step")
-        assert (asked.source, asked.path, asked.type) == ("asked", "/uav1/plan/step", "Text")
+        assert (asked.source, asked.path, asked.type) == ("own", "/uav1/plan/step", "Text")
         assert msgspec.msgpack.decode(asked.data, type=Text) == Text("turn left")
         mirror = gcs.probe.reader("/uav1/plan/step", Text)
         await until(mirror, lambda value: value.value == "turn left")
         assert (await gcs.get("/uav1/plan/step")).source == "mirror"
-        assert (await gcs.get("/uav1/plan/step", fresh=True)).source == "asked"
+        assert (await gcs.get("/uav1/plan/step", fresh=True)).source == "own"
         assert (await uav.get("plan/step")).source == "own"
         with pytest.raises(NotFound, match="did you mean /uav1/plan/step"):
             await gcs.get("/uav1/plan/stop")
         with pytest.raises(NotFound, match=r"'uav7': not known to gcs; expected one of gcs, uav1"):
-            await gcs.get("/uav7/plan/step")
+            await gcs.probe.request("sys/tree/get", TreeGet("/uav7/plan/step"), TreeValue, timeout_s=5)
         with pytest.raises(NotFound, match="a branch has no value"):
             await gcs.get("/uav1/net")
         with pytest.raises(NotFound, match="no value yet"):
@@ -156,9 +170,25 @@ async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tm
         assert (refused.path, refused.by, refused.after) == (path, "node@uav1", "")
         await gcs.set(path, 3.0)
         assert (await changes.next(PATIENCE_S)).by == "probe#1@gcs"
-        around = TreeSet("/uav1/speed", b"\x01")
-        with pytest.raises(Denied, match="asked of gcs; expected a request to its own platform"):
-            await uav.probe.request("/gcs/sys/tree/set", around, TreeSetDone, timeout_s=5)
+        # neither a third platform nor an application of the node gets the rights of the node
+        path = "/uav1/speed"
+        around: list[tuple[str, msgspec.Struct, type[msgspec.Struct]]] = [
+            ("set", TreeSet(path, b"\x01"), TreeSetDone),
+            ("undo", TreeUndo(path), TreeSetDone),
+            ("reset", TreeReset(path), TreeSetDone),
+            ("get", TreeGet(path, True), TreeValue),
+        ]
+        for verb, request, reply in around:
+            expected = rf"asked of gcs; expected a request to its owner, /uav1/sys/tree/{verb}"
+            for one in (uav, gcs):
+                with pytest.raises(Denied, match=expected):
+                    await one.probe.request(f"/gcs/sys/tree/{verb}", request, reply, timeout_s=5)
+        with pytest.raises(Denied, match="asked of gcs"):
+            await uav.probe.request("/gcs/sys/tree/get", TreeGet(path), TreeValue, timeout_s=5)
+        with pytest.raises(Denied, match="asked of gcs"):
+            await uav.probe.request(
+                "/gcs/sys/tree/type", TypeRequest("Text", "uav1"), TypeDescription, timeout_s=5
+            )
 
 
 @on_uvloop
@@ -183,7 +213,7 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
             "[4.0]",
         )
         assert (await gcs.get(path, fresh=True)).version == 1
-        with pytest.raises(Conflict, match="has version 1 now; expected 0"):
+        with pytest.raises(Conflict, match=r"has version 1 \(4\.0\) now; expected 0"):
             await gcs.set(path, 5, version=0)
         with pytest.raises(OutOfRange, match=r"13 m/s; expected 0 to 12 m/s"):
             await gcs.set(path, 13)
@@ -207,7 +237,7 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
                 except SwarmError:
                     await asyncio.sleep(0.05)
         assert (value.version, msgspec.msgpack.decode(value.data)) == (1, [4.0])
-        back = await gcs.probe.request("sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=5)
+        back = await gcs.probe.request("/uav1/sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=5)
         assert (back.version, msgspec.msgpack.decode(back.data)) == (2, [2.5])
         await until(seen, lambda value: value.value == 2.5)
 
@@ -244,11 +274,20 @@ async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: P
         await until(fuel, lambda value: value.value == 0.9)
         event.write(Text("before"))
         assert (await faults.next(PATIENCE_S)).value == "before"
+        later = gcs.probe.reader("/uav1/plan/later", Text)
+        rule = TreeRule("power/*", min_interval_s=0.05)
+        set_rules = await gcs.probe.request("/uav1/sys/tree/rule", rule, TreeRules, timeout_s=5)
         trees[side].signal(signal.SIGKILL)
         await trees[side].wait()
         board.write(Float(0.8))
+        # of a resource that did not exist when it was subscribed to, and comes while one of the trees is dead
+        uav.probe.writer("plan/later", Text).write(Text("it came"))
         await both[side].start("tree")
         await until(fuel, lambda value: value.value == 0.8)
+        await until(later, lambda value: value.value == "it came")
+        kept = await uav.probe.request("sys/tree/rule", TreeRule("**"), TreeRules, timeout_s=5)
+        assert kept == set_rules
+        assert kept.rules == (Rule("power/*", 0.0, 0.05),)
         event.write(Text("after"))
         # an event that nobody watched is lost with the service that should have; none comes twice
         assert (await faults.next(PATIENCE_S)).value == "after"
@@ -298,7 +337,7 @@ async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path
         mirror = gcs.probe.reader("/uav1/plan/step", Text)
         await until(mirror, lambda value: value.value == "turn left")
         assert (await gcs.set(f"/uav1/{SPEED.path}", 3.5)).version == 1
-        assert (await gcs.get(f"/uav1/{SPEED.path}")).source == "asked"
+        assert (await gcs.get(f"/uav1/{SPEED.path}")).source == "own"
 
 
 @on_uvloop

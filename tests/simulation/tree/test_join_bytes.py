@@ -31,14 +31,14 @@ ACK_BYTES = HEADER_BYTES + len(registry.encode(Ack(0, "uav10:tree#1", "", 10**15
 class Cell(VirtualTime):
     """Trees that all hear each other; messages take 5 ms, versions are in every hello."""
 
-    def __init__(self, patterns: dict[str, tuple[str, ...]]) -> None:
+    def __init__(self, patterns: dict[str, tuple[str, ...]], nodes: int = 16) -> None:
         super().__init__()
         self.bytes: dict[str, int] = {}
         self.structure_bytes: dict[str, int] = {}
         self.trees: dict[str, SwarmTree] = {}
         self._drivers: dict[str, CoreDriver[Action]] = {}
         self.up: set[str] = set()
-        for index in range(16):
+        for index in range(nodes):
             kind = "gcs" if index == 0 else "ugv" if index < 6 else "multirotor"
             name = "gcs" if index == 0 else f"ugv{index}" if index < 6 else f"uav{index}"
             self._start(name, TEMPLATES[kind], 1000 + index, patterns.get(name, ()))

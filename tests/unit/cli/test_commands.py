@@ -39,11 +39,19 @@ from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderRece
 from swarmware.types.net import ChannelLimits, Neighbours, Routes, RouteState, Traffic
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
-from swarmware.types.tree import Quality, TreeEntry, TreeListing, TreePlatform, TreeSetDone, TreeValue
+from swarmware.types.tree import (
+    Quality,
+    TreeEntry,
+    TreeListing,
+    TreePlatform,
+    TreeSetDone,
+    TreeValue,
+)
 from swarmware.types.vehicle import Pose
 
 R = TypeVar("R", bound=msgspec.Struct)
-GET, SET, UNDO, LIST = (f"/gcs/sys/tree/{verb}" for verb in ("get", "set", "undo", "list"))
+GET, SET, UNDO, RESET = (f"/uav1/sys/tree/{verb}" for verb in ("get", "set", "undo", "reset"))
+COPY, LIST = "/gcs/sys/tree/get", "/gcs/sys/tree/list"
 GAIN = "/uav1/config/gain"
 
 
@@ -68,11 +76,16 @@ class ScriptedSession(Session):
         timeout_s: float | None = None,
     ) -> R:
         self.asked.append(path)
+        if path == COPY and f"{path} {about}".strip() not in self.answers:
+            raise NotFound(f"{about}: gcs has no copy of it")
         found = self.answers[f"{path} {about}".strip()]
         if isinstance(found, SwarmError):
             raise found
         assert isinstance(found, reply), path
         return found
+
+    def age_s(self, platform: str, stamp_ns: int) -> float | None:
+        return None
 
     async def routes(self) -> Routes:
         route = RouteState("uav1", 1, "uav1", 256, 1, 1, 0)

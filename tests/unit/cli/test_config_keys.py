@@ -8,7 +8,7 @@ from typing import Any
 import click
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, LIST, ScriptedSession
+from tests.unit.cli.test_commands import GET, LIST, RESET, SET, ScriptedSession
 from tests.unit.cli.test_commands import value as tree_value
 
 from swarmctl.commandline import word_cache
@@ -25,7 +25,6 @@ from swarmware.types.config import ConfigChange, ConfigHistory, ConfigKey, Confi
 from swarmware.types.tree import TreeEntry, TreeListing, TreeReset, TreeSet, TreeSetDone
 
 KP = "/uav1/config/navigator/altitude_kp"
-SET, RESET = "/gcs/sys/tree/set", "/gcs/sys/tree/reset"
 CONFIG, HISTORY = "/uav1/sys/node/config", "/uav1/sys/tree/history"
 pack = msgspec.msgpack.encode
 

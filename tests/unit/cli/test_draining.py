@@ -7,7 +7,7 @@ import click
 import jsonschema
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, ScriptedSession
+from tests.unit.cli.test_commands import COPY, ScriptedSession
 
 from swarmctl.commands.node import draining
 from swarmctl.commands.node.identity import show_node
@@ -149,7 +149,7 @@ class Silent(ScriptedSession):
         return self.route
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **rest: Any) -> Any:
-        if path != GET:
+        if path != COPY:
             raise NoAnswer(f"/uav1/{path}: uav1 does not answer")
         wanted = getattr(value, "path", "")
         if not self.kept or not wanted.endswith("nav/pose"):

@@ -175,6 +175,7 @@ WITHOUT_NODES = {
     "new mission": "makes a folder",
     "new module": "makes a folder",
     "new service": "makes a folder",
+    "tree diff": "names its two sides",
 }
 OF_ONE_NODE = {
     "mission start": "acts through one ground station; --member selects vehicles",

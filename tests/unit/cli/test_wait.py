@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, LIST, ScriptedSession
+from tests.unit.cli.test_commands import COPY, GET, LIST, ScriptedSession
 
 from swarmctl.commands.wait.condition_watch import ConditionWatch
 from swarmctl.commands.wait.waiting import wait_until
@@ -168,7 +168,7 @@ class Waiting(ScriptedSession):
             assert isinstance(value, TreeList)
             found = self.entry is not None and self.entry.path.endswith(value.pattern)
             return TreeListing((self.entry,) if found and self.entry else ())
-        assert path == GET
+        assert path in {COPY, GET}
         if isinstance(self.present, SwarmError):
             raise self.present
         return self.present

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from swarmd.tree.core.structure import index as index_module
 from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmware.errors import InvalidInput
 from swarmware.model.names import Pattern
@@ -127,6 +128,28 @@ def test_a_search_finds_exactly_what_a_look_at_every_path_would(
     assert [item.resource.path for item in index.match(pattern, after=after)] == expected
 
 
+@given(
+    changes=st.lists(st.tuples(st.booleans(), _path), max_size=30),
+    pattern=_pattern,
+    after=st.one_of(st.just(""), _path),
+)
+def test_a_search_by_segments_finds_the_same_after_any_changes(
+    changes: list[tuple[bool, str]], pattern: str, after: str
+) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(index_module, "SCAN_LIMIT", 0)
+        index = Index([board("a"), board("b/a")])
+        list(index.match("*/b"))  # a search builds the segments, which must then be kept
+        for add, path in changes:
+            if add:
+                index.put(board(path))
+            else:
+                index.remove(path)
+        paths = {item.resource.path for item in index}
+        expected = sorted(path for path in paths if Pattern(pattern).matches(path) and path > after)
+        assert [item.resource.path for item in index.match(pattern, after=after)] == expected
+
+
 @given(st.lists(st.tuples(st.booleans(), _path), max_size=30))
 def test_the_digest_is_that_of_a_fresh_index_after_any_changes(changes: list[tuple[bool, str]]) -> None:
     index = Index()
@@ -153,5 +176,12 @@ def test_of_a_hundred_thousand_resources_only_those_below_the_prefix_are_looked_
         return matches(pattern, path)
 
     monkeypatch.setattr(Pattern, "matches", counting)
-    assert len(list(index.match("unit500/**"))) == 100
+    assert len(list(index.match("unit500/*"))) == 100
     assert len(looked) == 100
+    assert len(list(index.match("unit500/**"))) == 100
+    assert len(looked) == 100, "all below a branch match"
+    index.put(board("unit5/extra/deep"))
+    for pattern, found, at_most in (("*/value7", 1000, 1000), ("**/deep", 1, 0), ("**/extra/*", 1, 1)):
+        looked.clear()
+        assert len(list(index.match(pattern))) == found
+        assert len(looked) <= at_most, pattern

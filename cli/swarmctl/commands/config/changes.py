@@ -5,8 +5,9 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.config.keys import ConfiguredKey, change_command, configured, unpacked
-from swarmctl.resources.access import read, reset, set_resource, undo
+from swarmctl.resources.access import reset, set_resource
 from swarmctl.resources.listing import consequence, is_pattern
+from swarmctl.resources.undoing import undo_resource
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
@@ -14,15 +15,6 @@ from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NotFound
 from swarmware.model import names, paths
 from swarmware.types.config import ConfigHistory, HistoryQuery
-
-
-class SettingUndone(msgspec.Struct, frozen=True):
-    """A setting whose last change was undone."""
-
-    path: str
-    before: Any
-    value: Any
-    version: int
 
 
 class HistoryEntry(msgspec.Struct, frozen=True):
@@ -104,25 +96,12 @@ async def undo_setting(session: Session, key: str, *, yes: bool) -> None:
     """
     _check_one(key)
     try:
-        await _undo(session, key, yes=yes)
+        await undo_resource(session, paths.setting(key), yes=yes)
     except (NotFound, InvalidInput):
         name = await _live_name(session, key)
         if name == key:
             raise  # it was not changed
-        await _undo(session, name, yes=yes)
-
-
-async def _undo(session: Session, key: str, *, yes: bool) -> None:
-    path = session.path(paths.setting(key))
-    will = "" if yes else await consequence(session, path)
-    await session.confirm(yes, will and f"undo the last change of {paths.setting(key)}: {will}")
-    before = await read(session, path, fresh=True)
-    done = await undo(session, path)
-    if session.settings.structured:
-        session.out.document(SettingUndone(done.path, before.value, done.value, done.version))
-    else:
-        was, now = brief(before.value), brief(done.value)
-        session.out.text(f"{done.path} = {now} (version {done.version}; was {was})")
+        await undo_resource(session, paths.setting(name), yes=yes)
 
 
 async def print_history(session: Session, pattern: str) -> None:

@@ -2,31 +2,24 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import click
 import msgspec
 import tomli_w
 
 from swarmctl.commands.config.keys import ConfiguredKey, change_command, configured
-from swarmctl.resources.access import read_all, write
+from swarmctl.resources.access import read_all
 from swarmctl.resources.listing import valued
+from swarmctl.resources.value_changes import ValueChange, check, set_all
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
-from swarmware.errors import Denied, InvalidInput, NotFound, Partial, SwarmError
+from swarmware.errors import Denied, NotFound
 from swarmware.model import document, names, paths
 from swarmware.runtime.filewriter import replace_file
 from swarmware.types.config import ConfigOrigin
 from swarmware.types.tree import TreeEntry
-
-PYTHON_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
-    "Float": (int, float),
-    "Int": (int,),
-    "Bool": (bool,),
-    "Text": (str,),
-}
-"""Types of a value in a file, by the type of the setting."""
 
 
 class LoadedChange(msgspec.Struct, frozen=True):
@@ -109,7 +102,13 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
     asks = sorted({entry.confirm for key, (entry, _) in present.items() if key in wanted and entry.confirm})
     effect = f"set {', '.join(change.key for change in changes)}: {'; '.join(asks)}"
     await session.confirm(yes, effect if changes and asks else "")
-    await _set_all(session, changes)
+    await set_all(
+        session,
+        [
+            ValueChange(names.join(session.platform, paths.setting(one.key)), one.before, one.after, one.key)
+            for one in changes
+        ],
+    )
     if session.settings.structured:
         session.out.document(SettingsLoaded(changes, session.platform))
         return
@@ -168,47 +167,6 @@ def _print_differences(session: Session, differences: list[SettingDifference], o
         return
     columns = [Column("KEY"), Column(session.platform, right=True), Column(other or "FILE", right=True)]
     session.out.table(columns, [(one.key, _cell(one.here), _cell(one.there)) for one in differences])
-
-
-def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
-    """Checks a value of a file before anything is changed; its owner checks it again.
-
-    Raises: InvalidInput naming file, key and what was expected.
-    """
-    types = PYTHON_TYPES.get(entry.type)
-    if types is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
-        raise InvalidInput(f"{file}: {key}: {value!r}; expected a value of type {entry.type}")
-    if entry.range is not None and not entry.range[0] <= value <= entry.range[1]:
-        low, high = entry.range
-        raise InvalidInput(
-            f"{file}: {key}: {brief(value)}; expected {low:g} to {high:g} {entry.unit}".rstrip()
-        )
-    if entry.choices and value not in entry.choices:
-        raise InvalidInput(f"{file}: {key}: {value!r}; expected one of {', '.join(entry.choices)}")
-
-
-async def _set_all(session: Session, changes: list[LoadedChange]) -> None:
-    """Sets all of them; a refusal takes back those before it, and is raised."""
-    done: list[LoadedChange] = []
-    for change in changes:
-        try:
-            await _set(session, change.key, change.after)
-        except SwarmError as error:
-            left = []
-            for earlier in reversed(done):
-                try:
-                    await _set(session, earlier.key, earlier.before)
-                except SwarmError:
-                    left.append(earlier.key)
-            if left:
-                raise Partial(f"{error}; not taken back: {', '.join(left)}") from error
-            raise
-        done.append(change)
-
-
-async def _set(session: Session, key: str, value: Any) -> None:
-    path = names.join(session.platform, paths.setting(key))
-    await write(session, path, msgspec.json.encode(value).decode())
 
 
 async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry, Any]]:

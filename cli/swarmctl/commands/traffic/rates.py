@@ -1,12 +1,11 @@
 """Rates of a broker's channels, from its counters, and limits set by an operator."""
 
-from typing import Final
-
 import click
 import msgspec
 
 from swarmctl.commandline.nodes import is_selection
 from swarmctl.resources.fanout import ask_all, warn_errors
+from swarmctl.resources.limits import MISSION_STATE
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
 from swarmware.errors import Partial, SwarmError
@@ -15,9 +14,6 @@ from swarmware.model.names import Pattern
 from swarmware.runtime.instant import until
 from swarmware.types.net import ChannelLimits, SetChannel, Traffic
 from swarmware.types.rpc import Empty
-
-MISSION_STATE: Final = "mission/state"
-"""Board that the barriers of a mission work through."""
 
 
 class ChannelRates(msgspec.Struct, frozen=True):

@@ -5,8 +5,8 @@ import click
 from swarmctl.commandline import completion
 from swarmctl.commandline.completion_cache import VALUED
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import at_path
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.parameters import at_path, at_pattern
+from swarmctl.commandline.settings import Nodes, settings
 
 FIELDS = click.option(
     "--field",
@@ -51,16 +51,23 @@ def ls(ctx: click.Context, pattern: str) -> None:
 
 @cmd.command()
 @click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
+@click.option("--watch", is_flag=True, help="Draw it again each second, with ages and rates; Ctrl-C ends it.")
+@click.option("--count", type=click.IntRange(min=1), metavar="N", help="With --watch: end after N drawings.")
 @click.pass_context
-def show(ctx: click.Context, pattern: str) -> None:
+def show(ctx: click.Context, pattern: str, watch: bool, count: int | None) -> None:
     """Draw the tree of resources.
 
-    Example: swarmctl tree show /uav1
+    Example: swarmctl tree show /uav1/nav --watch
     """
-    from swarmctl.commands.tree.listing import draw_resources
+    from swarmctl.commands.tree.listing import draw_resources, watch_resources
     from swarmctl.session.session import run
 
-    run(settings(ctx), draw_resources, pattern)
+    if count is not None and not watch:
+        raise click.UsageError("--count N ends --watch; expected both")
+    if watch:
+        run(settings(ctx), watch_resources, pattern, count)
+    else:
+        run(settings(ctx), draw_resources, pattern)
 
 
 @cmd.command()
@@ -84,7 +91,12 @@ def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> N
 @click.argument("path", shell_complete=completion.resources(VALUED | {"command"}, "w", fields=True))
 @click.argument("value", shell_complete=completion.values)
 @click.option(
-    "--if-version", "version", type=int, metavar="N", help="Set it only if it still has this version."
+    "--version",
+    "--if-version",
+    "version",
+    type=int,
+    metavar="N",
+    help="Set it only if it still has this version, which `tree get --json` shows.",
 )
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation, such as for arming.")
 @click.pass_context
@@ -101,6 +113,172 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 
     chosen, local = at_path(ctx, path)
     run_each(chosen, set_resource, local, value, version=version, yes=yes)
+
+
+@cmd.command()
+@click.argument("path", shell_complete=completion.resources({"setting"}, "w"))
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.pass_context
+def undo(ctx: click.Context, path: str, yes: bool) -> None:
+    """Undo the last change of a setting; a second call restores it.
+
+    Example: swarmctl tree undo /uav1/config/navigator/altitude_kp
+    """
+    from swarmctl.resources.undoing import undo_resource
+    from swarmctl.session.each_node import run_each
+
+    chosen, local = at_path(ctx, path)
+    run_each(chosen, undo_resource, local, yes=yes)
+
+
+@cmd.command()
+@click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"command"}, "w"))
+@click.option("--by", default="", metavar="NAME", help="Only of requesters whose name contains this.")
+@click.option("--since", default="", metavar="TIME", help="Only of the last 30s, 5m, 2h or 1d.")
+@click.option("--refused", is_flag=True, help="Only changes that were refused.")
+@click.option(
+    "--count",
+    type=click.IntRange(1, 500),
+    default=20,
+    metavar="N",
+    help="The newest N changes; default: 20.",
+)
+@click.pass_context
+def log(ctx: click.Context, pattern: str, by: str, since: str, refused: bool, count: int) -> None:
+    """Print who asked for which change of a resource, when, from what to what, and what was refused.
+
+    Example: swarmctl tree log '/*/config/**' --since 1h
+    """
+    from swarmctl.commands.tree.change_log import print_log
+    from swarmctl.session.each_node import run_each
+
+    chosen, local = at_pattern(ctx, pattern)
+    run_each(chosen, print_log, local, by=by, since=since, refused=refused, count=count)
+
+
+@cmd.command()
+@click.argument("pattern", default="", shell_complete=completion.resources(VALUED))
+@click.option(
+    "--deadband",
+    type=click.FloatRange(min=0),
+    metavar="X",
+    help="Notify only when a number differs by more than X.",
+)
+@click.option("--min-interval", default="", metavar="TIME", help="At most one notification in 500ms, 2s, 1m.")
+@click.option(
+    "--max-interval", default="", metavar="TIME", help="Repeat a value without a change after this."
+)
+@click.option("--reset", is_flag=True, help="Remove the rule of this pattern.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.pass_context
+def rule(
+    ctx: click.Context,
+    pattern: str,
+    deadband: float | None,
+    min_interval: str,
+    max_interval: str,
+    reset: bool,
+    yes: bool,
+) -> None:
+    """Set when a platform notifies its subscribers of a resource; without an option print the rules in force.
+
+    A rule is stored at the platform, holds for all its subscribers and replaces their own rules.
+
+    Example: swarmctl tree rule '/*/power/**' --deadband 0.5 --min-interval 2s
+    """
+    from swarmctl.commands.tree.rules import set_rule
+    from swarmctl.session.each_node import run_each
+
+    changes = deadband is not None or min_interval or max_interval
+    if reset and changes:
+        raise click.UsageError("--reset removes the rule; expected it alone")
+    chosen, local = at_pattern(ctx, pattern)
+    run_each(
+        chosen,
+        set_rule,
+        local,
+        deadband=deadband,
+        min_interval=min_interval,
+        max_interval=max_interval,
+        reset=reset,
+        yes=yes,
+    )
+
+
+@cmd.command()
+@click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
+@click.option("--file", default="", metavar="FILE", help="Write it there: TOML, or JSON by the ending .json.")
+@click.pass_context
+def dump(ctx: click.Context, pattern: str, file: str) -> None:
+    """Print structure and values of a platform or a pattern as TOML, or write them to a file.
+
+    Example: swarmctl tree dump /uav1 --file uav1.toml
+    """
+    from swarmctl.commands.tree.snapshot import dump as dump_tree
+    from swarmctl.session.session import run
+
+    run(settings(ctx), dump_tree, pattern, file)
+
+
+@cmd.command()
+@click.argument("file", metavar="FILE")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.pass_context
+def load(ctx: click.Context, file: str, yes: bool) -> None:
+    """Set the settings of a dump to its values, all or none; that of one platform also at others, with -n.
+
+    All values are checked before one is set; when one is refused the others are taken back. Values of boards
+    are measured, and commands move vehicles: these are left alone.
+
+    Example: swarmctl tree load uav1.toml -n uav2
+    """
+    from swarmctl.commands.tree.snapshot import load as load_tree
+    from swarmctl.session.session import run
+
+    run(settings(ctx), load_tree, file, yes=yes)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("one", metavar="FILE|PLATFORM|PATTERN")
+@click.argument("other", default="", metavar="[FILE|PLATFORM|PATTERN]")
+@click.option("--values", is_flag=True, help="Compare all values, not only those of settings.")
+@click.pass_context
+def diff(ctx: click.Context, one: str, other: str, values: bool) -> None:
+    """Print what differs between two dumps, a dump and now, or two platforms: resources and settings.
+
+    Example: swarmctl tree diff uav1 uav2
+    """
+    from swarmctl.commands.tree.comparison import diff as diff_trees
+    from swarmctl.session.session import run
+
+    run(settings(ctx), diff_trees, one, other, values=values)
+
+
+@cmd.command()
+@click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
+@click.option(
+    "--templates", is_flag=True, help="Check the templates of this installation only; needs no node."
+)
+@click.pass_context
+def lint(ctx: click.Context, pattern: str, templates: bool) -> None:
+    """Check templates and the live tree: units, ranges, types, names, owners, contradictions of platforms.
+
+    A pattern checks only what matches it in the live tree.
+
+    Example: swarmctl tree lint '/*/config/**'
+    """
+    from swarmctl.commands.tree import lint as checks
+    from swarmctl.session.session import run
+    from swarmctl.terminal.output import Output
+    from swarmware.model.config import share_dir
+
+    folder = share_dir() / "templates"
+    if templates and pattern:
+        raise click.UsageError("--templates or PATTERN, not both")
+    if templates:
+        checks.show(Output(settings(ctx)), *checks.template_findings(folder))
+    else:
+        run(settings(ctx), checks.lint_live, pattern, None if pattern else folder)
 
 
 @cmd.command()

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Iterator
 
+from swarmctl.commands.tree.rules import rule_text
+from swarmctl.terminal.quantities import spoken
 from swarmware.model import names
 from swarmware.model.resource import Kind
 from swarmware.types.tree import Quality, TreeEntry
@@ -13,29 +15,34 @@ class _Node:
         self.entry: TreeEntry | None = None
 
 
-def tree(entries: Iterable[TreeEntry]) -> list[str]:
-    """A line for each resource, below its branch."""
+def tree(entries: Iterable[TreeEntry], *, live: bool = False) -> list[str]:
+    """A line for each resource, below its branch; `live`: with age and measured rate of its value."""
     root = _Node()
     for entry in entries:
         node = root
         for part in entry.path.strip("/").split("/"):
             node = node.children.setdefault(part, _Node())
         node.entry = entry
-    return list(_lines(root, ""))
+    return list(_lines(root, "", live))
 
 
-def _lines(node: _Node, indent: str) -> Iterator[str]:
+def _lines(node: _Node, indent: str, live: bool) -> Iterator[str]:
     children = sorted(node.children.items(), key=lambda item: names.natural(item[0]))
     for index, (name, child) in enumerate(children):
         last = index == len(children) - 1
-        yield f"{indent}{'└── ' if last else '├── '}{name}{_about(child.entry)}"
-        yield from _lines(child, indent + ("    " if last else "│   "))
+        yield f"{indent}{'└── ' if last else '├── '}{name}{_about(child.entry, live)}"
+        yield from _lines(child, indent + ("    " if last else "│   "), live)
 
 
-def _about(entry: TreeEntry | None) -> str:
+def _about(entry: TreeEntry | None, live: bool) -> str:
     if entry is None or entry.kind is Kind.BRANCH:
         return f"  {entry.description}" if entry is not None and entry.description else ""
     unit = f" {entry.unit}" if entry.unit else ""
     rate = f" {entry.rate_hz:g} Hz" if entry.rate_hz else ""
     quality = "" if entry.quality is Quality.NONE else f" [{entry.quality}]"
-    return f"  {entry.kind} {entry.type}{unit}{rate}{quality}"
+    rule = "" if entry.rule is None else f" rule {rule_text(entry.rule)}"
+    if live:
+        hz = "" if entry.measured_hz is None else f" {entry.measured_hz:.3g} Hz"
+        age = "" if entry.age_s is None else f" {spoken(max(entry.age_s, 0.0))}"
+        return f"  {entry.type}{unit}{hz}{age}{quality}{rule}"
+    return f"  {entry.kind} {entry.type}{unit}{rate}{quality}{rule}"

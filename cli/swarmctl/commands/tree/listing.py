@@ -1,7 +1,9 @@
 """Resources as a table, and as a tree."""
 
 from swarmctl.commands.tree.drawing import tree
+from swarmctl.commands.tree.rules import rule_text
 from swarmctl.resources.listing import at_owners, listing
+from swarmctl.resources.live_view import LiveView
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Column
@@ -25,6 +27,7 @@ async def list_resources(session: Session, pattern: str) -> None:
             f"{e.rate_hz:g}" if e.rate_hz else None,
             None if e.age_s is None else spoken(max(e.age_s, 0.0)),
             None if e.quality is Quality.NONE else e.quality,
+            rule_text(e.rule),
             e.owner,
         )
         for e in found.entries
@@ -39,6 +42,7 @@ async def list_resources(session: Session, pattern: str) -> None:
         Column("DECLARED HZ", right=True, wide=True),
         Column("AGE", right=True),
         Column("QUALITY"),
+        Column("RULE", wide=True),
         Column("OWNER", wide=True),
     ]
     session.out.table(columns, rows)
@@ -46,8 +50,23 @@ async def list_resources(session: Session, pattern: str) -> None:
 
 async def draw_resources(session: Session, pattern: str) -> None:
     """Prints the resources that match below their branches."""
-    found = await listing(session, pattern)
+    found = await at_owners(session, await listing(session, pattern))
     if session.settings.structured:
         session.out.document(found)
     else:
         session.out.text("\n".join(tree(found.entries)))
+
+
+async def watch_resources(session: Session, pattern: str, count: int | None) -> None:
+    """Draws the resources that match again each second, with ages and rates; for programs a document each."""
+
+    async def draw() -> str:
+        session.renew()
+        found = await at_owners(session, await listing(session, pattern))
+        if session.settings.structured:
+            session.out.line(found)
+            return ""
+        return "\n".join(tree(found.entries, live=True))
+
+    await session.check_selected(pattern)
+    await LiveView(session, draw).run(count)

@@ -11,6 +11,7 @@ from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit
 from swarmware.types.tree import (
+    Rule,
     StructureReply,
     StructureRequest,
     SubscribeReply,
@@ -86,6 +87,11 @@ class SwarmTree:
     def on_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> list[Action]:
         """Rate limits of resources, set by operators."""
         self.subscribers.on_limits(limits, now_ns)
+        return self._take_actions()
+
+    def on_rules(self, rules: tuple[Rule, ...], now_ns: int) -> list[Action]:
+        """Rules of operators for the notifications of this platform to all its subscribers."""
+        self.subscribers.on_rules(rules, now_ns)
         return self._take_actions()
 
     def on_demand(self, platform: str, now_ns: int) -> list[Action]:

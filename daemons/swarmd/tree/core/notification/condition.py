@@ -38,12 +38,14 @@ def check_rule(rule: Rule) -> None:
         raise InvalidInput(f"{where}: deadband {rule.deadband}; expected 0 or more")
 
 
+def first_rule(path: str, rules: tuple[Rule, ...]) -> Rule | None:
+    """The first rule whose pattern matches a path; None: none does."""
+    return next((rule for rule in rules if pattern(rule.pattern).matches(path)), None)
+
+
 def rule_for(path: str, rules: tuple[Rule, ...]) -> Rule:
-    """The first rule whose pattern matches a path."""
-    for rule in rules:
-        if pattern(rule.pattern).matches(path):
-            return rule
-    return DEFAULT
+    """The first rule whose pattern matches a path, else any change."""
+    return first_rule(path, rules) or DEFAULT
 
 
 def differs(before: bytes, after: bytes, deadband: float) -> bool:

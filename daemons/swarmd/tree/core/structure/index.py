@@ -7,6 +7,7 @@ from typing import Final
 import msgspec
 from sortedcontainers import SortedList
 
+from swarmd.tree.core.structure.segments import SegmentIndex
 from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource
@@ -40,15 +41,20 @@ def pattern(text: str) -> Pattern:
     return Pattern(text)
 
 
-class Index:
-    """Path → leaf; prefixes and patterns are found by range search."""
+SCAN_LIMIT: Final = 64
+"""Up to this number of paths a search checks each one."""
 
-    __slots__ = ("_leaves", "_paths", "digest")
+
+class Index:
+    """Path → leaf; patterns are found by a range search of their prefix, else by their rarest segment."""
+
+    __slots__ = ("_leaves", "_paths", "_segments", "digest")
 
     def __init__(self, leaves: Iterable[Leaf] = ()) -> None:
         self._leaves = {item.resource.path: item for item in leaves}
         self._paths: SortedList[str] | None = None
-        # built by the first search: most replicas are never searched
+        self._segments: SegmentIndex | None = None
+        # both are built by the first search that needs them: most replicas are never searched
         self.digest = 0
         """Equal for equal content, independent of the order of changes."""
         for item in self._leaves.values():
@@ -69,8 +75,11 @@ class Index:
             if old.mark == item.mark:
                 return False
             self.digest ^= old.mark
-        elif self._paths is not None:
-            self._paths.add(path)
+        else:
+            if self._paths is not None:
+                self._paths.add(path)
+            if self._segments is not None:
+                self._segments.add(path)
         self._leaves[path] = item
         self.digest ^= item.mark
         return True
@@ -83,6 +92,8 @@ class Index:
         self.digest ^= old.mark
         if self._paths is not None:
             self._paths.remove(path)
+        if self._segments is not None:
+            self._segments.remove(path)
         return True
 
     def get(self, path: str) -> Leaf | None:
@@ -121,11 +132,29 @@ class Index:
         root = wanted.prefix.rstrip("/")
         if root > after and (found := self._leaves.get(root)) is not None and wanted.matches(root):
             yield found
-        low = max(wanted.prefix, after)
-        high = root + _AFTER if root else None
-        for path in self.paths.irange(low, high, inclusive=(low != after, False)):
-            if wanted.matches(path) and path != root:
+        for path in self._below(root, max(wanted.prefix, after), after, text):
+            if path != root:
                 yield self._leaves[path]
+
+    def _below(self, root: str, low: str, after: str, text: str) -> Iterable[str]:
+        """Paths from `low` on that match, sorted; below a root, if there is one."""
+        wanted = pattern(text)
+        high = root + _AFTER if root else None
+        whole = text == f"{wanted.prefix}**"  # every path of the range matches
+        if not whole and self._is_long(low, high):
+            if self._segments is None:
+                self._segments = SegmentIndex(self._leaves)
+            candidates = self._segments.candidates(text)
+            if candidates is not None:
+                return sorted(path for path in _among(candidates, text, wanted) if path > after)
+        found = self.paths.irange(low, high, inclusive=(low != after, False))
+        return found if whole else filter(wanted.matches, found)
+
+    def _is_long(self, low: str, high: str | None) -> bool:
+        """Whether a range has too many paths to check each one."""
+        if len(self._leaves) <= SCAN_LIMIT or high is None:
+            return len(self._leaves) > SCAN_LIMIT
+        return bool(self.paths.bisect_left(high) - self.paths.bisect_left(low) > SCAN_LIMIT)
 
     def near(self, path: str) -> list[str]:
         """Paths similar to this one, best match first."""
@@ -136,3 +165,13 @@ class Index:
         if not close and siblings:
             close = similar(path, paths[:5000], limit=HINTS, cutoff=0.6) or siblings[:HINTS]
         return close
+
+
+def _among(candidates: Iterable[str], text: str, wanted: Pattern) -> Iterable[str]:
+    """Those of the candidates that match."""
+    last = text.removeprefix("**/")
+    if last == text or any(char in last for char in "*{/"):
+        return filter(wanted.matches, candidates)
+    # `**/pose`: the most frequent of these patterns, in a third of the time of its expression
+    end = f"/{last}"
+    return (path for path in candidates if path.endswith(end) or path == last)

@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.action import Action, SendNotify
-from swarmd.tree.core.notification.condition import check_rule, checked_s, rule_for
+from swarmd.tree.core.notification.condition import check_rule, checked_s
 from swarmd.tree.core.notification.lane import LaneNumber, NotificationLane
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.subscribers.subscriber import Subscriber
@@ -17,7 +17,7 @@ from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmd.tree.core.timers import Timers
 from swarmware.model.names import check_platform
 from swarmware.types.net import BoardPublication, ChannelLimit
-from swarmware.types.tree import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
+from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 LEASE_MAX_S: Final = 3600.0
 SUBSCRIBERS_LIMIT: Final = 2000
@@ -91,7 +91,7 @@ class Subscribers:
         found: dict[str, BoardPublication] = {}
         for one in self._subscribers.values():
             for resource in one.plan.beacon_boards:
-                rule = rule_for(resource.path, one.subscription.rules)
+                rule = self._planner.rule(resource.path, one.subscription)
                 interval_s = rule.min_interval_s or (1 / resource.rate_hz if resource.rate_hz > 0 else 0.0)
                 interval_ms = round(interval_s * 1000)
                 known = found.get(resource.path)
@@ -220,6 +220,19 @@ class Subscribers:
         self._planner.set_limits(limits)
         for one in self._subscribers.values():
             one.set_limits(self._planner.limit(one.plan), now_ns + self._intervals.coalesce_ns)
+            self._flush(one, now_ns)
+
+    def rule_of(self, path: str) -> Rule | None:
+        """The operators' rule for a resource; None: those of its subscribers apply."""
+        return self._planner.own_rule(path)
+
+    def on_rules(self, rules: tuple[Rule, ...], now_ns: int) -> None:
+        """Rules of operators are in force for all subscribers."""
+        self._planner.set_rules(rules)
+        self.plan_version += 1  # intervals in the beacon
+        for one in self._subscribers.values():
+            plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest)
+            self._set_plan(one, plan, now_ns)
             self._flush(one, now_ns)
 
     def on_overrun(self, path: str, items: int) -> None:

@@ -5,14 +5,14 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.notification.condition import rule_for
+from swarmd.tree.core.notification.condition import first_rule, rule_for
 from swarmd.tree.core.notification.feed import LATEST_ONLY, Feed
 from swarmd.tree.core.structure.index import Leaf, pattern
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.subscription import Subscription, subscribable
 from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit
-from swarmware.types.tree import BOARD_LIMITS_LIMIT, BoardLimit, TreeItem
+from swarmware.types.tree import BOARD_LIMITS_LIMIT, BoardLimit, Rule, TreeItem
 
 CACHE_LIMIT: Final = 2000
 """Subscriptions whose matches are kept: platforms of one kind have the same ones."""
@@ -41,6 +41,7 @@ class SubscriptionPlanner:
         self._min_interval_ns = min_interval_ns
         self._matched: dict[int, tuple[Leaf, ...]] = {}
         self._limits: tuple[ChannelLimit, ...] = ()
+        self._rules: tuple[Rule, ...] = ()
 
     def on_structure(self) -> None:
         """The structure has changed: other resources may match."""
@@ -49,6 +50,18 @@ class SubscriptionPlanner:
     def set_limits(self, limits: tuple[ChannelLimit, ...]) -> None:
         """Set the limits in force; the first that matches a path holds for it."""
         self._limits = limits
+
+    def set_rules(self, rules: tuple[Rule, ...]) -> None:
+        """Set the operators' rules; the first that matches a path holds for all subscribers."""
+        self._rules = rules
+
+    def own_rule(self, path: str) -> Rule | None:
+        """The operators' rule for a path; None: there is none."""
+        return first_rule(path, self._rules)
+
+    def rule(self, path: str, subscription: Subscription) -> Rule:
+        """The rule for a path: of the operators, else of the subscription, else any change."""
+        return self.own_rule(path) or rule_for(path, subscription.rules)
 
     def plan(
         self, subscription: Subscription, held: Mapping[str, Feed], newest: Mapping[str, TreeItem]
@@ -61,7 +74,7 @@ class SubscriptionPlanner:
             resource = item.resource
             if resource.link == "tick":
                 continue
-            rule = rule_for(resource.path, subscription.rules)
+            rule = self.rule(resource.path, subscription)
             feed = held.get(resource.path)
             if feed is None or feed.resource != resource or feed.rule != rule:
                 feed = Feed(resource, rule, self._min_interval_ns)
@@ -77,11 +90,21 @@ class SubscriptionPlanner:
         """Apply the limits in force to the feeds of a plan; returns those that hold for its boards."""
         for path, feed in plan.feeds.items():
             feed.limit(self._max_hz(path))
-        if not self._limits:
-            return ()
         paths = plan.board_paths
-        matching = (limit for limit in self._limits if any(map(pattern(limit.pattern).matches, paths)))
-        return tuple(BoardLimit(limit.pattern, limit.max_hz) for limit in matching)[:BOARD_LIMITS_LIMIT]
+        # exact paths come first: a pattern of an operator's limit would hide a slower rule
+        found = [limit for path in paths if (limit := self._rule_limit(path)) is not None]
+        matching = (one for one in self._limits if any(map(pattern(one.pattern).matches, paths)))
+        found += [BoardLimit(one.pattern, one.max_hz) for one in matching]
+        return tuple(found[:BOARD_LIMITS_LIMIT])
+
+    def _rule_limit(self, path: str) -> BoardLimit | None:
+        """The minimum interval of the operators' rule: subscribers know by it what age to expect."""
+        rule = self.own_rule(path)
+        if rule is None or rule.min_interval_s <= 0:
+            return None
+        limited = self._max_hz(path)
+        rule_hz = 1 / rule.min_interval_s
+        return BoardLimit(path, rule_hz if limited is None else min(rule_hz, limited))
 
     def _max_hz(self, path: str) -> float | None:
         return next((one.max_hz for one in self._limits if pattern(one.pattern).matches(path)), None)

@@ -1,0 +1,96 @@
+"""The changes that a platform was asked for, also refused ones."""
+
+from typing import Any
+
+import msgspec
+
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import span_s, utc_text
+from swarmctl.terminal.table import Column
+from swarmware.model import names
+from swarmware.model.clock import utc_ns
+from swarmware.types.tree import LoggedChange, TreeLog, TreeLogQuery
+
+
+class RecordedChange(msgspec.Struct, frozen=True):
+    """A change that was asked for: made, or refused."""
+
+    utc_ns: int
+    """Wall clock of the platform."""
+    path: str
+    by: str
+    """`role@platform` of the requester, or `application@platform` on the platform itself."""
+    before: Any
+    """None: there was no value, or it is not known."""
+    after: Any
+    """None: refused."""
+    refused: str
+    """Reason of a refusal; empty: the change was made."""
+
+
+class ChangeRecord(msgspec.Struct, frozen=True):
+    """Changes that a platform was asked for, the newest first."""
+
+    changes: list[RecordedChange]
+    platform: str
+    more: int
+    """Number of older changes that match."""
+
+
+async def print_log(
+    session: Session, pattern: str, *, by: str, since: str, refused: bool, count: int
+) -> None:
+    """Prints who asked for which change, when, and what came of it.
+
+    Raises: NotFound, NoAnswer, Denied; InvalidInput for an invalid pattern or time.
+    """
+    since_utc_ns = utc_ns() - round(span_s(since) * 1e9) if since else 0
+    query = TreeLogQuery(names.Pattern(pattern).text, by, since_utc_ns, refused, count)
+    await session.reach(session.platform)
+    found = await session.ask(names.join(session.platform, "sys/tree/log"), query, TreeLog)
+    changes = [_recorded(one) for one in found.changes]
+    if session.settings.structured:
+        session.out.document(ChangeRecord(changes, found.platform, found.more))
+        return
+    if not changes:
+        session.out.say(f"{found.platform}: no such change was asked for")
+        return
+    columns = [
+        Column("AT"),
+        Column("PATH"),
+        Column("BEFORE"),
+        Column("AFTER"),
+        Column("BY"),
+    ]
+    rows = [
+        (
+            utc_text(one.utc_ns),
+            names.split(one.path)[1],
+            None if one.before is None else brief(one.before),
+            f"refused: {one.refused}" if one.refused else brief(one.after),
+            one.by,
+        )
+        for one in changes
+    ]
+    session.out.table(columns, rows)
+    if found.more:
+        session.out.say(f"{found.more} older changes; --count shows more")
+
+
+def _recorded(one: LoggedChange) -> RecordedChange:
+    change = one.change
+    return RecordedChange(
+        one.utc_ns, change.path, change.by, _plain(change.before), _plain(change.after), change.refused
+    )
+
+
+def _plain(text: str) -> Any:
+    """The value of a JSON text, of a type with one field that field; a text that is not JSON as it is."""
+    if not text:
+        return None
+    try:
+        found = msgspec.json.decode(text)
+    except msgspec.DecodeError:
+        return text
+    return found[0] if isinstance(found, list) and len(found) == 1 else found

@@ -1,0 +1,116 @@
+"""Differences of two trees: of dumps, of a dump and now, of two platforms."""
+
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from swarmctl.commands.tree.snapshot import DumpedResource, TreeSnapshot, read_snapshot, take_snapshot
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
+from swarmctl.terminal.table import Column
+from swarmware.model import names
+from swarmware.model.resource import Kind
+from swarmware.types.json_form import json_form
+
+DESCRIPTOR: Final = ("kind", "type", "reply", "unit", "range", "choices", "access", "rate_hz", "owner")
+"""Fields of a resource that are compared besides its value."""
+RESOURCE: Final = "resource"
+VALUE: Final = "value"
+
+
+class TreeDifference(msgspec.Struct, frozen=True):
+    """A field of a resource that differs."""
+
+    path: str
+    """Global; local where one platform is compared with another one."""
+    field: str
+    """`resource`: it exists on one side only; `value`, or a field of its descriptor."""
+    here: Any
+    there: Any
+
+
+class TreeDiff(msgspec.Struct, frozen=True):
+    """Differences of two trees."""
+
+    differences: list[TreeDifference]
+    here: str
+    """File or pattern."""
+    there: str
+
+
+async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
+    """Prints what differs between two files, platforms or patterns; without `other` between a file and now.
+
+    `values`: of all resources, not of settings only.
+    Raises: ConfigError for a file that is not a dump; NotFound when nothing matches.
+    """
+    here = await _side(session, one)
+    other = other or here.pattern
+    there = await _side(session, other)
+    found = differences(here, there, values=values)
+    if session.settings.structured:
+        session.out.document(TreeDiff(found, one, other))
+        return
+    if not found:
+        session.out.say(f"{one} and {other}: no difference")
+        return
+    columns = [Column("PATH"), Column("FIELD"), Column(one.strip("/")), Column(other.strip("/"))]
+    session.out.table(columns, [(d.path, d.field, _cell(d.here), _cell(d.there)) for d in found])
+
+
+async def _side(session: Session, text: str) -> TreeSnapshot:
+    """A file, else a platform or a pattern of the tree now."""
+    if is_file(text):
+        return read_snapshot(text)
+    bare = not text.startswith("/") and text in await session.platforms()
+    return await take_snapshot(session, f"/{text}" if bare else text)
+
+
+def is_file(text: str) -> bool:
+    """Whether a side is a file; else it is a platform or a pattern."""
+    return Path(text).is_file()
+
+
+def differences(here: TreeSnapshot, there: TreeSnapshot, *, values: bool) -> list[TreeDifference]:
+    """What differs, in natural order of paths; of two different platforms by local path."""
+    local = len(here.platforms) == len(there.platforms) == 1 and here.platforms != there.platforms
+    left, right = _by_path(here, local=local), _by_path(there, local=local)
+    found: list[TreeDifference] = []
+    for path in sorted({*left, *right}, key=names.natural):
+        one, other = left.get(path), right.get(path)
+        if one is None or other is None:
+            found.append(TreeDifference(path, RESOURCE, _kind(one), _kind(other)))
+            continue
+        pairs = ((field, getattr(one, field), getattr(other, field)) for field in DESCRIPTOR)
+        found += [TreeDifference(path, field, mine, its) for field, mine, its in pairs if mine != its]
+        if (values or one.kind == Kind.SETTING) and not _same(one.value, other.value):
+            found.append(TreeDifference(path, VALUE, one.value, other.value))
+    return found
+
+
+def _by_path(found: TreeSnapshot, *, local: bool) -> dict[str, DumpedResource]:
+    return {names.split(one.path)[1] if local else one.path: one for one in found.resources}
+
+
+def _kind(one: DumpedResource | None) -> str | None:
+    return None if one is None else f"{one.kind} {one.type}".rstrip()
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two values are equal, also where one of them went through JSON or TOML."""
+    return bool(one == other or _canonical(one) == _canonical(other))
+
+
+def _canonical(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _canonical(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list | tuple):
+        return ["" if item is None else _canonical(item) for item in value]
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value) if abs(value) > 2**53 else float(value)
+    return value.isoformat() if hasattr(value, "isoformat") else value
+
+
+def _cell(value: Any) -> str | None:
+    return None if value is None or value == "" else brief(json_form(value))

@@ -1,0 +1,91 @@
+"""Rules by which a platform notifies its subscribers: deadband and intervals."""
+
+from swarmctl.resources.limits import MISSION_STATE
+from swarmctl.resources.listing import pages
+from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import span_s
+from swarmctl.terminal.table import Column
+from swarmware.model import names
+from swarmware.model.names import Pattern
+from swarmware.model.resource import Kind
+from swarmware.types.tree import Rule, TreeRule, TreeRules
+
+
+async def set_rule(
+    session: Session,
+    local: str,
+    *,
+    deadband: float | None,
+    min_interval: str,
+    max_interval: str,
+    reset: bool,
+    yes: bool,
+) -> None:
+    """Sets or removes the rule of a pattern, and prints the rules in force; without a change only these.
+
+    Raises: Denied, NotFound for a rule that is not set, InvalidInput; as `confirm`.
+    """
+    request = TreeRule(
+        Pattern(local).text,
+        deadband,
+        span_s(min_interval) if min_interval else None,
+        span_s(max_interval) if max_interval else None,
+        reset,
+    )
+    target = session.platform
+    await session.reach(target)
+    await session.confirm(yes, _effect(request))
+    found = await session.ask(names.join(target, "sys/tree/rule"), request, TreeRules)
+    if request.changes and not reset:
+        await _warn(session, request)
+    if session.settings.structured:
+        session.out.document(found)
+        return
+    if not found.rules:
+        session.out.say(f"{target}: no rule is set; the rules of each subscriber apply")
+        return
+    columns = [
+        Column("PATTERN"),
+        Column("DEADBAND", right=True),
+        Column("MIN INTERVAL s", right=True),
+        Column("MAX INTERVAL s", right=True),
+    ]
+    rows = [
+        (one.pattern, one.deadband or None, one.min_interval_s or None, one.max_interval_s or None)
+        for one in found.rules
+    ]
+    session.out.table(columns, rows)
+
+
+def rule_text(rule: Rule | None) -> str | None:
+    """A rule in a line: `±0.5 ≥2s ≤30s`; None: none is set."""
+    if rule is None:
+        return None
+    parts = [
+        f"±{rule.deadband:g}" if rule.deadband else "",
+        f"≥{rule.min_interval_s:g}s" if rule.min_interval_s else "",
+        f"≤{rule.max_interval_s:g}s" if rule.max_interval_s else "",
+    ]
+    return " ".join(filter(None, parts)) or "any change"
+
+
+def _effect(request: TreeRule) -> str:
+    """What a rule does to the swarm that an operator must confirm; empty: no confirmation."""
+    slow_s = request.min_interval_s or 0.0
+    if slow_s > 0 and Pattern(request.pattern).matches(MISSION_STATE):
+        return f"{MISSION_STATE} is sent every {slow_s:g} s at most: barriers of a mission wait for it"
+    return ""
+
+
+async def _warn(session: Session, request: TreeRule) -> None:
+    """Says where a rule has no effect."""
+    found = await pages(session, names.join(session.platform, request.pattern), session.platform)
+    valued = [one for one in found.entries if one.kind not in {Kind.BRANCH, Kind.COMMAND, Kind.FILE}]
+    if not valued:
+        session.out.warn(
+            f"{session.platform}: no resource matches {request.pattern} now; the rule is in force"
+        )
+    beacon = [names.split(one.path)[1] for one in valued if one.link == "tick"]
+    if beacon and (request.deadband or request.max_interval_s):
+        shown = ", ".join(beacon[:3]) + (f" and {len(beacon) - 3} more" if len(beacon) > 3 else "")
+        session.out.warn(f"{shown}: in the beacon, which keeps the min interval only")

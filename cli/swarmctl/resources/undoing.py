@@ -1,0 +1,37 @@
+"""Takes back the last change of a setting."""
+
+from typing import Any
+
+import msgspec
+
+from swarmctl.resources.access import read, undo
+from swarmctl.resources.listing import consequence
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
+from swarmware.model import names
+
+
+class SettingUndone(msgspec.Struct, frozen=True):
+    """A setting whose last change was undone."""
+
+    path: str
+    before: Any
+    value: Any
+    version: int
+
+
+async def undo_resource(session: Session, path: str, *, yes: bool) -> None:
+    """Takes back the last change of a setting and prints both values; `yes`: asks nothing.
+
+    Raises: NotFound when it was not changed, InvalidInput when it is not a setting; as `confirm`.
+    """
+    full = session.path(path)
+    will = "" if yes else await consequence(session, full)
+    await session.confirm(yes, will and f"undo the last change of {names.split(full)[1]}: {will}")
+    before = await read(session, full, fresh=True)
+    done = await undo(session, full)
+    if session.settings.structured:
+        session.out.document(SettingUndone(done.path, before.value, done.value, done.version))
+    else:
+        was, now = brief(before.value), brief(done.value)
+        session.out.text(f"{done.path} = {now} (version {done.version}; was {was})")

@@ -1,0 +1,73 @@
+"""Several values of a file: checked before anything is changed, then set all or none."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from swarmctl.resources.access import write
+from swarmctl.resources.values import brief
+from swarmctl.session.session import Session
+from swarmware.errors import InvalidInput, Partial, SwarmError
+from swarmware.types.tree import TreeEntry
+
+PYTHON_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
+    "Float": (int, float),
+    "Int": (int,),
+    "Bool": (bool,),
+    "Text": (str,),
+}
+"""Types of a value in a file, by the type of the setting."""
+
+
+class ValueChange(NamedTuple):
+    """A resource with another value before and after."""
+
+    path: str
+    before: Any
+    after: Any
+    name: str
+    """For messages."""
+
+
+def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
+    """Checks a value of a file before anything is changed; its owner checks it again.
+
+    Raises: InvalidInput naming file, key and what was expected.
+    """
+    types = PYTHON_TYPES.get(entry.type)
+    if types is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
+        raise InvalidInput(f"{file}: {key}: {value!r}; expected a value of type {entry.type}")
+    if entry.range is not None and not entry.range[0] <= value <= entry.range[1]:
+        low, high = entry.range
+        raise InvalidInput(
+            f"{file}: {key}: {brief(value)}; expected {low:g} to {high:g} {entry.unit}".rstrip()
+        )
+    if entry.choices and value not in entry.choices:
+        raise InvalidInput(f"{file}: {key}: {value!r}; expected one of {', '.join(entry.choices)}")
+
+
+async def set_all(session: Session, changes: Iterable[ValueChange]) -> None:
+    """Sets all of them; a refusal takes back those before it, and is raised.
+
+    Raises: Partial when some could not be taken back.
+    """
+    done: list[ValueChange] = []
+    for change in changes:
+        try:
+            await _set(session, change.path, change.after)
+        except SwarmError as error:
+            left = []
+            for earlier in reversed(done):
+                try:
+                    await _set(session, earlier.path, earlier.before)
+                except SwarmError:
+                    left.append(earlier.name)
+            if left:
+                raise Partial(f"{error}; not taken back: {', '.join(left)}") from error
+            raise
+        done.append(change)
+
+
+async def _set(session: Session, path: str, value: Any) -> None:
+    await write(session, path, msgspec.json.encode(value).decode())

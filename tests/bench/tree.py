@@ -1,0 +1,88 @@
+"""What the tree costs: bytes at rest and of a join, by nodes; time of a query over 100 000 resources.
+
+`python -m tests.bench.tree [NODES…]`; without an argument 16 and 200. Real cores, virtual time, the shipped
+templates.
+The bytes are those of frames with their headers, and of the version that each beacon carries.
+"""
+
+import sys
+from time import perf_counter
+from typing import Final
+
+from tests.simulation.tree.test_join_bytes import Cell
+
+from swarmd.tree.core.structure.index import Index, leaf
+from swarmware.model.resource import Resource
+
+REST_S: Final = 60.0
+BEACONS_HZ: Final = 2.0
+"""Of a node at rest (ADR 19)."""
+VERSION_BYTES: Final = 4
+"""Version of the tree in a beacon."""
+RUNS: Final = 5
+PATTERNS: Final = (
+    "/*/g1/m3/*", "/p7/**", "/*/**/r7", "/*/*/m3/r7", "/*/g*/m1*/r1", "/*/{g0,g1}/m3/*", "/*/**/m3/**",
+)  # fmt: skip
+
+
+def main() -> None:
+    """Prints a line per figure."""
+    for nodes in map(int, sys.argv[1:] or ("16", "200")):
+        _traffic(nodes)
+    _queries()
+
+
+def _traffic(nodes: int) -> None:
+    cell = Cell({}, nodes)
+    names = list(cell.trees)
+    for name in names[:-1]:
+        cell.join(name)
+        cell.run_for(1.0)
+    last = names[-1]
+    cell.join(last)
+    cell.run_for(5.0)
+    assert cell.complete()
+    structure = cell.structure_bytes[last]
+    print(f"{nodes} nodes, join: {cell.bytes[last] - structure} B and {structure} B of structures")
+    cell.leave(last)
+    cell.run_for(20.0)
+    before = cell.bytes[last]
+    cell.join(last)
+    cell.run_for(5.0)
+    print(f"{nodes} nodes, second visit: {cell.bytes[last] - before} B")
+    sent = sum(cell.bytes.values())
+    cell.run_for(REST_S)
+    frames = (sum(cell.bytes.values()) - sent) / nodes / REST_S
+    beacons = VERSION_BYTES * BEACONS_HZ
+    print(f"{nodes} nodes, at rest: {frames:.1f} B/s of frames and {beacons:.1f} B/s in beacons, per node")
+
+
+def _queries() -> None:
+    swarm = {
+        f"p{number}": Index(
+            leaf(Resource(path=f"g{i // 100}/m{i // 20}/r{i % 20}", type="Float", unit="m", owner="x"))
+            for i in range(500)
+        )
+        for number in range(200)
+    }
+    one = {
+        "p7": Index(
+            leaf(Resource(path=f"g{i // 1000}/m{i // 20 % 50}/r{i % 20}", type="Float", unit="m", owner="x"))
+            for i in range(100_000)
+        )
+    }
+    for text in PATTERNS:
+        first, _, rest = text[1:].partition("/")
+        for title, trees in (("200 trees of 500", swarm), ("one tree of 100000", one)):
+            took, count = [], 0
+            for _ in range(RUNS):
+                began = perf_counter()
+                chosen = trees.values() if first == "*" else [trees[first]]
+                count = sum(1 for index in chosen for _ in index.match(rest))
+                took.append(perf_counter() - began)
+            first_ms, best_ms = took[0] * 1e3, min(took) * 1e3
+            print(f"{text:16} {title:18} {count:6} found: first {first_ms:7.2f} ms, then {best_ms:6.2f} ms")
+
+
+if __name__ == "__main__":
+    main()

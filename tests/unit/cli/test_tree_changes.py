@@ -1,0 +1,107 @@
+"""The record of changes and the rules of notifications, as commands."""
+
+import io
+from typing import Any
+
+import click
+import pytest
+from tests.unit.cli.test_commands import GAIN, LIST, ScriptedSession
+
+from swarmctl.commands.tree.change_log import print_log
+from swarmctl.commands.tree.listing import list_resources
+from swarmctl.commands.tree.rules import set_rule
+from swarmware.errors import InvalidInput
+from swarmware.model.resource import Kind
+from swarmware.types.tree import (
+    LoggedChange,
+    Rule,
+    TreeChange,
+    TreeEntry,
+    TreeListing,
+    TreeLog,
+    TreeRule,
+    TreeRules,
+)
+
+
+@pytest.fixture(autouse=True)
+def no_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
+
+
+async def test_the_record_of_changes_shows_values_requesters_and_refusals() -> None:
+    found = TreeLog(
+        "uav1",
+        (
+            LoggedChange(
+                1_700_000_000_000_000_000, TreeChange(GAIN, "observer@uav2", "[4.0]", "", "not yours")
+            ),
+            LoggedChange(1_600_000_000_000_000_000, TreeChange(GAIN, "operator@gcs", "", "[4.0]")),
+            LoggedChange(1_500_000_000_000_000_000, TreeChange("/uav1/cmd/goto", "x", '{"a":1}', '[1,"b"]')),
+        ),
+        7,
+    )
+    more: dict[str, Any] = {"by": "", "since": "", "refused": False, "count": 3}
+    session = ScriptedSession({"/uav1/sys/tree/log": found}, node="uav1")
+    await print_log(session, "**", **more)
+    lines = session.stdout.getvalue().splitlines()
+    assert lines[1].split(maxsplit=4) == [
+        "2023-11-14T22:13:20.000Z", "config/gain", "4", "refused:", "not yours  observer@uav2",
+    ]  # fmt: skip
+    assert lines[2].split()[1:] == ["config/gain", "-", "4", "operator@gcs"]
+    assert "7 older changes" in session.stderr.getvalue()
+    session = ScriptedSession({"/uav1/sys/tree/log": found}, node="uav1", output="json")
+    await print_log(session, "**", **more)
+    shown = session.document["changes"]
+    assert [(one["before"], one["after"], one["refused"]) for one in shown] == [
+        (4.0, None, "not yours"),
+        (None, 4.0, ""),
+        ({"a": 1}, [1, "b"], ""),
+    ]
+    with pytest.raises(InvalidInput, match="time '5'"):
+        await print_log(session, "**", **more | {"since": "5"})
+
+
+async def test_a_rule_is_shown_with_what_it_does_not_reach_and_asked_for_where_a_mission_waits() -> None:
+    asked: list[TreeRule] = []
+
+    class Owner(ScriptedSession):
+        async def ask(self, path: str, value: Any, reply: type[Any], **rest: Any) -> Any:
+            if isinstance(value, TreeRule):
+                asked.append(value)
+            return await super().ask(path, value, reply, **rest)
+
+    beacon = TreeEntry(
+        "/uav1/power/battery", Kind.BOARD, "Battery", link="tick", rule=Rule("power/*", 0.5, 2.0)
+    )
+    answers = {
+        "/uav1/sys/tree/rule": TreeRules("uav1", (Rule("power/*", 0.5, 2.0),)),
+        "/uav1/sys/tree/list": TreeListing((beacon,)),
+        LIST: TreeListing((beacon,)),
+    }
+    none: dict[str, Any] = {
+        "deadband": None,
+        "min_interval": "",
+        "max_interval": "",
+        "reset": False,
+        "yes": False,
+    }
+    session = Owner(answers, node="uav1")
+    await set_rule(session, "power/*", **none | {"deadband": 0.5, "min_interval": "2s"})
+    assert asked == [TreeRule("power/*", 0.5, 2.0)]
+    assert session.stdout.getvalue().splitlines()[1].split() == ["power/*", "0.5", "2", "-"]
+    assert "power/battery: in the beacon, which keeps the min interval only" in session.stderr.getvalue()
+    with pytest.raises(click.UsageError, match="barriers of a mission wait"):
+        await set_rule(session, "**", **none | {"min_interval": "2s"})
+    assert len(asked) == 1
+    session = Owner(answers, node="uav1", output="json")
+    await set_rule(session, "**", **none)
+    assert not asked[-1].changes
+    assert session.document["rules"] == [
+        {"pattern": "power/*", "deadband": 0.5, "min_interval_s": 2.0, "max_interval_s": 0.0}
+    ]
+    session = Owner(answers, node="uav1", output="wide")
+    await list_resources(session, "power/*")
+    assert "±0.5 ≥2s" in session.stdout.getvalue()
