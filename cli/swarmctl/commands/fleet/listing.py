@@ -1,0 +1,127 @@
+"""The table of the hosts: reached, version, running, since, configuration, synchronised."""
+
+import asyncio
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+from swarmctl.commandline.settings import CliSettings
+from swarmctl.commands.fleet.hosts import FleetHost, digest, files
+from swarmctl.commands.fleet.plan import HostStatus
+from swarmctl.commands.fleet.remote import Remote
+from swarmctl.commands.fleet.synchronisation import Synchronisation, synchronisation
+from swarmctl.terminal.node_output import raise_errors
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.quantities import spoken
+from swarmctl.terminal.table import Cell, Column
+from swarmware.errors import SwarmError
+
+ANSWER_S: Final = 30.0
+"""Maximum wait for another call of `fleet` that acts on the host."""
+
+
+class ListedHost(msgspec.Struct, frozen=True):
+    """One host and its node."""
+
+    host: str
+    address: str
+    status: HostStatus | None
+    """Null: it was not reached."""
+    config: str
+    """Of the pushed files: current, changed, restart (pushed after the start), none."""
+    synchronised: bool | None = None
+    """Whether its data are synchronised with the operator's node; null: not examined."""
+    error: str = ""
+    exit_code: int = 0
+
+
+class FleetList(msgspec.Struct, frozen=True):
+    """The hosts of a file, and what is on them."""
+
+    hosts: list[ListedHost]
+
+
+async def list_hosts(settings: CliSettings, hosts: Sequence[FleetHost]) -> None:
+    """Prints the hosts.
+
+    Raises: as `raise_errors`.
+    """
+    out = Output(settings)
+    errors: dict[str, SwarmError] = {}
+    async with synchronisation(settings) as sync:
+
+        async def one(host: FleetHost) -> ListedHost:
+            try:
+                seen = await Remote(host, settings.timeout_s, ANSWER_S).status()
+                state = config_state(seen, digest(files(host)))
+            except (SwarmError, OSError) as error:
+                failure = error if isinstance(error, SwarmError) else SwarmError(str(error))
+                errors[host.name] = failure
+                return ListedHost(
+                    host.name, host.address, None, "none", None, str(failure), failure.exit_code
+                )
+            synchronised = await _synchronised(sync, host.name) if seen.answers else None
+            return ListedHost(host.name, host.address, seen, state, synchronised)
+
+        listed = await asyncio.gather(*(one(host) for host in hosts))
+    if settings.structured:
+        out.document(FleetList(list(listed)))
+    else:
+        _print(out, listed)
+    raise_errors(len(hosts), errors)
+
+
+async def _synchronised(sync: Synchronisation | None, platform: str) -> bool | None:
+    return None if sync is None else not await sync.missing(platform)
+
+
+def config_state(seen: HostStatus, wanted: str) -> str:
+    """Whether the pushed files are those of the operator, and whether the node runs with them."""
+    if not seen.config:
+        return "none"
+    if seen.config != wanted:
+        return "changed"
+    return "restart" if seen.running and seen.started_config not in {"", wanted} else "current"
+
+
+def _print(out: Output, listed: Sequence[ListedHost]) -> None:
+    columns = [
+        Column("HOST"),
+        Column("ADDRESS", drop=2),
+        Column("STATE"),
+        Column("VERSION", drop=1),
+        Column("UP", right=True),
+        Column("CONFIG"),
+        Column("ARMED"),
+        Column("SYNC"),
+    ]
+    failed = any(one.error for one in listed)
+    rows: list[tuple[Cell, ...]] = []
+    for one in listed:
+        seen = one.status
+        cells: tuple[Cell, ...] = (
+            one.host,
+            one.address,
+            state_text(seen),
+            seen.version if seen is not None else None,
+            spoken(seen.uptime_s) if seen is not None and seen.uptime_s is not None else None,
+            one.config if seen is not None else None,
+            seen.armed if seen is not None else None,
+            one.synchronised,
+        )
+        rows.append((*cells, one.error) if failed else cells)
+    out.table([*columns, Column("ERROR")] if failed else columns, rows)
+
+
+def state_text(seen: HostStatus | None) -> str:
+    """failed | not installed | not configured | stopped | being upgraded | silent | running."""
+    if seen is None:
+        return "failed"
+    if seen.running:
+        return "running" if seen.answers else "silent"
+    if not seen.installed:
+        return "not installed"
+    if seen.resume:
+        return "being upgraded"
+    return "stopped" if seen.configured else "not configured"

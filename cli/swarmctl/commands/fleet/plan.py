@@ -1,0 +1,142 @@
+"""The next step on a host, from the goal and from what is there: an interrupted command can be repeated."""
+
+from collections.abc import Collection
+from enum import StrEnum
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import Conflict, NotFound, SwarmError
+
+
+class Goal(StrEnum):
+    """What a command brings a host to."""
+
+    PUSH = "push"
+    UP = "up"
+    DOWN = "down"
+    UPGRADE = "upgrade"
+
+
+class Step(StrEnum):
+    """One action on a host."""
+
+    UPLOAD = "upload"
+    INSTALL = "install"
+    PUSH = "push"
+    STOP = "stop"
+    START = "start"
+    SYNCHRONISE = "synchronise"
+
+
+class HostStatus(msgspec.Struct, frozen=True):
+    """What is on a host."""
+
+    installed: bool = False
+    """Whether its environment has Swarmware."""
+    version: str = ""
+    wheel: str = ""
+    """SHA-256 of the wheel that was installed by `fleet`; empty: none."""
+    configured: bool = False
+    """Whether it has a node.toml."""
+    config: str = ""
+    """Digest of the pushed files as they are now; empty: none were pushed, or one was changed there."""
+    running: bool = False
+    answers: bool = False
+    """Whether the node answers requests."""
+    uptime_s: float | None = None
+    started_config: str = ""
+    """Digest of the configuration with which `fleet` started the node; empty: it did not."""
+    armed: bool | None = None
+    """Whether it is an armed vehicle; null: it does not answer."""
+    resume: bool = False
+    """Stopped by an upgrade that has not started it again."""
+
+
+ABSENT: Final = HostStatus()
+"""Status of a host without Swarmware."""
+
+
+class Wanted(msgspec.Struct, frozen=True):
+    """What a command wants of a host."""
+
+    goal: Goal
+    wheel: str = ""
+    """SHA-256 of the wheel; empty: the installed one is kept."""
+    config: str = ""
+    """Digest of the files to push."""
+    synchronise: bool = False
+    """Wait until the data of the node are synchronised with the operator's node."""
+
+
+def next_step(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+    """The next step towards the goal; None: it is reached. `done`: steps of this call.
+
+    Raises: Conflict and NotFound when the goal cannot be reached from here; SwarmError when a step that
+    was done had no effect.
+    """
+    step = _next(wanted, seen, done)
+    if step is not None and step in done:
+        raise SwarmError(f"{step}: done, but the host does not show its effect; expected a change")
+    return step
+
+
+def _next(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+    match wanted.goal:
+        case Goal.DOWN:
+            return Step.STOP if seen.running or seen.resume else None
+        case Goal.PUSH:
+            return _push(wanted, seen, done)
+        case Goal.UPGRADE:
+            return _upgrade(wanted, seen, done)
+        case Goal.UP:
+            return _up(wanted, seen, done)
+
+
+def _push(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+    if wanted.wheel and seen.wheel != wanted.wheel:
+        if seen.running:
+            raise Conflict(
+                f"its node runs {seen.version}; `fleet upgrade` replaces the software of running nodes"
+            )
+        return Step.INSTALL if Step.UPLOAD in done else Step.UPLOAD
+    if not seen.installed:
+        raise NotFound("Swarmware is not installed; `fleet push --wheel FILE` installs it")
+    return Step.PUSH if seen.config != wanted.config else None
+
+
+def _up(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+    if not seen.installed:
+        raise NotFound("Swarmware is not installed; `fleet push --wheel FILE` installs it")
+    if not seen.configured:
+        raise NotFound("no node.toml; `fleet push` brings it")
+    if not seen.answers:
+        return Step.START
+    return Step.SYNCHRONISE if wanted.synchronise and Step.SYNCHRONISE not in done else None
+
+
+def _upgrade(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+    if seen.wheel != wanted.wheel:
+        if Step.UPLOAD not in done:
+            return Step.UPLOAD
+        return Step.STOP if seen.running else Step.INSTALL  # a running node loads parts of its code later
+    if seen.resume or (Step.STOP in done and not seen.answers):
+        return Step.START
+    started = wanted.synchronise and Step.START in done
+    return Step.SYNCHRONISE if started and Step.SYNCHRONISE not in done else None
+
+
+class FleetStep(msgspec.Struct, frozen=True):
+    """Progress of one host: a step that begins, or the outcome."""
+
+    host: str
+    state: str
+    """The step that runs; at the end `done`, `failed`, or `not begun`."""
+    done: bool = False
+    """Whether this is the outcome."""
+    steps: tuple[Step, ...] = ()
+    """Steps that were carried out."""
+    synchronised: bool | None = None
+    """Whether its data are synchronised with the operator's node; null: not examined."""
+    error: str = ""
+    exit_code: int = 0

@@ -1,0 +1,163 @@
+"""Steps on a host: the agent of the installed wheel by SSH, and the installation of that wheel."""
+
+import hashlib
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.commands.fleet import ssh
+from swarmctl.commands.fleet.hosts import FleetHost, digest, files
+from swarmctl.commands.fleet.plan import ABSENT, HostStatus
+from swarmware.errors import KINDS, InvalidInput, SwarmError
+
+AGENT: Final = "swarmctl.commands.fleet.agent"
+NOT_INSTALLED: Final = 61
+"""Exit code of the script below when the environment is missing or has no agent."""
+
+_PROGRAM: Final = f"""import sys
+try:
+    from {AGENT} import main
+except ModuleNotFoundError as error:
+    sys.exit({NOT_INSTALLED} if (error.name or "").startswith("swarm") else str(error))
+sys.exit(main(sys.argv[1:]))
+"""
+_CALL: Final = f'test -x "$1/bin/python" || exit {NOT_INSTALLED}; exec "$1/bin/python" -c "$2" "$3"'
+_UPLOAD: Final = (
+    'set -e; umask 022; mkdir -p "$1/wheel"; cat >"$1/wheel/.received"; '
+    'printf "%s  %s\\n" "$3" "$1/wheel/.received" | sha256sum --check --status || '
+    '{ rm -f "$1/wheel/.received"; echo "the wheel arrived incomplete" >&2; exit 1; }; '
+    'mv -f "$1/wheel/.received" "$1/wheel/$2"'
+)
+# a wheel of the same version is not "satisfied already": it is installed again, without its dependencies
+_INSTALL: Final = (
+    'set -e; umask 022; dir="$1"; wheel="$1/wheel/$2"; sum="$3"; shift 3; '
+    '"$dir/bin/python" -m pip --version >/dev/null 2>&1 || python3 -m venv "$dir" >&2; '
+    'pip() { "$dir/bin/python" -m pip --quiet --disable-pip-version-check --no-input "$@" >&2; }; '
+    'pip install "$@" "$wheel"; pip install --force-reinstall --no-deps "$@" "$wheel"; '
+    'echo "$sum" >"$dir/wheel/.sum"; mv -f "$dir/wheel/.sum" "$dir/wheel/installed"'
+)
+
+
+class Wheel(msgspec.Struct, frozen=True):
+    """A wheel of Swarmware on the operator's machine."""
+
+    name: str
+    data: bytes
+    sum: str
+    """SHA-256."""
+
+
+def read_wheel(path: Path) -> Wheel:
+    """Read a wheel.
+
+    Raises: InvalidInput when it is not one, OSError.
+    """
+    data = path.read_bytes()
+    if path.suffix != ".whl" or not data.startswith(b"PK"):
+        raise InvalidInput(f"file {path}: not a wheel; expected the swarmware-*.whl of `make dist`")
+    return Wheel(path.name, data, hashlib.sha256(data).hexdigest())
+
+
+class Remote:
+    """A host and the actions on it."""
+
+    def __init__(self, host: FleetHost, connect_s: float, wait_s: float, *, force: bool = False) -> None:
+        """`wait_s`: maximum wait for the start or end of its node; `force`: also of an armed vehicle."""
+        self.host = host
+        self._connect_s = connect_s
+        self._wait_s = wait_s
+        self._force = force
+
+    async def status(self) -> HostStatus:
+        """What is on the host.
+
+        Raises: as `ssh.run`; SwarmError from the host.
+        """
+        return await self._order("status")
+
+    async def push(self) -> HostStatus:
+        """Bring the files of the host, which are checked there before one is replaced.
+
+        Raises: as `status`; OSError and InvalidInput for the files here.
+        """
+        content = files(self.host)
+        return await self._order("push", msgspec.msgpack.encode(content), digest=digest(content))
+
+    async def start(self) -> HostStatus:
+        """Start the node and wait until it answers.
+
+        Raises: as `status`.
+        """
+        return await self._order("start")
+
+    async def stop(self, *, resume: bool) -> HostStatus:
+        """Stop the node; `resume`: for an upgrade, which starts it again also when it is repeated.
+
+        Raises: as `status`; Denied for an armed vehicle unless `force`.
+        """
+        return await self._order("stop", resume=resume, force=self._force)
+
+    async def upload(self, wheel: Wheel) -> None:
+        """Bring the wheel to the host, without installing it.
+
+        Raises: as `ssh.run`; SwarmError from the host.
+        """
+        await self._script(_UPLOAD, self.host.keys.prefix, wheel.name, wheel.sum, stdin=wheel.data)
+
+    async def install(self, wheel: Wheel) -> None:
+        """Install the wheel in the environment of the host, which is made if there is none.
+
+        Raises: as `upload`.
+        """
+        keys = self.host.keys
+        await self._script(_INSTALL, keys.prefix, wheel.name, wheel.sum, *keys.pip)
+
+    async def _script(self, script: str, *words: str, stdin: bytes | None = None) -> None:
+        done = await ssh.run(self.host, ["sh", "-c", script, "sh", *words], self._connect_s, stdin)
+        if done.code:
+            raise SwarmError(_last(done.stderr) or f"exit code {done.code}")
+
+    async def _order(self, verb: str, stdin: bytes | None = None, **more: object) -> HostStatus:
+        keys = self.host.keys
+        order = {
+            "verb": verb,
+            "config_dir": keys.config_dir,
+            "prefix": keys.prefix,
+            "supervisor": keys.supervisor,
+            "unit": keys.unit,
+            "wait_s": self._wait_s,
+            **more,
+        }
+        words = ["sh", "-c", _CALL, "sh", keys.prefix, _PROGRAM, msgspec.json.encode(order).decode()]
+        done = await ssh.run(self.host, words, self._connect_s, stdin)
+        if done.code == NOT_INSTALLED:
+            return ABSENT
+        return status_of(done)
+
+
+def status_of(done: ssh.Finished) -> HostStatus:
+    """The status that the agent printed.
+
+    Raises: SwarmError that it reported, of its class; or with the end of stderr when it printed none.
+    """
+    try:
+        found = msgspec.json.decode(done.stdout)
+        if "error" in found:
+            raise _raised(str(found["error"]), int(found["exit_code"]))
+        return msgspec.convert(found, HostStatus)
+    except (msgspec.DecodeError, TypeError, KeyError, ValueError) as error:
+        if isinstance(error, SwarmError):
+            raise
+        text = _last(done.stderr) or f"exit code {done.code}"
+        raise SwarmError(f"the agent on the host did not answer: {text}") from error
+
+
+def _raised(text: str, code: int) -> SwarmError:
+    """An error with the exit code that it had on the host."""
+    kind = next((kind for kind in KINDS.values() if kind.exit_code == code), SwarmError)
+    return kind(text)
+
+
+def _last(text: str) -> str:
+    return text.splitlines()[-1] if text else ""

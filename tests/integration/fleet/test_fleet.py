@@ -1,0 +1,52 @@
+"""`swarmctl fleet` against a real SSH server: three hosts on this machine, to running and back."""
+
+import json
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from tests.integration.fleet.conftest import NAMES, Fleet
+
+
+def listed(fleet: Fleet) -> dict[str, dict[str, Any]]:
+    done = fleet.ctl("ls", "-o", "json")
+    assert done.returncode == 0, done.stderr
+    return {one["host"]: one for one in json.loads(done.stdout)["hosts"]}
+
+
+def test_hosts_are_pushed_started_listed_and_ended_also_after_a_kill(fleet: Fleet) -> None:
+    pushed = fleet.ctl("push")
+    assert pushed.returncode == 0, pushed.stderr + pushed.stdout
+
+    # the command is killed when the first node begins to start
+    child = subprocess.Popen(
+        fleet.words("up", "-o", "jsonl"), stdout=subprocess.PIPE, text=True, env=fleet.env
+    )
+    assert child.stdout is not None
+    with child.stdout:
+        while json.loads(child.stdout.readline())["state"] != "start":
+            pass
+        child.send_signal(signal.SIGKILL)
+    child.wait()
+
+    started = fleet.ctl("up", "-o", "jsonl")
+    assert started.returncode == 0, started.stderr + started.stdout
+    outcomes = [one for one in map(json.loads, started.stdout.splitlines()) if one["done"]]
+    assert {one["host"] for one in outcomes} == set(NAMES)
+
+    found = listed(fleet)
+    assert {name: one["status"]["answers"] for name, one in found.items()} == dict.fromkeys(NAMES, True)
+    assert {name: one["config"] for name, one in found.items()} == dict.fromkeys(NAMES, "current")
+    assert {name: one["synchronised"] for name, one in found.items()} == dict.fromkeys(NAMES, True)
+
+    done = fleet.ctl("exec", "-H", "uav*", "--", "printf", "%s\n", "a 'b' $HOME; exit 9", "*")
+    assert sorted(done.stdout.splitlines()) == sorted(
+        f"{name}: {line}" for name in ("uav1", "uav2") for line in ("a 'b' $HOME; exit 9", "*")
+    )
+    assert fleet.ctl("exec", "--", "test", "-d", f"{fleet.folder}/uav1/etc").returncode == 0
+
+    ended = fleet.ctl("down", "--yes")
+    assert ended.returncode == 0, ended.stderr + ended.stdout
+    assert fleet.processes() == []
+    assert list(Path("/dev/shm").glob(f"{fleet.folder.name}-*/*")) == []

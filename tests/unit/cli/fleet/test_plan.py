@@ -1,0 +1,114 @@
+"""Steps on a host as a table: what is there, the goal, and what is done next."""
+
+import msgspec
+import pytest
+
+from swarmctl.commands.fleet.listing import config_state, state_text
+from swarmctl.commands.fleet.plan import ABSENT, Goal, HostStatus, Step, Wanted, next_step
+from swarmware.errors import Conflict, NotFound, SwarmError
+
+BARE = HostStatus(installed=True, version="1", wheel="old")
+READY = msgspec.structs.replace(BARE, configured=True, config="new")
+SILENT = msgspec.structs.replace(READY, running=True)
+RUNS = msgspec.structs.replace(SILENT, answers=True)
+HALF = msgspec.structs.replace(READY, resume=True)
+NEW = {"wheel": "new"}
+
+
+def after(status: HostStatus, **change: object) -> HostStatus:
+    return msgspec.structs.replace(status, **change)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "seen", "done", "step"),
+    [
+        (Wanted(Goal.PUSH, config="new"), BARE, (), Step.PUSH),
+        (Wanted(Goal.PUSH, config="new"), READY, (), None),
+        (Wanted(Goal.PUSH, config="new"), after(RUNS, config="old"), (), Step.PUSH),
+        (Wanted(Goal.PUSH, "new", "new"), ABSENT, (), Step.UPLOAD),
+        (Wanted(Goal.PUSH, "new", "new"), ABSENT, (Step.UPLOAD,), Step.INSTALL),
+        (Wanted(Goal.PUSH, "old", "new"), RUNS, (), None),
+        (Wanted(Goal.UP), READY, (), Step.START),
+        (Wanted(Goal.UP), SILENT, (), Step.START),
+        (Wanted(Goal.UP), RUNS, (), None),
+        (Wanted(Goal.UP, synchronise=True), RUNS, (), Step.SYNCHRONISE),
+        (Wanted(Goal.UP, synchronise=True), RUNS, (Step.SYNCHRONISE,), None),
+        (Wanted(Goal.DOWN), RUNS, (), Step.STOP),
+        (Wanted(Goal.DOWN), SILENT, (), Step.STOP),
+        (Wanted(Goal.DOWN), HALF, (), Step.STOP),
+        (Wanted(Goal.DOWN), READY, (), None),
+        (Wanted(Goal.DOWN), ABSENT, (), None),
+        (Wanted(Goal.UPGRADE, "new"), RUNS, (), Step.UPLOAD),
+        (Wanted(Goal.UPGRADE, "new"), RUNS, (Step.UPLOAD,), Step.STOP),
+        (Wanted(Goal.UPGRADE, "new"), HALF, (Step.UPLOAD, Step.STOP), Step.INSTALL),
+        (Wanted(Goal.UPGRADE, "new"), after(HALF, **NEW), (), Step.START),
+        (Wanted(Goal.UPGRADE, "new"), after(READY, **NEW), (), None),
+        (Wanted(Goal.UPGRADE, "new"), after(RUNS, **NEW), (), None),
+        (Wanted(Goal.UPGRADE, "new", "", True), after(RUNS, **NEW), (Step.START,), Step.SYNCHRONISE),
+        (Wanted(Goal.UPGRADE, "new"), READY, (Step.UPLOAD,), Step.INSTALL),
+    ],
+)
+def test_the_next_step_follows_from_what_is_there(
+    wanted: Wanted, seen: HostStatus, done: tuple[Step, ...], step: Step | None
+) -> None:
+    assert next_step(wanted, seen, done) == step
+
+
+@pytest.mark.parametrize(
+    ("wanted", "seen", "done", "error"),
+    [
+        (Wanted(Goal.PUSH, "new", "new"), RUNS, (), Conflict),
+        (Wanted(Goal.PUSH, config="new"), ABSENT, (), NotFound),
+        (Wanted(Goal.UP), ABSENT, (), NotFound),
+        (Wanted(Goal.UP), BARE, (), NotFound),
+        (Wanted(Goal.UP), READY, (Step.START,), SwarmError),
+        (Wanted(Goal.DOWN), RUNS, (Step.STOP,), SwarmError),
+    ],
+)
+def test_a_goal_out_of_reach_is_refused_and_no_step_is_done_twice(
+    wanted: Wanted, seen: HostStatus, done: tuple[Step, ...], error: type[SwarmError]
+) -> None:
+    with pytest.raises(error):
+        next_step(wanted, seen, done)
+
+
+def effect(step: Step, seen: HostStatus, wanted: Wanted) -> HostStatus:
+    """What a step changes on a host."""
+    changes = {
+        Step.INSTALL: {"installed": True, "version": "2", "wheel": wanted.wheel},
+        Step.PUSH: {"configured": True, "config": wanted.config},
+        Step.STOP: {"running": False, "answers": False, "resume": wanted.goal is Goal.UPGRADE},
+        Step.START: {"running": True, "answers": True, "resume": False},
+    }
+    return after(seen, **changes.get(step, {}))
+
+
+@pytest.mark.parametrize("wanted", [Wanted(goal, "new", "new") for goal in Goal])
+@pytest.mark.parametrize("begin", [BARE, READY, SILENT, RUNS, HALF])
+@pytest.mark.parametrize("interrupted_after", range(5))
+def test_an_interrupted_command_ends_as_an_uninterrupted_one(
+    wanted: Wanted, begin: HostStatus, interrupted_after: int
+) -> None:
+    def ends(seen: HostStatus, limit: int) -> HostStatus | type[SwarmError]:
+        done: list[Step] = []
+        try:
+            while len(done) < limit and (step := next_step(wanted, seen, done)) is not None:
+                done.append(step)
+                seen = effect(step, seen, wanted)
+        except SwarmError as error:
+            return type(error)
+        return seen
+
+    first = ends(begin, interrupted_after)
+    second = ends(first, 10) if isinstance(first, HostStatus) else first
+    assert second == ends(begin, 10)
+
+
+def test_a_host_is_described_by_what_its_operator_must_do() -> None:
+    assert [state_text(one) for one in (None, ABSENT, BARE, READY, HALF, SILENT, RUNS)] == [
+        "failed", "not installed", "not configured", "stopped", "being upgraded", "silent", "running",
+    ]  # fmt: skip
+    assert config_state(BARE, "new") == "none"
+    assert config_state(RUNS, "newer") == "changed"
+    assert config_state(RUNS, "new") == "current"
+    assert config_state(after(RUNS, started_config="old"), "new") == "restart"
