@@ -21,6 +21,7 @@ import msgspec
 
 import swarmware.types
 from swarmctl.commandline.arguments import meaning
+from swarmctl.commands.fleet.hosts import hosts_schema
 from swarmctl.main import cli
 from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
@@ -294,6 +295,7 @@ PAGES: dict[Path, Callable[[], str]] = {
     SCHEMAS.parent / "template.schema.json": template_schema,
     SCHEMAS.parent / "mission.schema.json": mission_schema,
     SCHEMAS.parent / "manifest.schema.json": manifest_schema,
+    SCHEMAS.parent / "hosts.schema.json": hosts_schema,
     **{
         path: partial(reference_pages.page, path, made)
         for path, made in (reference_pages.REFERENCE | mission_pages.REFERENCE).items()

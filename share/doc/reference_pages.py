@@ -9,6 +9,7 @@ from typing import NamedTuple
 import msgspec
 from struct_tables import cell, field_docs
 
+from swarmctl.commands.fleet.hosts import FleetFile, HostDefaults, HostEntry
 from swarmctl.terminal import documents
 from swarmware import errors
 from swarmware.model import resource, template
@@ -79,6 +80,16 @@ def _configurations() -> Iterator[tuple[str, type[msgspec.Struct]]]:
     for name, point in installed().items():
         if point.value.startswith("swarmd."):  # a package that is installed beside this one is not its part
             yield name, find(name).Config
+
+
+def hosts() -> str:
+    """The keys of a file of hosts."""
+    shared = {one.name for one in described_keys(HostDefaults)}
+    own = [key for key in keys(HostEntry, "hosts[].") if key.name.removeprefix("hosts[].") not in shared]
+    rows = [*keys(HostDefaults, "defaults."), *own]
+    columns = head("key", "type", "default", "range", "meaning")
+    lines = [row(f"`{one.name}`", one.type, one.default, one.range, one.meaning) for one in rows]
+    return "".join(["\n", inspect.getdoc(FleetFile) or "", "\n\n", columns, *lines])
 
 
 def settings() -> str:
@@ -168,6 +179,7 @@ def page(path: Path, made: Callable[[], str]) -> str:
 REFERENCE = {
     HERE / "configuration.md": configuration,
     HERE / "settings.md": settings,
+    HERE / "hosts.md": hosts,
     HERE / "templates.md": templates,
     HERE / "documents.md": schemas,
     HERE / "exit-codes.md": exit_codes,

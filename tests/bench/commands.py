@@ -68,12 +68,14 @@ NOT_MEASURED: Final = {
     " tree rule, tree load, pub,"
     " traffic set, mission start, mission abort, hold, land, return, arm, disarm, kill, health clear,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
+    " fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
     " lab up, lab down, lab run,"
     " new block, new driver, new mission, new module, new service",
     "runs until a signal or for a time": "tree bw, tree delay, tree hz, tree watch, traffic top,"
     " mission watch, log tail",
     "imports every service, whose settings it checks": "doctor, config show",
     "takes as long as the log is large": "log export, lab report",
+    "takes as long as the hosts and the network": "fleet ls",
     "opens a browser": "docs",
     "verifies a signature": "keys ls, keys show",
 }

@@ -54,7 +54,7 @@ TAIL_LINES: Final = 5
 UNIT_OF_ALL: Final = "swarm.target"
 
 
-class Order(msgspec.Struct, frozen=True):
+class HostOrder(msgspec.Struct, frozen=True):
     """What the operator's command orders."""
 
     verb: Literal["status", "push", "start", "stop"]
@@ -99,7 +99,7 @@ class FleetRecord(msgspec.Struct, frozen=True):
 def main(words: list[str]) -> int:
     """Carry out one order; prints the status of the host or an error, and returns 0 for both."""
     try:
-        order = msgspec.json.decode(words[0], type=Order)
+        order = msgspec.json.decode(words[0], type=HostOrder)
         received = sys.stdin.buffer.read() if order.verb == "push" else b""
         result: msgspec.Struct = HostAgent(order).carry_out(received)
     except (SwarmError, OSError, msgspec.DecodeError) as error:
@@ -111,7 +111,7 @@ def main(words: list[str]) -> int:
 class HostAgent:
     """The node of this host: its files, its processes and what `fleet` recorded of them."""
 
-    def __init__(self, order: Order) -> None:
+    def __init__(self, order: HostOrder) -> None:
         self._order = order
         self._folder = Path(order.config_dir)
 
@@ -271,7 +271,7 @@ class HostAgent:
             with closing(ProcessHandle(child.pid)) as process:
                 ready = _ready(notify, process, deadline_s)
             code = child.poll()
-            child.returncode = code or 0  # it goes on without this process
+            child.returncode = code or 0  # it continues without this process
         if code is not None:
             raise SwarmError(f"the node ended with exit code {code} ({path}): {_tail(path)}")
         if not ready:

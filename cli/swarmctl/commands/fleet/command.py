@@ -32,7 +32,7 @@ class HostName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generic
         """Names in the file, also after a comma."""
         from click.shell_completion import CompletionItem
 
-        from swarmctl.commands.fleet.completion import host_names
+        from swarmctl.commands.fleet.hosts import host_names
 
         begun, comma, word = incomplete.rpartition(",")
         found = host_names(str(ctx.params.get("hosts_file") or ""), word)
@@ -155,7 +155,7 @@ def down(
 @_file
 @click.option("--wheel", type=click.Path(path_type=Path), required=True, metavar="FILE", help="The wheel.")
 @_parallel(1)
-@click.option("--keep-going", is_flag=True, help="Go on with the next host when one fails.")
+@click.option("--keep-going", is_flag=True, help="Continue with the next host when one fails.")
 @_yes
 @_force
 @_sync
@@ -164,7 +164,7 @@ def down(
 def upgrade(ctx: click.Context, /, hosts_file: Path, selected: tuple[str, ...], **options: Any) -> None:
     """Install another wheel, one host after the other: stop its node, install, start it if it ran.
 
-    It stops at the first host whose node does not come back.
+    It stops at the first host whose node does not run again.
 
     Example: swarmctl fleet upgrade HOSTS.toml --wheel dist/swarmware-0.2.0-py3-none-any.whl --yes
     """

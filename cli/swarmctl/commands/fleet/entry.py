@@ -8,7 +8,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet.executing import execute as execute_at
 from swarmctl.commands.fleet.hosts import FleetHost, choose, read_hosts
 from swarmctl.commands.fleet.listing import list_hosts
-from swarmctl.commands.fleet.plan import Goal
+from swarmctl.commands.fleet.plan import FleetGoal
 from swarmctl.commands.fleet.remote import read_wheel
 from swarmctl.commands.fleet.running import bring
 from swarmctl.terminal.confirmation import confirm
@@ -23,7 +23,7 @@ def hosts_of(path: Path, selected: tuple[str, ...]) -> list[FleetHost]:
 
 
 def ls(settings: CliSettings, path: Path, selected: tuple[str, ...]) -> None:
-    """Lists hosts."""
+    """Lists the hosts of a file."""
     asyncio.run(list_hosts(settings, hosts_of(path, selected)))
 
 
@@ -33,7 +33,7 @@ def push(
     """Brings files and a wheel to hosts."""
     hosts = hosts_of(path, selected)
     software = read_wheel(wheel) if wheel is not None else None
-    asyncio.run(bring(settings, hosts, Goal.PUSH, wheel=software, parallel=parallel))
+    asyncio.run(bring(settings, hosts, FleetGoal.PUSH, wheel=software, parallel=parallel))
 
 
 def up(
@@ -47,7 +47,7 @@ def up(
 ) -> None:
     """Starts the nodes of hosts."""
     hosts = hosts_of(path, selected)
-    asyncio.run(bring(settings, hosts, Goal.UP, parallel=parallel, wait_s=wait_s, sync=sync))
+    asyncio.run(bring(settings, hosts, FleetGoal.UP, parallel=parallel, wait_s=wait_s, sync=sync))
 
 
 def down(
@@ -64,7 +64,7 @@ def down(
     hosts = hosts_of(path, selected)
     armed = ", also armed vehicles" if force else ""
     confirm(yes, f"stop the nodes of {', '.join(host.name for host in hosts)}{armed}")
-    asyncio.run(bring(settings, hosts, Goal.DOWN, parallel=parallel, wait_s=wait_s, force=force))
+    asyncio.run(bring(settings, hosts, FleetGoal.DOWN, parallel=parallel, wait_s=wait_s, force=force))
 
 
 def upgrade(
@@ -90,7 +90,7 @@ def upgrade(
         bring(
             settings,
             hosts,
-            Goal.UPGRADE,
+            FleetGoal.UPGRADE,
             wheel=software,
             parallel=parallel,
             wait_s=wait_s,

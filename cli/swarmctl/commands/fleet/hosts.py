@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -18,7 +19,7 @@ from swarmware.model.toml_lines import KeyPath, key_text
 
 CONFIG: Final = "config/"
 """Start of the names of files below the configuration folder of a node."""
-NODE_FILE: Final = f"{CONFIG}node.toml"
+NODE_FILE: Final = "config/node.toml"
 DATA: Final = "data/"
 """Start of the names of files below the data folder of a node."""
 
@@ -221,3 +222,13 @@ def hosts_schema() -> str:
         "description": "Generated from the code that reads it; the whole check: `swarmctl fleet ls`.",
     } | msgspec.json.schema(FleetFile)
     return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
+
+
+def host_names(file: str, begun: str) -> list[str]:
+    """Names of hosts in this file that begin so; none where it cannot be read."""
+    try:
+        found = tomllib.loads(Path(file).read_text("utf-8")).get("hosts", [])
+        names = [str(one["name"]) for one in found if "name" in one]
+    except (OSError, ValueError, TypeError, AttributeError):
+        return []
+    return [name for name in names if name.startswith(begun)]

@@ -1,4 +1,4 @@
-"""The next step on a host, from the goal and from what is there: an interrupted command can be repeated."""
+"""The next step on a host, from the goal and its present state: an interrupted command can be repeated."""
 
 from collections.abc import Collection
 from enum import StrEnum
@@ -9,7 +9,7 @@ import msgspec
 from swarmware.errors import Conflict, NotFound, SwarmError
 
 
-class Goal(StrEnum):
+class FleetGoal(StrEnum):
     """What a command brings a host to."""
 
     PUSH = "push"
@@ -60,7 +60,7 @@ ABSENT: Final = HostStatus()
 class Wanted(msgspec.Struct, frozen=True):
     """What a command wants of a host."""
 
-    goal: Goal
+    goal: FleetGoal
     wheel: str = ""
     """SHA-256 of the wheel; empty: the installed one is kept."""
     config: str = ""
@@ -83,13 +83,13 @@ def next_step(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step 
 
 def _next(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
     match wanted.goal:
-        case Goal.DOWN:
+        case FleetGoal.DOWN:
             return Step.STOP if seen.running or seen.resume else None
-        case Goal.PUSH:
+        case FleetGoal.PUSH:
             return _push(wanted, seen, done)
-        case Goal.UPGRADE:
+        case FleetGoal.UPGRADE:
             return _upgrade(wanted, seen, done)
-        case Goal.UP:
+        case FleetGoal.UP:
             return _up(wanted, seen, done)
 
 
@@ -126,12 +126,22 @@ def _upgrade(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step |
     return Step.SYNCHRONISE if started and Step.SYNCHRONISE not in done else None
 
 
+class HostState(StrEnum):
+    """What a command is doing with a host beside the steps, and its outcome."""
+
+    WAITING = "waiting"
+    CONNECT = "connect"
+    DONE = "done"
+    FAILED = "failed"
+    NOT_BEGUN = "not begun"
+
+
 class FleetStep(msgspec.Struct, frozen=True):
     """Progress of one host: a step that begins, or the outcome."""
 
     host: str
-    state: str
-    """The step that runs; at the end `done`, `failed`, or `not begun`."""
+    state: Step | HostState
+    """The step that runs; at the end the outcome: done, failed, not begun."""
     done: bool = False
     """Whether this is the outcome."""
     steps: tuple[Step, ...] = ()

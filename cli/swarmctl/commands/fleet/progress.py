@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Self
 
-from swarmctl.commands.fleet.plan import FleetStep
+from swarmctl.commands.fleet.plan import FleetStep, HostState
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
 
@@ -16,7 +16,7 @@ class FleetProgress:
 
     def __init__(self, out: Output, names: Sequence[str]) -> None:
         self._out = out
-        self._states = {name: FleetStep(name, "waiting") for name in names}
+        self._states = {name: FleetStep(name, HostState.WAITING) for name in names}
 
     def __enter__(self) -> Self:
         return self

@@ -6,7 +6,7 @@ from typing import Final
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet.hosts import FleetHost, digest, files
-from swarmctl.commands.fleet.plan import FleetStep, Goal, HostStatus, Step, Wanted, next_step
+from swarmctl.commands.fleet.plan import FleetGoal, FleetStep, HostState, HostStatus, Step, Wanted, next_step
 from swarmctl.commands.fleet.progress import FleetProgress
 from swarmctl.commands.fleet.remote import Remote, Wheel
 from swarmctl.commands.fleet.synchronisation import Synchronisation, synchronisation
@@ -23,7 +23,7 @@ class FleetRun:
 
     def __init__(
         self,
-        goal: Goal,
+        goal: FleetGoal,
         out: Output,
         *,
         wheel: Wheel | None = None,
@@ -48,7 +48,7 @@ class FleetRun:
             async def one(host: FleetHost) -> None:
                 async with slots:
                     if stops and self.errors:
-                        outcome = FleetStep(host.name, "not begun", done=True)
+                        outcome = FleetStep(host.name, HostState.NOT_BEGUN, done=True)
                     else:
                         outcome = await self._outcome(host, progress.show)
                 self.outcomes[host.name] = outcome
@@ -65,7 +65,7 @@ class FleetRun:
         """
         errors = dict(self.errors)
         for name, outcome in self.outcomes.items():
-            if outcome.state == "not begun":
+            if outcome.state == HostState.NOT_BEGUN:
                 errors[name] = Conflict("not begun, because another host failed")
         raise_errors(asked, errors)
 
@@ -78,9 +78,9 @@ class FleetRun:
             self.errors[host.name] = failure
             synchronised = False if Step.SYNCHRONISE in done else None
             return FleetStep(
-                host.name, "failed", True, tuple(done), synchronised, str(failure), failure.exit_code
+                host.name, HostState.FAILED, True, tuple(done), synchronised, str(failure), failure.exit_code
             )
-        return FleetStep(host.name, "done", True, tuple(done), Step.SYNCHRONISE in done or None)
+        return FleetStep(host.name, HostState.DONE, True, tuple(done), Step.SYNCHRONISE in done or None)
 
     async def _steps(self, host: FleetHost, done: list[Step], show: Callable[[FleetStep], None]) -> None:
         """Raises: SwarmError and OSError of the step that failed."""
@@ -88,10 +88,10 @@ class FleetRun:
         wanted = Wanted(
             self._goal,
             self._wheel.sum if self._wheel is not None else "",
-            digest(files(host)) if self._goal is Goal.PUSH else "",
+            digest(files(host)) if self._goal is FleetGoal.PUSH else "",
             self._sync is not None,
         )
-        show(FleetStep(host.name, "connect"))
+        show(FleetStep(host.name, HostState.CONNECT))
         seen = await remote.status()
         while (step := next_step(wanted, seen, done)) is not None:
             show(FleetStep(host.name, step, steps=tuple(done)))
@@ -105,7 +105,7 @@ class FleetRun:
             case Step.START:
                 return await remote.start()
             case Step.STOP:
-                return await remote.stop(resume=self._goal is Goal.UPGRADE)
+                return await remote.stop(resume=self._goal is FleetGoal.UPGRADE)
             case Step.SYNCHRONISE:
                 if self._sync is not None:
                     await self._sync.until(remote.host.name, self._wait_s)
@@ -122,7 +122,7 @@ class FleetRun:
         try:
             await remote.install(wheel)
         except NoAnswer:
-            raise  # nothing can be started there now; a repeated call goes on from here
+            raise  # nothing can be started there now; a repeated call continues from here
         except SwarmError as error:
             if not seen.resume:
                 raise
@@ -134,7 +134,7 @@ class FleetRun:
 async def bring(
     settings: CliSettings,
     hosts: Sequence[FleetHost],
-    goal: Goal,
+    goal: FleetGoal,
     *,
     wheel: Wheel | None = None,
     parallel: int = PARALLEL,

@@ -13,14 +13,16 @@ import pytest
 from tests.unit.cli.fleet.test_hosts import HOST, read
 
 from swarmctl.commands.fleet import agent, remote, ssh
-from swarmctl.commands.fleet.agent import FleetRecord, HostAgent, Order
+from swarmctl.commands.fleet.agent import FleetRecord, HostAgent, HostOrder
 from swarmctl.commands.fleet.hosts import digest
 from swarmctl.commands.fleet.plan import HostStatus
+from swarmctl.session.processes import identity
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound, SwarmError
+from swarmware.runtime.filewriter import replace_file
 
 
-def order(folder: Path, verb: Any, **more: Any) -> Order:
-    return Order(verb, str(folder / "etc"), str(folder), "none", "swarm.target", **more)
+def order(folder: Path, verb: Any, **more: Any) -> HostOrder:
+    return HostOrder(verb, str(folder / "etc"), str(folder), "none", "swarm.target", **more)
 
 
 def content(folder: Path, **services: bytes) -> dict[str, bytes]:
@@ -98,7 +100,7 @@ def test_a_push_that_was_killed_among_its_files_is_completed_by_the_next_order(
                 raise KeyboardInterrupt
         original(path, data, **how)
 
-    original: Callable[..., None] = agent.replace_file
+    original: Callable[..., None] = replace_file
     with monkeypatch.context() as patch:
         patch.setattr(agent, "replace_file", replace)
         with pytest.raises(KeyboardInterrupt):
@@ -119,7 +121,7 @@ def test_an_armed_vehicle_is_stopped_by_force_only(
     push(tmp_path, content(tmp_path))
     child = subprocess.Popen(["sleep", "60"])
     try:
-        who = agent.identity(child.pid)
+        who = identity(child.pid)
         record = FleetRecord(pid=who.pid, start_ticks=who.start_ticks)
         (tmp_path / "etc/.fleet.json").write_bytes(msgspec.json.encode(record))
 
@@ -172,7 +174,9 @@ def test_a_wheel_is_uploaded_whole_and_its_installation_is_recorded_at_its_end(t
     python = prefix / "bin/python"
     python.parent.mkdir(parents=True)
     calls, full = tmp_path / "calls", tmp_path / "full"
-    python.write_text(f'#!/bin/sh\nprintf "%s|" "$@" >>{calls}\necho >>{calls}\ntest ! -e {full}\n')
+    python.write_text(
+        f'#!/bin/sh\nprintf "%s|" "$@" >>{calls}\necho >>{calls}\ntest "$3" = --version || test ! -e {full}\n'
+    )
     python.chmod(0o755)
     data = b"PK wheel"
     wheel = remote.Wheel("swarmware-2.whl", data, hashlib.sha256(data).hexdigest())

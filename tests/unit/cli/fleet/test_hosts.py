@@ -8,7 +8,6 @@ import jsonschema
 import pytest
 
 from swarmctl.commands.fleet import hosts
-from swarmctl.commands.fleet.completion import host_names
 from swarmctl.commands.fleet.ssh import command_line
 from swarmware.errors import ConfigError, InvalidInput, NotFound
 
@@ -119,11 +118,11 @@ def test_names_of_hosts_are_completed_from_the_file_and_nothing_from_a_broken_on
 ) -> None:
     file = tmp_path / "HOSTS.toml"
     file.write_text(TWO)
-    assert host_names(str(file), "u") == ["uav1"]
+    assert hosts.host_names(str(file), "u") == ["uav1"]
     for content in ("hosts = 3", "hosts = [1]", "[[hosts"):
         file.write_text(content)
-        assert host_names(str(file), "") == []
-    assert host_names("", "") == []
+        assert hosts.host_names(str(file), "") == []
+    assert hosts.host_names("", "") == []
 
 
 def test_ssh_gets_each_word_quoted_for_the_shell_of_the_host() -> None:

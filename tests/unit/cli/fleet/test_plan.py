@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from swarmctl.commands.fleet.listing import config_state, state_text
-from swarmctl.commands.fleet.plan import ABSENT, Goal, HostStatus, Step, Wanted, next_step
+from swarmctl.commands.fleet.plan import ABSENT, FleetGoal, HostStatus, Step, Wanted, next_step
 from swarmware.errors import Conflict, NotFound, SwarmError
 
 BARE = HostStatus(installed=True, version="1", wheel="old")
@@ -22,30 +22,30 @@ def after(status: HostStatus, **change: object) -> HostStatus:
 @pytest.mark.parametrize(
     ("wanted", "seen", "done", "step"),
     [
-        (Wanted(Goal.PUSH, config="new"), BARE, (), Step.PUSH),
-        (Wanted(Goal.PUSH, config="new"), READY, (), None),
-        (Wanted(Goal.PUSH, config="new"), after(RUNS, config="old"), (), Step.PUSH),
-        (Wanted(Goal.PUSH, "new", "new"), ABSENT, (), Step.UPLOAD),
-        (Wanted(Goal.PUSH, "new", "new"), ABSENT, (Step.UPLOAD,), Step.INSTALL),
-        (Wanted(Goal.PUSH, "old", "new"), RUNS, (), None),
-        (Wanted(Goal.UP), READY, (), Step.START),
-        (Wanted(Goal.UP), SILENT, (), Step.START),
-        (Wanted(Goal.UP), RUNS, (), None),
-        (Wanted(Goal.UP, synchronise=True), RUNS, (), Step.SYNCHRONISE),
-        (Wanted(Goal.UP, synchronise=True), RUNS, (Step.SYNCHRONISE,), None),
-        (Wanted(Goal.DOWN), RUNS, (), Step.STOP),
-        (Wanted(Goal.DOWN), SILENT, (), Step.STOP),
-        (Wanted(Goal.DOWN), HALF, (), Step.STOP),
-        (Wanted(Goal.DOWN), READY, (), None),
-        (Wanted(Goal.DOWN), ABSENT, (), None),
-        (Wanted(Goal.UPGRADE, "new"), RUNS, (), Step.UPLOAD),
-        (Wanted(Goal.UPGRADE, "new"), RUNS, (Step.UPLOAD,), Step.STOP),
-        (Wanted(Goal.UPGRADE, "new"), HALF, (Step.UPLOAD, Step.STOP), Step.INSTALL),
-        (Wanted(Goal.UPGRADE, "new"), after(HALF, **NEW), (), Step.START),
-        (Wanted(Goal.UPGRADE, "new"), after(READY, **NEW), (), None),
-        (Wanted(Goal.UPGRADE, "new"), after(RUNS, **NEW), (), None),
-        (Wanted(Goal.UPGRADE, "new", "", True), after(RUNS, **NEW), (Step.START,), Step.SYNCHRONISE),
-        (Wanted(Goal.UPGRADE, "new"), READY, (Step.UPLOAD,), Step.INSTALL),
+        (Wanted(FleetGoal.PUSH, config="new"), BARE, (), Step.PUSH),
+        (Wanted(FleetGoal.PUSH, config="new"), READY, (), None),
+        (Wanted(FleetGoal.PUSH, config="new"), after(RUNS, config="old"), (), Step.PUSH),
+        (Wanted(FleetGoal.PUSH, "new", "new"), ABSENT, (), Step.UPLOAD),
+        (Wanted(FleetGoal.PUSH, "new", "new"), ABSENT, (Step.UPLOAD,), Step.INSTALL),
+        (Wanted(FleetGoal.PUSH, "old", "new"), RUNS, (), None),
+        (Wanted(FleetGoal.UP), READY, (), Step.START),
+        (Wanted(FleetGoal.UP), SILENT, (), Step.START),
+        (Wanted(FleetGoal.UP), RUNS, (), None),
+        (Wanted(FleetGoal.UP, synchronise=True), RUNS, (), Step.SYNCHRONISE),
+        (Wanted(FleetGoal.UP, synchronise=True), RUNS, (Step.SYNCHRONISE,), None),
+        (Wanted(FleetGoal.DOWN), RUNS, (), Step.STOP),
+        (Wanted(FleetGoal.DOWN), SILENT, (), Step.STOP),
+        (Wanted(FleetGoal.DOWN), HALF, (), Step.STOP),
+        (Wanted(FleetGoal.DOWN), READY, (), None),
+        (Wanted(FleetGoal.DOWN), ABSENT, (), None),
+        (Wanted(FleetGoal.UPGRADE, "new"), RUNS, (), Step.UPLOAD),
+        (Wanted(FleetGoal.UPGRADE, "new"), RUNS, (Step.UPLOAD,), Step.STOP),
+        (Wanted(FleetGoal.UPGRADE, "new"), HALF, (Step.UPLOAD, Step.STOP), Step.INSTALL),
+        (Wanted(FleetGoal.UPGRADE, "new"), after(HALF, **NEW), (), Step.START),
+        (Wanted(FleetGoal.UPGRADE, "new"), after(READY, **NEW), (), None),
+        (Wanted(FleetGoal.UPGRADE, "new"), after(RUNS, **NEW), (), None),
+        (Wanted(FleetGoal.UPGRADE, "new", "", True), after(RUNS, **NEW), (Step.START,), Step.SYNCHRONISE),
+        (Wanted(FleetGoal.UPGRADE, "new"), READY, (Step.UPLOAD,), Step.INSTALL),
     ],
 )
 def test_the_next_step_follows_from_what_is_there(
@@ -57,12 +57,12 @@ def test_the_next_step_follows_from_what_is_there(
 @pytest.mark.parametrize(
     ("wanted", "seen", "done", "error"),
     [
-        (Wanted(Goal.PUSH, "new", "new"), RUNS, (), Conflict),
-        (Wanted(Goal.PUSH, config="new"), ABSENT, (), NotFound),
-        (Wanted(Goal.UP), ABSENT, (), NotFound),
-        (Wanted(Goal.UP), BARE, (), NotFound),
-        (Wanted(Goal.UP), READY, (Step.START,), SwarmError),
-        (Wanted(Goal.DOWN), RUNS, (Step.STOP,), SwarmError),
+        (Wanted(FleetGoal.PUSH, "new", "new"), RUNS, (), Conflict),
+        (Wanted(FleetGoal.PUSH, config="new"), ABSENT, (), NotFound),
+        (Wanted(FleetGoal.UP), ABSENT, (), NotFound),
+        (Wanted(FleetGoal.UP), BARE, (), NotFound),
+        (Wanted(FleetGoal.UP), READY, (Step.START,), SwarmError),
+        (Wanted(FleetGoal.DOWN), RUNS, (Step.STOP,), SwarmError),
     ],
 )
 def test_a_goal_out_of_reach_is_refused_and_no_step_is_done_twice(
@@ -74,16 +74,16 @@ def test_a_goal_out_of_reach_is_refused_and_no_step_is_done_twice(
 
 def effect(step: Step, seen: HostStatus, wanted: Wanted) -> HostStatus:
     """What a step changes on a host."""
-    changes = {
+    changes: dict[Step, dict[str, object]] = {
         Step.INSTALL: {"installed": True, "version": "2", "wheel": wanted.wheel},
         Step.PUSH: {"configured": True, "config": wanted.config},
-        Step.STOP: {"running": False, "answers": False, "resume": wanted.goal is Goal.UPGRADE},
+        Step.STOP: {"running": False, "answers": False, "resume": wanted.goal is FleetGoal.UPGRADE},
         Step.START: {"running": True, "answers": True, "resume": False},
     }
     return after(seen, **changes.get(step, {}))
 
 
-@pytest.mark.parametrize("wanted", [Wanted(goal, "new", "new") for goal in Goal])
+@pytest.mark.parametrize("wanted", [Wanted(goal, "new", "new") for goal in FleetGoal])
 @pytest.mark.parametrize("begin", [BARE, READY, SILENT, RUNS, HALF])
 @pytest.mark.parametrize("interrupted_after", range(5))
 def test_an_interrupted_command_ends_as_an_uninterrupted_one(
