@@ -127,10 +127,16 @@ def _upgrade(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step |
 
 
 class HostState(StrEnum):
-    """What a command is doing with a host beside the steps, and its outcome."""
+    """What a command is doing with a host: a step or what precedes it, and the outcome."""
 
     WAITING = "waiting"
     CONNECT = "connect"
+    UPLOAD = "upload"
+    INSTALL = "install"
+    PUSH = "push"
+    STOP = "stop"
+    START = "start"
+    SYNCHRONISE = "synchronise"
     DONE = "done"
     FAILED = "failed"
     NOT_BEGUN = "not begun"
@@ -140,7 +146,7 @@ class FleetStep(msgspec.Struct, frozen=True):
     """Progress of one host: a step that begins, or the outcome."""
 
     host: str
-    state: Step | HostState
+    state: HostState
     """The step that runs; at the end the outcome: done, failed, not begun."""
     done: bool = False
     """Whether this is the outcome."""

@@ -94,7 +94,7 @@ class FleetRun:
         show(FleetStep(host.name, HostState.CONNECT))
         seen = await remote.status()
         while (step := next_step(wanted, seen, done)) is not None:
-            show(FleetStep(host.name, step, steps=tuple(done)))
+            show(FleetStep(host.name, HostState(step), steps=tuple(done)))
             done.append(step)
             seen = await self._carry_out(step, remote, seen)
 
