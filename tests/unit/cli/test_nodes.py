@@ -158,6 +158,10 @@ WITHOUT_NODES = {
     "keys revoke": "of the root",
     "keys rotate": "of the root",
     "keys show": "of the root",
+    **dict.fromkeys(
+        ("fleet ls", "fleet push", "fleet up", "fleet down", "fleet upgrade", "fleet exec"),
+        "hosts of a file, selected by --host",
+    ),
     "kill": "one vehicle, named twice",
     "lab down": "of a lab",
     "lab env": "one node, named once",
