@@ -29,6 +29,7 @@ from swarmlab.report import report
 from swarmware.mission.manifest import manifest_schema
 from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
+from swarmware.model.acl import AclConfig
 from swarmware.transport.appfile import entry
 
 HERE = Path(__file__).parent
@@ -286,6 +287,11 @@ def template_schema() -> str:
     return json.dumps(template.schema(), indent=2) + "\n"
 
 
+def acl_schema() -> str:
+    """The JSON Schema of the file of access rules."""
+    return msgspec.json.format(msgspec.json.encode(msgspec.json.schema(AclConfig)), indent=2).decode() + "\n"
+
+
 PAGES: dict[Path, Callable[[], str]] = {
     HERE / "cli.md": cli_page,
     HERE / "types.md": types_page,
@@ -293,6 +299,7 @@ PAGES: dict[Path, Callable[[], str]] = {
     REQUIREMENTS: requirements,
     ARCHITECTURE: architecture,
     SCHEMAS.parent / "template.schema.json": template_schema,
+    SCHEMAS.parent / "acl.schema.json": acl_schema,
     SCHEMAS.parent / "mission.schema.json": mission_schema,
     SCHEMAS.parent / "manifest.schema.json": manifest_schema,
     SCHEMAS.parent / "hosts.schema.json": hosts_schema,

@@ -13,6 +13,7 @@ from swarmctl.commands.fleet.hosts import FleetFile, HostDefaults, HostEntry
 from swarmctl.terminal import documents
 from swarmware import errors
 from swarmware.model import resource, template
+from swarmware.model.acl import AclConfig
 from swarmware.model.config import NodeConfig
 from swarmware.service.config_keys import KeyDescription, described_keys, permitted, toml_type, without_none
 from swarmware.service.installed import find, installed
@@ -68,7 +69,7 @@ def configuration() -> str:
     """Every key of every configuration file."""
     out = []
     for name, cls in _configurations():
-        place = "node.toml" if name == "node" else f"services/{name}.toml"
+        place = f"{name}.toml" if name in ("node", "acl") else f"services/{name}.toml"
         out.append(f"\n## {place}\n\n{cell(inspect.getdoc(cls) or '')}\n\n")
         out.append(head("key", "type", "unit", "default", "range", "meaning"))
         out += [row(f"`{key.name}`", *key[1:]) for key in keys(cls)]
@@ -77,6 +78,7 @@ def configuration() -> str:
 
 def _configurations() -> Iterator[tuple[str, type[msgspec.Struct]]]:
     yield "node", NodeConfig
+    yield "acl", AclConfig
     for name, point in installed().items():
         if point.value.startswith("swarmd."):  # a package that is installed beside this one is not its part
             yield name, find(name).Config

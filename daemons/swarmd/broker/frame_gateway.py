@@ -53,12 +53,13 @@ class FrameGateway:
         core: BrokerCore,
         on_denial: Callable[[Denial], None],
         on_roster_actions: Callable[[list[RosterAction]], None],
+        access: Access,
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self._on_roster_actions = on_roster_actions
         self._keys = keys
         self._table = table
-        self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), Access())
+        self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), access)
         self._on_denial = on_denial
         self._clock = clock
         self._messaging = messaging
@@ -284,7 +285,7 @@ class FrameGateway:
 
     def _deliver(self, arrival: AuthenticatedFrame) -> None:
         frame = arrival.frame
-        if self._is_late(frame, arrival.arrived_ns) or not self._may_pass(frame, arrival.arrived_ns):
+        if self._is_late(frame, arrival.arrived_ns) or not self._may_pass(arrival):
             return
         self._messaging.deliver(frame)
         for channel, size in self._accounts.channels(frame):
@@ -305,7 +306,8 @@ class FrameGateway:
         )
         return True
 
-    def _may_pass(self, frame: Frame, arrived_ns: int) -> bool:
+    def _may_pass(self, arrival: AuthenticatedFrame) -> bool:
+        frame, arrived_ns = arrival.frame, arrival.arrived_ns
         platform = self._core.nodes.platform(frame.sender_hw)
         asks = answerable(frame)
         path = self._path_of(frame.data_id) if asks else None  # an answer needs no right
@@ -314,7 +316,8 @@ class FrameGateway:
             self._messaging.refuse(frame, Status.ABSENT, "no application here takes this path and type")
             return False
         try:
-            self._access_filter.check(frame, platform, path, arrived_ns)
+            via = tuple(map(self._core.nodes.platform, arrival.path))
+            self._access_filter.check(frame, platform, path, arrived_ns, via)
         except WireError as error:
             self._counters.refused.malformed += 1
             log.debug("frame of %s: %s", platform, error)

@@ -30,6 +30,8 @@ from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmd.broker.net_boards import NetBoards
 from swarmd.broker.own_boards import OwnBoards
+from swarmware.model.access import Access
+from swarmware.model.acl import load_acl
 from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
@@ -64,7 +66,7 @@ class BrokerShell:
         core: BrokerCore,
         former_session: FormerSession,
     ) -> None:
-        """Raises: ConfigError when an address or port cannot be used."""
+        """Raises: ConfigError when an address or port cannot be used, or the access rules are invalid."""
         module, node = service.module, service.module.node
         self._module = module
         self._health = service.health
@@ -86,6 +88,7 @@ class BrokerShell:
                 core,
                 self._on_denial,
                 lambda found: feed(core.on_roster_actions(found, module.clock.now_ns())),
+                Access(load_acl(node.config_dir).rule),
             )
             stack.callback(self._gateway.close)
             self._own = OwnBoards(node, core.published, core.counters)

@@ -14,6 +14,7 @@ from swarmware.errors import MissionError, NotFound, SwarmError
 from swarmware.mission.assignment import Assignment, MemberAssignment, Platform, assign
 from swarmware.mission.folder import Folder, files_hash, from_files
 from swarmware.mission.model import content_hash
+from swarmware.model.access import Sender
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, natural
 from swarmware.model.platform_kind import VEHICLES
@@ -70,10 +71,16 @@ class Dispatcher:
         return MissionPlan(folder.manifest.name, folder.hash, assignment.members, left_out, warnings)
 
     async def task(
-        self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut], instructed_ns: int
+        self,
+        task: MissionTask,
+        platforms: list[Platform],
+        absent: list[LeftOut],
+        instructed_ns: int,
+        by: Sender | None = None,
     ) -> TaskAnswer:
         """Checks the mission, sends orders to all members concurrently, withdraws them unless all accept.
 
+        `by`: user of this computer that gives the task; the members apply and record its role and name.
         Raises: MissionError, NotFound, ConfigError; then no order was sent.
         """
         folder, warnings = await self._checked(task)
@@ -85,7 +92,7 @@ class Dispatcher:
         )
         orders = [(one.member.platform, self._order(folder, assignment, one, epoch)) for one in members]
         with self._module.node.messaging.batch():
-            answers = [self._send(order, platform) for platform, order in orders]
+            answers = [self._send(order, platform, by) for platform, order in orders]
         receipts = await asyncio.gather(*answers)
         accepted = all(receipt.accepted for receipt in receipts)
         name = folder.manifest.name
@@ -96,7 +103,7 @@ class Dispatcher:
             log.warning("mission %s: not accepted by %s; withdrawn", name, ", ".join(refused))
             reason = f"not accepted by {', '.join(refused)}"
             await self.abort(
-                tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch)
+                tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch), by
             )
         self._publish(receipts)
         left_out = _left_out(task, assignment, platforms, absent)
@@ -111,14 +118,22 @@ class Dispatcher:
                 # the own order crossed no link: it would improve the statistics of delays
                 self._receipts.write(receipt)
 
-    async def abort(self, platforms: tuple[str, ...], order: MissionAbort) -> tuple[str, ...]:
+    async def abort(
+        self, platforms: tuple[str, ...], order: MissionAbort, by: Sender | None = None
+    ) -> tuple[str, ...]:
         """Sends the abort to all these platforms; returns those that did not acknowledge it."""
         timeout_s, send = self._config.order_timeout_s, self._module.send
         async with asyncio.TaskGroup() as group:
             with self._module.node.messaging.batch():
                 sends = [
                     group.create_task(
-                        send(join(platform, ABORT_PATH), order, timeout_s=timeout_s, urgent=True),
+                        send(
+                            join(platform, ABORT_PATH),
+                            order,
+                            timeout_s=timeout_s,
+                            urgent=True,
+                            on_behalf_of=by,
+                        ),
                         name=f"mission: abort of {platform}",
                     )
                     for platform in platforms
@@ -183,14 +198,18 @@ class Dispatcher:
             expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
         )
 
-    def _send(self, order: MissionOrder, platform: str) -> Coroutine[Any, Any, OrderReceipt]:
+    def _send(
+        self, order: MissionOrder, platform: str, by: Sender | None
+    ) -> Coroutine[Any, Any, OrderReceipt]:
         """Sends the order before it returns; the coroutine waits for the reply."""
         sent_ns = self._module.now_ns()
         if platform == self._module.platform:
             return self._receipt(order, platform, sent_ns, self._accept(order, sent_ns))
         path, timeout_s = join(platform, ORDER_PATH), self._config.order_timeout_s
         try:
-            answer = self._module.request(path, order, MissionReceipt, timeout_s=timeout_s, urgent=True)
+            answer = self._module.request(
+                path, order, MissionReceipt, timeout_s=timeout_s, urgent=True, on_behalf_of=by
+            )
         except SwarmError as error:
             return self._receipt(order, platform, sent_ns, error)
         return self._receipt(order, platform, sent_ns, answer)

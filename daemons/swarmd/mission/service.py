@@ -245,7 +245,9 @@ class Mission(Service):
         return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
 
     async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
-        return await self._dispatcher.task(task, self._platforms(), self._absent(), self._instructed_ns(meta))
+        return await self._dispatcher.task(
+            task, self._platforms(), self._absent(), self._instructed_ns(meta), meta.sender
+        )
 
     async def _on_plan(self, task: MissionTask, meta: Meta) -> MissionPlan:
         return await self._dispatcher.plan(task, self._platforms(), self._absent())
@@ -266,7 +268,7 @@ class Mission(Service):
         if self._core.phase not in INACTIVE:
             ordered = tuple(member.platform for member in self._core.members)
         ordered = ordered or tuple(states)
-        silent = await self._dispatcher.abort(ordered, order)
+        silent = await self._dispatcher.abort(ordered, order, meta.sender)
         return AbortAnswer(tuple(name for name in ordered if name not in silent), silent)
 
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:

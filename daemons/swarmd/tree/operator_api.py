@@ -63,6 +63,7 @@ class OperatorApi:
         types: TypeCatalogue,
         changes: ChangeLog,
         rules: RuleStore,
+        access: Access,
         answer_s: float,
     ) -> None:
         """`stepped`: set after each step of the tree, which may have brought a structure."""
@@ -77,7 +78,7 @@ class OperatorApi:
         self._rules = rules
         self._setting_rule = asyncio.Lock()
         self._answer_s = answer_s
-        self._access = Access()
+        self._access = access
 
     def serve(self) -> None:
         """Registers the handlers of the requests."""
@@ -101,8 +102,9 @@ class OperatorApi:
     def _get(self, request: TreeGet, meta: Meta) -> TreeValue:
         view = self._view
         platform, local = self._split(request.path)
+        # also for another platform's: its answer is for this one, or comes from a mirror
+        self._access.check(meta.sender, Verb.GET, local)
         if platform == self._module.platform:
-            self._access.check(meta.sender, Verb.GET, local)
             return view.own_value(view.own_leaf(local), self._settings.version(local))
         if request.fresh or meta.sender_hw != self._module.node.hardware:
             raise self._not_its_owner(platform, request.path, "get")
@@ -176,14 +178,15 @@ class OperatorApi:
         """Make a change and record it, also one that is refused. Raises: Denied, as `change`."""
         shown = names.join(self._module.platform, resource.path)
         before, by = self._view.own_text(resource), requester(self._module, meta)
+        via = () if meta.sender is None else meta.sender.via
         try:
             verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL
             self._access.check(meta.sender, verb, resource.path)
             done = await change(shown, by)
         except SwarmError as error:
-            await self._changes.record(TreeChange(shown, by, before, "", str(error)))
+            await self._changes.record(TreeChange(shown, by, before, "", str(error), via))
             raise
-        await self._changes.record(TreeChange(shown, by, before, json_text(done.data)))
+        await self._changes.record(TreeChange(shown, by, before, json_text(done.data), via=via))
         return done
 
     async def _set_here(

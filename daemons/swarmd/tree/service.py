@@ -36,6 +36,8 @@ from swarmd.tree.tree_view import TreeView
 from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmware.errors import ConfigError
 from swarmware.model import template
+from swarmware.model.access import Access
+from swarmware.model.acl import load_acl
 from swarmware.model.resource import Resource
 from swarmware.model.stored_setting import FILE
 from swarmware.module.board import BoardReader
@@ -89,6 +91,7 @@ class Tree(Service):
         self._changes = ChangeLog(module, changes, node.config.data_path / change_log.FILE)
         rules = RuleStore(node.config.data_path / rule_store.FILE)
         self._driver.defer(self._tree.on_rules(rules.rules, module.now_ns()))
+        access = Access(load_acl(node.config_dir).rule)
         self._operator_api = OperatorApi(
             module,
             self._tree,
@@ -99,6 +102,7 @@ class Tree(Service):
             TypeCatalogue(module.platform, node.applications.table),
             self._changes,
             rules,
+            access,
             config.answer_s,
         )
         self._config_api = ConfigApi(module, self._settings)

@@ -1,7 +1,7 @@
 """Access control of resources: the lowest role for each verb and path."""
 
 from enum import IntEnum, StrEnum
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
 
@@ -34,6 +34,9 @@ class Role(IntEnum):
             raise ConfigError(f"role {name!r}: expected one of {names}") from None
 
 
+RoleName = Literal["observer", "node", "operator", "maintainer"]
+
+
 class Verb(StrEnum):
     """Operation on a resource."""
 
@@ -45,47 +48,57 @@ class Verb(StrEnum):
     """Send its owner a message or request."""
 
 
-class AccessRule(msgspec.Struct, frozen=True):
+class AccessRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The lowest role that may perform an operation on matching paths."""
 
     verb: Verb
-    pattern: str
-    """Pattern of local paths."""
-    role: Role
+    """Operation: get, set or call."""
+    path: str
+    """Pattern of local paths: `cmd/**`, `sys/*/status`."""
+    role: RoleName
+    """Lowest role that may do it: observer, node, operator or maintainer."""
+
+    def __post_init__(self) -> None:
+        """Check the pattern; msgspec converts ValueError to its ValidationError."""
+        Pattern(self.path)
 
 
 DEFAULT: Final = (
-    AccessRule(Verb.GET, "**", Role.OBSERVER),
-    AccessRule(Verb.SET, "**", Role.OPERATOR),
+    AccessRule(Verb.GET, "**", "observer"),
+    AccessRule(Verb.SET, "**", "operator"),
     # the tree itself checks the access to the requested path
-    AccessRule(Verb.CALL, "sys/tree/{get,history,list,log,structure,subscribe,type}", Role.OBSERVER),
-    AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset,rule}", Role.NODE),
-    AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions}", Role.OBSERVER),
-    AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", Role.OBSERVER),
-    AccessRule(Verb.CALL, "sys/{mission,vehicle,health}/**", Role.OPERATOR),
-    AccessRule(Verb.CALL, "sys/**", Role.MAINTAINER),
-    AccessRule(Verb.CALL, "cmd/**", Role.OPERATOR),
-    AccessRule(Verb.CALL, "config/**", Role.OPERATOR),
-    AccessRule(Verb.CALL, "**", Role.NODE),
+    AccessRule(Verb.CALL, "sys/tree/{get,history,list,log,structure,subscribe,type}", "observer"),
+    AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset,rule}", "node"),
+    AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions}", "observer"),
+    AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", "observer"),
+    AccessRule(Verb.CALL, "sys/{mission,vehicle,health}/**", "operator"),
+    AccessRule(Verb.CALL, "sys/**", "maintainer"),
+    AccessRule(Verb.CALL, "cmd/**", "operator"),
+    AccessRule(Verb.CALL, "config/**", "operator"),
+    AccessRule(Verb.CALL, "**", "node"),
 )
 """Default rules: the first that matches decides; without one only maintainers have access."""
 
 
 class Sender(msgspec.Struct, frozen=True, gc=False):
-    """An authenticated member of the swarm, and its role."""
+    """An authenticated member of the swarm or user of its computer, and its role."""
 
     platform: str
     role: Role
+    caller: str = ""
+    """User of that platform's computer, as its sockets authenticate it; empty: the platform itself."""
+    via: tuple[str, ...] = ()
+    """Platforms that forwarded the frame, the first one first; only the last one is certain."""
 
     def __str__(self) -> str:
-        return f"{self.role.name.lower()}@{self.platform}"
+        return f"{self.caller or self.role.name.lower()}@{self.platform}"
 
 
 class Access:
     """Access decisions by a table of rules."""
 
     def __init__(self, rules: tuple[AccessRule, ...] = DEFAULT) -> None:
-        self._rules = tuple((rule.verb, Pattern(rule.pattern), rule.role) for rule in rules)
+        self._rules = tuple((rule.verb, Pattern(rule.path), Role.named(rule.role)) for rule in rules)
         self._known: dict[tuple[Verb, str], Role] = {}
 
     def needed(self, verb: Verb, path: str) -> Role:
@@ -109,8 +122,9 @@ class Access:
             return
         needed = self._known.get((verb, path)) or self.needed(verb, path)
         if sender.role < needed:
+            role = f" ({sender.role.name.lower()})" if sender.caller else ""
             raise Denied(
-                f"{path}: {sender} may not {verb} it; expected role {needed.name.lower()}"
+                f"{path}: {sender}{role} may not {verb} it; expected role {needed.name.lower()}"
                 + (" or above" if needed < Role.MAINTAINER else "")
             )
 

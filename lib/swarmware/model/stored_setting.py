@@ -21,7 +21,7 @@ class SettingChange(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     utc_ns: int
     """Wall clock of the platform."""
     by: str
-    """`role@platform` of the requester, or `application@platform` on the platform itself."""
+    """`user@platform` or `role@platform` of the requester; `application@platform` on the platform itself."""
     before: Plain
     """Value in force before the change."""
     after: Plain

@@ -11,8 +11,9 @@ import msgspec
 
 from swarmware.errors import InvalidInput, TypeMismatch
 from swarmware.model import names
+from swarmware.model.access import Sender
 from swarmware.model.clock import Clock
-from swarmware.model.frame import ADDRESSED, Flag, FrameKind
+from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.model.resource import Kind, Link, Resource
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
@@ -34,6 +35,7 @@ from swarmware.node.node import Node
 from swarmware.runtime.instant import stage_phase_ns
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.sender import Caller, with_caller
 from swarmware.types import registry
 from swarmware.types.register import PartnerTable
 
@@ -389,12 +391,14 @@ class Module:
         timeout_s: float = 2.0,
         urgent: bool = False,
         kind: FrameKind = FrameKind.MESSAGE,
+        on_behalf_of: Sender | None = None,
     ) -> Outcome:
         """Send a message to an address of this platform or (`/uav3/cmd/goto`) another one; returns its
         outcome.
 
         `kind`: its priority on a link; a message that is not a command has kind notify, event, stream or
-        file, with a lower priority than commands.
+        file, with a lower priority than commands. `on_behalf_of`: the user of this computer whose request
+        this message carries out; the receiver applies and records the role and name of that user.
         Raises: InvalidInput for a kind that no inbox takes.
         """
         if kind not in ADDRESSED:
@@ -406,10 +410,15 @@ class Module:
             return Outcome(Status.REFUSED, self.platform, error_text)
         frame = member.addressing.frame(kind, address, value, timeout_s)
         frame.flags = _ACKED_URGENT if urgent else _ACKED
+        self._state_caller(frame, on_behalf_of)
         outcome = await member.participant.node.messaging.send(frame, timeout_s)
         if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
             return msgspec.structs.replace(outcome, detail=error_text)  # its server appeared during the wait
         return outcome
+
+    def _state_caller(self, frame: Frame, sender: Sender | None) -> None:
+        if sender is not None and sender.caller and sender.platform == self.platform:
+            frame.extension = with_caller(frame.extension, Caller(sender.caller, sender.role))
 
     # -- requests
 
@@ -445,6 +454,7 @@ class Module:
         *,
         timeout_s: float = 2.0,
         urgent: bool = False,
+        on_behalf_of: Sender | None = None,
     ) -> Coroutine[Any, Any, R]:
         """Send a request to an address of this or another platform, at once; the coroutine returns the reply.
 
@@ -462,4 +472,5 @@ class Module:
             raise TypeMismatch(error_text)
         frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
         frame.flags = _URGENT if urgent else 0
+        self._state_caller(frame, on_behalf_of)
         return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)

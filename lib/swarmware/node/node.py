@@ -24,6 +24,7 @@ from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.messaging.callers import Callers
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
@@ -109,6 +110,7 @@ class Node(Immediate):
             clock=self.clock,
             socket_path=paths.socket(self.run_dir, self.doorbell.name),
             table=self.table,
+            callers=Callers(config_dir, self.platform, self.run_dir.stat().st_uid),
         )
         self._apps_watchers = ReaderNotifier(paths.applications_watchers(self.shm_dir), self.doorbells)
         self._mirror_watchers = ReaderNotifier(paths.mirrors_watchers(self.shm_dir), self.doorbells)

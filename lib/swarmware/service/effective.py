@@ -8,6 +8,7 @@ import msgspec
 
 from swarmware.errors import ConfigError, NotFound
 from swarmware.model import document, paths
+from swarmware.model.acl import load_acl
 from swarmware.model.config import NodeConfig, convert, load_node
 from swarmware.model.names import Pattern, segment
 from swarmware.model.stored_setting import LiveValue
@@ -72,6 +73,10 @@ def effective_config(
             problems.append(file.problem)
         for name, key, setting in chosen:
             keys.append(_key(name, key, file, running.get(service), setting, meanings=meanings))
+    try:
+        load_acl(folder)
+    except ConfigError as error:
+        problems.append(str(error))
     for path, setting in left.items():
         name = path.removeprefix(paths.setting(""))
         if wanted(name):

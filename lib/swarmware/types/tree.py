@@ -232,12 +232,15 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     path: str
     by: str
-    """Authenticated `role@platform`, or `application@platform` on the platform itself."""
+    """Authenticated `user@platform` or `role@platform`; `application@platform` on the platform itself."""
     before: str
     """Former value as text; empty when it is unknown."""
     after: str
     refused: str = ""
     """Reason of a refusal; empty when it was executed."""
+    via: tuple[str, ...] = ()
+    """Platforms that forwarded the request, the first one first; empty: it came directly. Only the last one
+    is certain."""
 
 
 @register

@@ -16,6 +16,8 @@ from swarmctl.commands.doctor.keys_check import check_keys
 from swarmctl.session import labs
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.model import paths
+from swarmware.model.acl import FILE as ACL_FILE
+from swarmware.model.acl import load_acl
 from swarmware.model.clock import utc_ns
 from swarmware.model.config import load_node, load_service, share_dir
 from swarmware.model.frame import decode
@@ -38,6 +40,10 @@ DATABASE_S: Final = 2.0
 
 REFUSALS_SHOWN: Final = 8
 """Maximum number of lines about denied requests."""
+
+CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned")
+HOSTILE: Final = (*CERTAINLY_HOSTILE, "replayed", "denied_connections", "denied", "expired", "flooded")
+"""Counters of refused input; those beside the certain ones also count what a poor link or a restart causes."""
 
 Verdict = Literal["ok", "warning", "error"]
 
@@ -178,6 +184,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         yield CheckResult("node.toml", "error", str(error), "correct the file")
         return
     yield CheckResult("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
+    yield _access_rules(folder)
     longest = len(str(paths.socket(node.run_path, "4194304-99")).encode())
     if longest > SOCKET_PATH_BYTES:
         text = f"{node.run_dir}: sockets in it would have paths of {longest} bytes"
@@ -207,12 +214,38 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
     if "broker" in alive:
         yield processor(node.shm_path)
         yield from foreign(node.shm_path)
+        yield from hostile_input(node.shm_path)
     if alive:
         yield from _present(folder, monitored="health" in alive)
     yield from _settings(folder, node.services)
     for found in check_keys(folder / node.keys_dir, node.platform, utc_ns() / 1e9):
         yield CheckResult("keys", *found)
     yield _disk(node.data_path)
+
+
+def _access_rules(folder: Path) -> CheckResult:
+    try:
+        acl = load_acl(folder)
+    except SwarmError as error:
+        return CheckResult(ACL_FILE, "error", str(error), "correct the file")
+    return CheckResult(ACL_FILE, "ok", f"{len(acl.rule)} rules, {len(acl.operator)} users or groups")
+
+
+def hostile_input(shm_dir: Path) -> Iterator[CheckResult]:
+    """Input that the broker refused and no valid member sends, beside what `foreign` reports."""
+    try:
+        traffic = _traffic(shm_dir)
+    except SwarmError:
+        return  # `processor` reports a board that cannot be read
+    if traffic is None:
+        return
+    counts = msgspec.structs.asdict(traffic.refused)
+    found = ", ".join(f"{counts[name]} {name}" for name in HOSTILE if counts[name])
+    if not any(counts[name] for name in CERTAINLY_HOSTILE):
+        yield CheckResult("refused", "ok", found or "no forged or repeated input")
+        return
+    advice = "swarmctl log shows the platforms; revoke a member that does this, block outsiders by a firewall"
+    yield CheckResult("refused", "warning", found, advice)
 
 
 def processor(shm_dir: Path) -> CheckResult:

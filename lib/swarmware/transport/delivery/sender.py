@@ -4,6 +4,8 @@ import struct
 from functools import lru_cache
 from typing import Final
 
+import msgspec
+
 from swarmware.errors import WireError
 from swarmware.model.access import Role, Sender
 from swarmware.model.frame import EXTENSION_LIMIT
@@ -13,7 +15,22 @@ _SENDER_TAG: Final = 2
 _ARRIVAL_TAG: Final = 3
 _ARRIVAL: Final = struct.Struct("<BBq")
 """Element of a header extension: tag, length of what follows, instant in ns. Never taken from a link."""
-_OWN_TAGS: Final = frozenset({_SENDER_TAG, _ARRIVAL_TAG})
+_CALLER_TAG: Final = 5
+"""Element of a header extension: tag, length of what follows, role, name of the user that sent the frame. The
+broker of the sender states it; it is within the signature."""
+_VIA_TAG: Final = 7
+"""Element of a header extension: tag, length of what follows, names of the platforms that forwarded the
+frame, separated by commas. Never taken from a link."""
+_OWN_TAGS: Final = frozenset({_SENDER_TAG, _ARRIVAL_TAG, _CALLER_TAG, _VIA_TAG})
+_ROLES: Final = frozenset(Role)
+_NAME_BYTES: Final = 31
+
+
+class Caller(msgspec.Struct, frozen=True, gc=False):
+    """A user of a platform's computer, whose program sent a frame."""
+
+    name: str
+    role: Role
 
 
 def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None = None) -> bytes:
@@ -21,6 +38,32 @@ def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None 
 
     Raises: WireError when it is not a list of tagged elements.
     """
+    kept = _without(extension)
+    elements = b"" if arrived_ns is None else _ARRIVAL.pack(_ARRIVAL_TAG, 8, arrived_ns)
+    if sender is not None:
+        elements += _element(sender.platform, sender.role)
+        if sender.caller:
+            elements += _caller_element(sender.caller, sender.role)
+        if sender.via:
+            elements += _via_element(sender.via, EXTENSION_LIMIT - len(kept) - len(elements))
+    if len(kept) + len(elements) > EXTENSION_LIMIT:
+        raise WireError(f"header extension of {len(extension)} bytes: no room for the sender")
+    return kept + elements
+
+
+def with_caller(extension: bytes, caller: Caller | None) -> bytes:
+    """The extension with this caller; what it stated before of sender, arrival and caller is removed.
+
+    Raises: WireError when it is not a list of tagged elements, or has no room.
+    """
+    kept = _without(extension)
+    element = b"" if caller is None else _caller_element(caller.name, caller.role)
+    if len(kept) + len(element) > EXTENSION_LIMIT:
+        raise WireError(f"header extension of {len(extension)} bytes: no room for the caller")
+    return kept + element
+
+
+def _without(extension: bytes) -> bytes:
     kept = b""
     at = 0
     while at < len(extension):
@@ -30,34 +73,65 @@ def with_sender(extension: bytes, sender: Sender | None, arrived_ns: int | None 
         if extension[at] not in _OWN_TAGS:
             kept += extension[at:end]
         at = end
-    elements = b"" if arrived_ns is None else _ARRIVAL.pack(_ARRIVAL_TAG, 8, arrived_ns)
-    if sender is not None:
-        elements += _element(sender)
-    if len(kept) + len(elements) > EXTENSION_LIMIT:
-        raise WireError(f"header extension of {len(extension)} bytes: no room for the sender")
-    return kept + elements
+    return kept
 
 
 @lru_cache(maxsize=256)
-def _element(sender: Sender) -> bytes:
-    name = sender.platform.encode()
-    return bytes((_SENDER_TAG, 1 + len(name), sender.role)) + name
+def _element(platform: str, role: Role) -> bytes:
+    name = platform.encode()
+    return bytes((_SENDER_TAG, 1 + len(name), role)) + name
+
+
+@lru_cache(maxsize=256)
+def _caller_element(caller: str, role: Role) -> bytes:
+    name = caller.encode()[:_NAME_BYTES]
+    return bytes((_CALLER_TAG, 1 + len(name), role)) + name
+
+
+def _via_element(via: tuple[str, ...], room: int) -> bytes:
+    """The last names of the path, as many as there is room for."""
+    names = ",".join(via).encode()[-max(0, room - 2) :] if room > 2 else b""
+    return bytes((_VIA_TAG, len(names))) + names if names else b""
+
+
+def _elements(extension: bytes) -> dict[int, bytes]:
+    """Content of the first element of each tag; those that end behind the extension are left out."""
+    found: dict[int, bytes] = {}
+    at, size = 0, len(extension)
+    while at + 2 <= size:
+        end = at + 2 + extension[at + 1]
+        if end <= size:
+            found.setdefault(extension[at], extension[at + 2 : end])
+        at = end
+    return found
 
 
 def sender_of(extension: bytes) -> Sender | None:
     """The sender in an extension; None: this platform itself, or a swarm without keys."""
-    at, size = 0, len(extension)
-    while at + 2 <= size:
-        tag, end = extension[at], at + 2 + extension[at + 1]
-        if tag == _SENDER_TAG and at + 3 <= end <= size and extension[at + 2] in _ROLES:
-            return _sender(extension[at + 2 : end])
-        at = end
-    return None
+    found = _elements(extension)
+    sender = found.get(_SENDER_TAG, b"")
+    if not sender or sender[0] not in _ROLES:
+        return None
+    return _sender(sender, found.get(_CALLER_TAG, b"")[1:], found.get(_VIA_TAG, b""))
+
+
+def caller_of(extension: bytes) -> Caller | None:
+    """The caller in an extension; None: the platform of the sender itself."""
+    content = _elements(extension).get(_CALLER_TAG, b"")
+    if len(content) < 2 or content[0] not in _ROLES:
+        return None
+    return Caller(_printable(content[1 : 1 + _NAME_BYTES]), Role(content[0]))
 
 
 @lru_cache(maxsize=256)
-def _sender(content: bytes) -> Sender:
-    return Sender(content[1:].decode("ascii", "replace"), Role(content[0]))
+def _sender(content: bytes, caller: bytes, via: bytes) -> Sender:
+    names = tuple(_printable(via).split(",")) if via else ()
+    return Sender(_printable(content[1:]), Role(content[0]), _printable(caller), names)
+
+
+def _printable(name: bytes) -> str:
+    text = name.decode("ascii", "replace")
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def arrival_ns(extension: bytes) -> int | None:
@@ -68,6 +142,3 @@ def arrival_ns(extension: bytes) -> int | None:
             return int(_ARRIVAL.unpack_from(extension, at)[2])
         at += 2 + extension[at + 1]
     return None
-
-
-_ROLES = frozenset(Role)

@@ -8,13 +8,16 @@ from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
 
-from swarmware.errors import WireError, from_kind
+from swarmware.errors import Denied, WireError, from_kind
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, decode, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
 from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.sender import Caller, with_caller, with_sender
+from swarmware.transport.messaging.callers import Callers
 from swarmware.transport.messaging.ipc_transport import IpcConnection, IpcTransport
 from swarmware.transport.messaging.router import (
     Action,
@@ -46,8 +49,8 @@ RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
 """Takes a request; calls the function with the reply, at once or later."""
 Gateway = Callable[[Frame], None]
 """Function of the broker that takes frames for other platforms, if the broker is in this process."""
-Relay = Callable[[Frame, bytes], None]
-"""Takes such a frame of another process of this node, decoded and in its received bytes."""
+Relay = Callable[[Frame, bytes | None], None]
+"""Takes such a frame of another process of this node, decoded and in its received bytes; None: changed."""
 Batch = Callable[[], AbstractContextManager[None]]
 """Context manager that queues frames for other platforms and sends them when it ends."""
 
@@ -67,9 +70,20 @@ class MessageEndpoint:
     """Sends and receives the messages and requests of all applications of this process."""
 
     def __init__(
-        self, *, platform: str, hardware: int, clock: Clock, socket_path: Path, table: AppTable
+        self,
+        *,
+        platform: str,
+        hardware: int,
+        clock: Clock,
+        socket_path: Path,
+        table: AppTable,
+        callers: Callers | None = None,
     ) -> None:
-        """Raises: InvalidInput when the socket's path is too long."""
+        """`callers`: None: all processes that can connect have the rights of the platform.
+
+        Raises: InvalidInput when the socket's path is too long.
+        """
+        self._callers = callers
         self._platform = platform
         self._clock = clock
         self._table = table
@@ -226,12 +240,48 @@ class MessageEndpoint:
         except WireError as error:
             self._on_malformed(str(error))
             return
+        caller = None if self._callers is None else self._callers.caller(connection.uid)
+        if caller is not None:
+            self._on_frame_of_user(frame, caller, connection)
+            return
         if self._relay is not None and self._router.is_for_gateway(frame):
             self._relay(frame, data)  # it passes: nothing changes in the router
             return
         if self._router.is_served(frame):
             self._driver.feed(self._router.on_arrival(frame, connection, self._clock.now_ns()))
             return
+        self._refresh_for(frame)
+        self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))
+
+    def _on_frame_of_user(self, frame: Frame, caller: Caller, connection: IpcConnection) -> None:
+        """A frame of another user of this computer, who has the rights of an operator of this node only."""
+        assert self._callers is not None
+        onward = self._router.leaves_node(frame)
+        try:
+            if onward and not self._router.is_own(frame):
+                raise WireError(f"sender {frame.sender_hw:08x} in a frame of {caller.name}")
+            frame.extension = (
+                with_caller(frame.extension, caller)
+                if onward
+                else with_sender(frame.extension, self._callers.sender(caller))
+            )
+        except WireError as error:
+            self._on_malformed(str(error))
+            return
+        if onward:
+            if self._relay is not None:
+                self._relay(frame, None)
+                return
+        elif answerable(frame):
+            self._refresh_for(frame)
+            path = self._table.path_of(frame.data_id)
+            try:
+                if path is not None:
+                    self._callers.check(caller, path)
+            except Denied as error:
+                log.warning("denied: %s", error)
+                self._driver.feed(self._router.on_denial(frame, str(error), self._clock.now_ns(), connection))
+                return
         self._refresh_for(frame)
         self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))
 

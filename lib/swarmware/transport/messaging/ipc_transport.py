@@ -6,6 +6,7 @@ import contextlib
 import os
 import select
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Collection
@@ -43,6 +44,8 @@ ACCEPT_PAUSE_S: Final = 1.0
 """Pause after a connection could not be accepted because no descriptor was free, in seconds."""
 
 _SCHEME: Final = "ipc://"
+_CREDENTIALS: Final = struct.Struct("=iII")
+"""Process, user and group id of the other end of a Unix socket."""
 
 
 class _SendQueue:
@@ -91,6 +94,10 @@ class IpcConnection:
         self._loop = transport.loop
         self._socket = sock
         self._fd = sock.fileno()
+        self.uid = _CREDENTIALS.unpack(
+            sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        )[1]
+        """User of the other process, as the kernel knows it. Source: unix(7)."""
         self._zmtp = ZmtpConnection(socket_type)
         self._queue = queue
         self._on_closed = on_closed

@@ -231,6 +231,14 @@ class MessageRouter:
         """Whether its route is `ToGateway`."""
         return self.has_gateway and frame.receiver_hw not in (self._hardware, ANY)
 
+    def leaves_node(self, frame: Frame) -> bool:
+        """Whether its receiver is another node."""
+        return frame.receiver_hw not in (self._hardware, ANY)
+
+    def is_own(self, frame: Frame) -> bool:
+        """Whether its sender is of this node."""
+        return frame.sender_hw == self._hardware
+
     def is_served(self, frame: Frame) -> bool:
         """Whether its route is `Deliver`."""
         served = self._served.get(frame.data_id)
@@ -367,12 +375,12 @@ class MessageRouter:
         """A hop outside of this process refuses a message or request; its sender gets the reason."""
         return self._carry_on(Refuse(frame, status, detail), None, now_ns)
 
-    def on_denial(self, frame: Frame, reason: str, now_ns: int) -> list[Action]:
-        """The broker denies a message or request, because its sender does not have the required role."""
+    def on_denial(self, frame: Frame, reason: str, now_ns: int, via: Via = None) -> list[Action]:
+        """A message or request is denied, because its sender does not have the required role."""
         if frame.kind is not FrameKind.REQUEST:
-            return self.on_refusal(frame, Status.REFUSED, reason, now_ns)
+            return self._carry_on(Refuse(frame, Status.REFUSED, reason), via, now_ns)
         denied = registry.encode(Reply(False, kind=Denied.__name__, error=reason))
-        return self._give_back(frame, FrameKind.REPLY, denied, None, now_ns)
+        return self._give_back(frame, FrameKind.REPLY, denied, via, now_ns)
 
     def _carry_on(self, decision: Decision, via: Via, now_ns: int) -> list[Action]:
         """The actions for a frame that is not delivered in this process.

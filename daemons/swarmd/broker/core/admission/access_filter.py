@@ -6,7 +6,7 @@ from typing import Final
 from swarmware.model.access import Access, Role, Sender, Verb
 from swarmware.model.frame import Frame
 from swarmware.transport.delivery.answer import answerable
-from swarmware.transport.delivery.sender import with_sender
+from swarmware.transport.delivery.sender import caller_of, with_sender
 from swarmware.types.net import Denial
 
 REPORT_NS: Final = 1_000_000_000
@@ -31,14 +31,28 @@ class AccessFilter:
         self._roles = roles
         self._senders.clear()
 
-    def check(self, frame: Frame, platform: str, path: str | None, arrived_ns: int | None = None) -> None:
+    def check(
+        self,
+        frame: Frame,
+        platform: str,
+        path: str | None,
+        arrived_ns: int | None = None,
+        via: tuple[str, ...] = (),
+    ) -> None:
         """Checks a frame, and adds its authenticated sender and time of arrival.
 
-        `path`: resource to which the frame is addressed; None: no application serves it.
+        `path`: resource to which the frame is addressed; None: no application serves it. `via`: platforms
+        that forwarded it. A user of the sender's computer has the lower one of its role and its platform's.
         Raises: Denied; WireError for an invalid extension.
         """
         sender = self._sender(platform)
         asks = answerable(frame)
+        if sender is not None and asks:
+            caller = caller_of(frame.extension)
+            if caller is not None:
+                sender = Sender(platform, min(sender.role, caller.role), caller.name, via)
+            elif via:
+                sender = Sender(platform, sender.role, via=via)
         frame.extension = with_sender(frame.extension, sender if asks else None, arrived_ns if asks else None)
         if path is not None and asks:
             self._access.check(sender, Verb.CALL, path)

@@ -1,0 +1,87 @@
+"""Rights of the users of this computer, by the credentials of their sockets."""
+
+import grp
+import logging
+import os
+import pwd
+from pathlib import Path
+from typing import Final
+
+from swarmware.errors import ConfigError
+from swarmware.model.access import Access, Role, Sender, Verb
+from swarmware.model.acl import AclConfig, OperatorEntry, load_acl
+from swarmware.transport.delivery.sender import Caller
+
+NAME_LIMIT: Final = 31
+"""Maximum bytes of a caller's name, as of a platform's."""
+
+log = logging.getLogger("swarm.messages")
+
+
+class Callers:
+    """Roles of the users of this computer on this node.
+
+    Root, the user of the node and that of this process have the rights of the platform: they could read its
+    keys, or change its programs. The file of access rules is read when another user has connected.
+    """
+
+    def __init__(self, config_dir: Path, platform: str, node_uid: int) -> None:
+        self._config_dir = config_dir
+        self._platform = platform
+        self._trusted = frozenset({0, node_uid, os.geteuid()})
+        self._config: AclConfig | None = None
+        self._access = Access()
+        self._known: dict[int, Caller] = {}
+
+    def caller(self, uid: int) -> Caller | None:
+        """The caller with this user id; None: it has the rights of the platform."""
+        if uid in self._trusted:
+            return None
+        caller = self._known.get(uid)
+        if caller is None:
+            caller = self._known[uid] = caller_of_user(uid, self._acl().operator)
+        return caller
+
+    def check(self, caller: Caller, path: str) -> None:
+        """Check that a caller may send a message or request to a resource of this platform.
+
+        Raises: Denied.
+        """
+        self._acl()
+        self._access.check(self.sender(caller), Verb.CALL, path)
+
+    def sender(self, caller: Caller) -> Sender:
+        """The caller as the sender of a frame."""
+        return Sender(self._platform, caller.role, caller.name)
+
+    def _acl(self) -> AclConfig:
+        if self._config is None:
+            try:
+                self._config = load_acl(self._config_dir)
+            except ConfigError as error:
+                log.error("users of this computer are observers only: %s", error)
+                self._config = AclConfig(operator=())
+            self._access = Access(self._config.rule)
+        return self._config
+
+
+def caller_of_user(uid: int, operators: tuple[OperatorEntry, ...]) -> Caller:
+    """Name and role of a user: by its own entry, else the highest of its groups', else an observer."""
+    try:
+        user = pwd.getpwuid(uid)
+    except KeyError:
+        return Caller(f"_{uid}", Role.OBSERVER)
+    name = user.pw_name[:NAME_LIMIT]
+    own = next((one for one in operators if one.user == user.pw_name), None)
+    if own is not None:
+        return Caller(own.name or name, Role.named(own.role))
+    groups = set(os.getgrouplist(user.pw_name, user.pw_gid))
+    roles = [Role.named(one.role) for one in operators if _group_id(one.group) in groups]
+    return Caller(name, max(roles, default=Role.OBSERVER))
+
+
+def _group_id(name: str) -> int | None:
+    try:
+        return grp.getgrnam(name).gr_gid if name else None
+    except KeyError:
+        return None
