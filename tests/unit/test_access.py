@@ -9,7 +9,7 @@ from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import with_lifetime
-from swarmware.transport.delivery.sender import arrival_ns, sender_of, with_sender
+from swarmware.transport.delivery.sender import Caller, arrival_ns, sender_of, with_caller, with_sender
 from swarmware.transport.security.roster import Roster, RosterMember
 
 GCS = Sender("gcs", Role.OPERATOR)
@@ -60,7 +60,7 @@ def test_a_platform_has_all_rights_on_its_own_resources() -> None:
 
 
 def test_where_no_rule_matches_only_maintainers_may() -> None:
-    access = Access((AccessRule(Verb.GET, "nav/*", Role.OBSERVER),))
+    access = Access((AccessRule(Verb.GET, "nav/*", "observer"),))
     access.check(Sender("a", Role.MAINTAINER), Verb.SET, "nav/pose")
     with pytest.raises(Denied, match=r"expected role maintainer$"):
         access.check(GCS, Verb.SET, "nav/pose")
@@ -147,6 +147,23 @@ def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
         answered = question(FrameKind.REPLY, with_sender(b"", None, 1))
         keys.check(answered, "uav2", None, 1000)
         assert arrival_ns(answered.extension) is None
+
+
+def test_a_user_has_the_lower_one_of_its_role_and_that_of_its_platform() -> None:
+    for role, platform, expected in [
+        (Role.OBSERVER, "gcs", Role.OBSERVER),
+        (Role.MAINTAINER, "gcs", Role.OPERATOR),
+        (Role.OPERATOR, "uav2", Role.NODE),
+    ]:
+        frame = question(extension=with_caller(with_lifetime(2.0), Caller("anna", role)))
+        gate().check(frame, platform, None, 5, ("uav3", "uav2"))
+        assert sender_of(frame.extension) == Sender(platform, expected, "anna", ("uav3", "uav2"))
+
+
+def test_a_denial_names_the_user_with_its_role() -> None:
+    frame = question(extension=with_caller(b"", Caller("anna", Role.OBSERVER)))
+    with pytest.raises(Denied, match=r"^cmd/goto: anna@gcs \(observer\) may not call it; expected"):
+        gate().check(frame, "gcs", "cmd/goto")
 
 
 def test_the_same_refusal_is_reported_once_a_second_with_its_number() -> None:

@@ -1,7 +1,8 @@
 """The file `acl.toml`: who may do what on this node, and the operators among the users of this computer."""
 
+import re
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import msgspec
 
@@ -10,7 +11,7 @@ from swarmware.model.access import DEFAULT, AccessRule, RoleName
 from swarmware.model.config import load
 
 FILE: Final = "acl.toml"
-CallerName = Annotated[str, msgspec.Meta(pattern=r"^[a-z_][a-z0-9_.-]{0,30}$")]
+_NAME: Final = re.compile(r"[a-z_][a-z0-9_.-]{0,30}")
 
 
 class OperatorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -30,11 +31,9 @@ class OperatorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         if bool(self.user) == bool(self.group):
             raise InvalidInput("operator: expected either a user or a group")
         if self.group and self.name:
-            raise InvalidInput(
-                f"operator: name {self.name!r} of group {self.group!r}: only a user has a name"
-            )
-        if self.name:
-            msgspec.convert(self.name, CallerName)
+            raise InvalidInput(f"operator: name {self.name!r} of group {self.group!r}: expected a user")
+        if self.name and not _NAME.fullmatch(self.name):
+            raise InvalidInput(f"operator: name {self.name!r}: expected [a-z_][a-z0-9_.-]{{0,30}}")
 
 
 class AclConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

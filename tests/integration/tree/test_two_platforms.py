@@ -336,7 +336,10 @@ async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path
         await gcs.until_listed("/uav1/plan/step", lambda entry: entry is not None)
         mirror = gcs.probe.reader("/uav1/plan/step", Text)
         await until(mirror, lambda value: value.value == "turn left")
+        changes = uav.probe.stream_reader("tree/changes", TreeChange)
         assert (await gcs.set(f"/uav1/{SPEED.path}", 3.5)).version == 1
+        change = await changes.next(PATIENCE_S)
+        assert (change.by, change.via) == ("maintainer@gcs", ("uav2",))
         assert (await gcs.get(f"/uav1/{SPEED.path}")).source == "own"
 
 

@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from swarmware.errors import WireError
 from swarmware.model.access import Role, Sender
 from swarmware.transport.delivery.answer import with_lifetime
-from swarmware.transport.delivery.sender import arrival_ns, sender_of, with_sender
+from swarmware.transport.delivery.sender import (
+    Caller,
+    arrival_ns,
+    caller_of,
+    sender_of,
+    with_caller,
+    with_sender,
+)
 
 FAR = Sender("uav7", Role.NODE)
 OTHER = b"\x77\x03abc"
@@ -51,3 +58,36 @@ def test_any_extension_has_a_sender_or_none(extension: bytes) -> None:
     except WireError:
         return
     assert (sender_of(stated), arrival_ns(stated)) == (FAR, 7)
+
+
+@pytest.mark.parametrize("via", [(), ("uav2",), ("uav2", "uav3")])
+def test_the_user_and_the_path_are_read_as_they_were_stated(via: tuple[str, ...]) -> None:
+    sender = Sender("gcs", Role.OPERATOR, "anna", via)
+    extension = with_sender(OTHER, sender, 5)
+    assert sender_of(extension) == sender
+    assert str(sender) == "anna@gcs"
+    assert with_sender(extension, None) == OTHER
+
+
+def test_of_a_path_without_room_the_last_platforms_stay() -> None:
+    via = tuple(f"platform_with_a_long_name_{number}" for number in range(20))
+    extension = with_sender(OTHER, Sender("gcs", Role.OPERATOR, "anna", via), 5)
+    stated = sender_of(extension)
+    assert stated is not None
+    assert stated.via[-2:] == via[-2:]
+
+
+def test_the_caller_of_another_process_replaces_what_it_states_of_itself() -> None:
+    false = with_sender(with_caller(OTHER, Caller("root", Role.MAINTAINER)), FAR, 5)
+    stated = with_caller(false, Caller("bob", Role.OBSERVER))
+    assert caller_of(stated) == Caller("bob", Role.OBSERVER)
+    assert sender_of(stated) is None
+    assert caller_of(with_caller(stated, None)) is None
+
+
+@given(st.binary(max_size=255))
+def test_any_extension_has_a_caller_or_none(extension: bytes) -> None:
+    found = caller_of(extension)
+    assert found is None or found.name.isprintable()
+    named = sender_of(extension)
+    assert named is None or (named.caller + "".join(named.via)).isprintable()

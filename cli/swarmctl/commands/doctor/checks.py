@@ -43,7 +43,7 @@ REFUSALS_SHOWN: Final = 8
 
 CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned")
 HOSTILE: Final = (*CERTAINLY_HOSTILE, "replayed", "denied_connections", "denied", "expired", "flooded")
-"""Counters of refused input; those beside the certain ones also count what a poor link or a restart causes."""
+"""Counters of refused input; those beside the certain ones count effects of poor links and restarts, too."""
 
 Verdict = Literal["ok", "warning", "error"]
 

@@ -7,13 +7,15 @@ import pwd
 from pathlib import Path
 from typing import Final
 
-from swarmware.errors import ConfigError
+from swarmware.errors import ConfigError, Denied
 from swarmware.model.access import Access, Role, Sender, Verb
 from swarmware.model.acl import AclConfig, OperatorEntry, load_acl
 from swarmware.transport.delivery.sender import Caller
 
 NAME_LIMIT: Final = 31
 """Maximum bytes of a caller's name, as of a platform's."""
+LOG_NS: Final = 1_000_000_000
+"""Minimum period between messages about denied requests: a program may repeat them without end."""
 
 log = logging.getLogger("swarm.messages")
 
@@ -32,6 +34,7 @@ class Callers:
         self._config: AclConfig | None = None
         self._access = Access()
         self._known: dict[int, Caller] = {}
+        self._logged_ns = -LOG_NS
 
     def caller(self, uid: int) -> Caller | None:
         """The caller with this user id; None: it has the rights of the platform."""
@@ -42,13 +45,19 @@ class Callers:
             caller = self._known[uid] = caller_of_user(uid, self._acl().operator)
         return caller
 
-    def check(self, caller: Caller, path: str) -> None:
+    def check(self, caller: Caller, path: str, now_ns: int) -> None:
         """Check that a caller may send a message or request to a resource of this platform.
 
         Raises: Denied.
         """
         self._acl()
-        self._access.check(self.sender(caller), Verb.CALL, path)
+        try:
+            self._access.check(self.sender(caller), Verb.CALL, path)
+        except Denied as error:
+            if now_ns - self._logged_ns >= LOG_NS:
+                self._logged_ns = now_ns
+                log.warning("denied: %s", error)
+            raise
 
     def sender(self, caller: Caller) -> Sender:
         """The caller as the sender of a frame."""

@@ -277,9 +277,8 @@ class MessageEndpoint:
             path = self._table.path_of(frame.data_id)
             try:
                 if path is not None:
-                    self._callers.check(caller, path)
+                    self._callers.check(caller, path, self._clock.now_ns())
             except Denied as error:
-                log.warning("denied: %s", error)
                 self._driver.feed(self._router.on_denial(frame, str(error), self._clock.now_ns(), connection))
                 return
         self._refresh_for(frame)
