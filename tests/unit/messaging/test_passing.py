@@ -72,7 +72,8 @@ class Relay:
         self.others: list[tuple[Frame, bytes]] = []
         node.messaging.set_gateway(self.own.append, relay=self._take)
 
-    def _take(self, frame: Frame, data: bytes) -> None:
+    def _take(self, frame: Frame, data: bytes | None) -> None:
+        assert data is not None, "it is of the same user"
         self.others.append((frame, data))
         self.came.set()
 
