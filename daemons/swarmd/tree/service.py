@@ -66,6 +66,7 @@ class Tree(Service):
         super().__init__(module, config)
         node = module.node
         folder = node.config.share_path / "templates"
+        access = Access(load_acl(node.config_dir).rule)
         self._tree = SwarmTree(
             module.platform,
             template.load(node.config.template, folder).resources,
@@ -73,6 +74,7 @@ class Tree(Service):
             epoch=int.from_bytes(os.urandom(4)) // 2 + 1,
             templates=_templates(folder),
             keep=config.kept(node.config.kind),
+            access=access,
         )
         self._boundary = Boundary()
         self._driver = self.drive(self._tree, self._perform, settled=self._settled, boundary=self._of_action)
@@ -91,7 +93,6 @@ class Tree(Service):
         self._changes = ChangeLog(module, changes, node.config.data_path / change_log.FILE)
         rules = RuleStore(node.config.data_path / rule_store.FILE)
         self._driver.defer(self._tree.on_rules(rules.rules, module.now_ns()))
-        access = Access(load_acl(node.config_dir).rule)
         self._operator_api = OperatorApi(
             module,
             self._tree,

@@ -46,13 +46,15 @@ class Verb(StrEnum):
     """Change the value of a setting."""
     CALL = "call"
     """Send its owner a message or request."""
+    SUBSCRIBE = "subscribe"
+    """Receive its values whenever they change."""
 
 
 class AccessRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The lowest role that may perform an operation on matching paths."""
 
     verb: Verb
-    """Operation: get, set or call."""
+    """Operation: get, subscribe, set or call."""
     path: str
     """Pattern of local paths: `cmd/**`, `sys/*/status`."""
     role: RoleName
@@ -65,6 +67,7 @@ class AccessRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 DEFAULT: Final = (
     AccessRule(Verb.GET, "**", "observer"),
+    AccessRule(Verb.SUBSCRIBE, "**", "observer"),
     AccessRule(Verb.SET, "**", "operator"),
     # the tree itself checks the access to the requested path
     AccessRule(Verb.CALL, "sys/tree/{get,history,list,log,structure,subscribe,type}", "observer"),
@@ -112,6 +115,10 @@ class Access:
             if len(self._known) < _KNOWN_MAX:
                 self._known[verb, path] = role
         return role
+
+    def permits(self, sender: Sender | None, verb: Verb, path: str) -> bool:
+        """Whether a sender may do it; None: this platform itself, or a swarm without keys."""
+        return sender is None or sender.role >= self.needed(verb, path)
 
     def check(self, sender: Sender | None, verb: Verb, path: str) -> None:
         """Check a sender; None: this platform itself, or a swarm without keys, always passes.

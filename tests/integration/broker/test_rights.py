@@ -38,6 +38,15 @@ async def test_a_node_commands_no_other_platform_and_an_operator_does(tmp_path: 
 
         shared = await cell["uav2"].app.request("/uav1/plan/share", Text(""), Text, timeout_s=10)
         assert shared.value == "node@uav2"
+        for user, role, allowed in (("bob", Role.OBSERVER, False), ("anna", Role.MAINTAINER, True)):
+            outcome = await cell["gcs"].app.send(
+                "/uav1/cmd/goto", Text(user), timeout_s=10, on_behalf_of=Sender("gcs", role, user)
+            )
+            assert bool(outcome) is allowed
+            assert allowed or "bob@gcs (observer) may not call it" in outcome.detail
+        assert (await box.next(PATIENCE_S)).value == "anna"
+        assert box.meta is not None
+        assert box.meta.sender == Sender("gcs", Role.OPERATOR, "anna"), "no more than its platform"
         assert await cell["gcs"].app.send("/uav1/cmd/goto", Text("south"), timeout_s=10)
         assert (await box.next(PATIENCE_S)).value == "south"
         assert box.meta is not None

@@ -8,6 +8,7 @@ from swarmd.tree.core.replicas.replicas import Replicas, ReplicaTimeouts
 from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts
 from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
 from swarmd.tree.core.subscription import LocalSubscriptions
+from swarmware.model.access import Access, Sender
 from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit
 from swarmware.types.tree import (
@@ -33,8 +34,10 @@ class SwarmTree:
         epoch: int,
         templates: Iterable[Iterable[Resource]] = (),
         keep: Iterable[str] = (),
+        access: Access | None = None,
     ) -> None:
-        """`epoch`: a random number of this start. `templates`: those that other platforms may have, too."""
+        """`epoch`: a random number of this start. `templates`: those that other platforms may have, too.
+        `access`: rules of this platform; None: the default ones."""
         self._actions: list[Action] = []
         emit = self._actions.append
         template = tuple(template)
@@ -49,7 +52,7 @@ class SwarmTree:
             min_interval_ns=_ns(config.min_interval_s),
             retry_ns=retry_ns,
         )
-        self.subscribers = Subscribers(platform, self.local, intervals, emit)
+        self.subscribers = Subscribers(platform, self.local, intervals, emit, access or Access())
         timeouts = ReplicaTimeouts(
             lease_ns=_ns(config.lease_s),
             retry_ns=retry_ns,
@@ -128,11 +131,11 @@ class SwarmTree:
         return self.local.answer(request), self._take_actions()
 
     def on_subscribe_asked(
-        self, request: SubscribeRequest, now_ns: int
+        self, request: SubscribeRequest, now_ns: int, sender: Sender | None = None
     ) -> tuple[SubscribeReply, list[Action]]:
         """Another tree subscribes here, or renews. Raises: InvalidInput."""
         self.replicas.on_peer_request(request.platform, request.epoch, None)
-        return self.subscribers.on_subscribe(request, now_ns), self._take_actions()
+        return self.subscribers.on_subscribe(request, now_ns, sender), self._take_actions()
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> list[Action]:
         """Reply to `RequestStructure`; None: there was none."""

@@ -6,6 +6,7 @@ from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
 from swarmd.tree.core.subscription import NO_SUBSCRIPTION, Subscription
+from swarmware.model.access import Sender
 from swarmware.model.resource import Kind
 from swarmware.types.tree import BoardLimit
 
@@ -21,13 +22,15 @@ class Subscriber:
 
     __slots__ = (
         "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns", "limits_sent", "plan",
-        "platform", "structure", "structure_ns", "subscription", "up",
+        "platform", "sender", "structure", "structure_ns", "subscription", "up",
     )  # fmt: skip
 
     def __init__(self, platform: str, epoch: int, serial: int = 0) -> None:
         """`serial`: of the notification before the first one."""
         self.platform = platform
         self.epoch = epoch
+        self.sender: Sender | None = None
+        """As authenticated; None: without keys."""
         self.up = True
         self.lease_span_ns = 0
         self.lease_ns = 0

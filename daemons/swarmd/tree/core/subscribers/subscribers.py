@@ -15,6 +15,7 @@ from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan, Sub
 from swarmd.tree.core.subscribers.watched_resources import WatchedResources
 from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmd.tree.core.timers import Timers
+from swarmware.model.access import Access, Role, Sender
 from swarmware.model.names import check_platform
 from swarmware.types.net import BoardPublication, ChannelLimit
 from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
@@ -39,13 +40,18 @@ class Subscribers:
     """Sends notifications to the subscribers of this platform's resources."""
 
     def __init__(
-        self, own: str, tree: LocalTree, intervals: Intervals, emit: Callable[[Action], None]
+        self,
+        own: str,
+        tree: LocalTree,
+        intervals: Intervals,
+        emit: Callable[[Action], None],
+        access: Access,
     ) -> None:
         self._own = own
         self._tree = tree
         self._intervals = intervals
         self._emit = emit
-        self._planner = SubscriptionPlanner(tree, intervals.min_interval_ns)
+        self._planner = SubscriptionPlanner(tree, intervals.min_interval_ns, access)
         self._subscribers: dict[str, Subscriber] = {}
         self._watched = WatchedResources(emit)
         self._timers: Timers[str] = Timers()
@@ -103,24 +109,28 @@ class Subscribers:
 
     # -- from subscribers
 
-    def on_subscribe(self, request: SubscribeRequest, now_ns: int) -> SubscribeReply:
-        """A subscription or its renewal; one that is refused changes nothing.
+    def on_subscribe(
+        self, request: SubscribeRequest, now_ns: int, sender: Sender | None = None
+    ) -> SubscribeReply:
+        """A subscription or its renewal; one that is refused changes nothing. `sender`: as authenticated.
 
         Raises: InvalidInput for an invalid platform, pattern, interval or lease.
         """
         check_platform(request.platform)
         reply = SubscribeReply(self._tree.epoch, self._tree.digest)
         one = self._subscribers.get(request.platform)
-        is_held = one is not None and one.subscription.digest == request.set_digest
+        is_same = one is not None and one.subscription.digest == request.set_digest
+        is_held = one is not None and is_same and _role(one.sender) == _role(sender)
         lease_span_ns = round(checked_s("lease_s", request.lease_s, LEASE_MAX_S) * 1e9)
         is_full = one is None and len(self._subscribers) >= SUBSCRIBERS_LIMIT
-        if is_full or (request.renew and not is_held):
+        if is_full or (request.renew and not is_same):
             return msgspec.structs.replace(reply, unknown=True)
         if one is not None and is_held:
             asked, plan = one.subscription, one.plan
         else:
-            asked = _asked(request)
-            plan = self._planner.plan(asked, {} if one is None else one.feeds, self._watched.newest)
+            asked = one.subscription if one is not None and is_same else _asked(request)
+            held = {} if one is None else one.feeds
+            plan = self._planner.plan(asked, held, self._watched.newest, sender)
         self._lapsed.pop(request.platform, None)
         if not asked.patterns:
             if one is not None:
@@ -129,6 +139,7 @@ class Subscribers:
         if one is None:
             one = Subscriber(request.platform, request.epoch, self._serial)
             self._subscribers[request.platform] = one
+        one.sender = sender
         one.lease_span_ns = lease_span_ns
         one.lease_ns = now_ns + lease_span_ns
         one.on_reachable()
@@ -204,7 +215,7 @@ class Subscribers:
         """The own structure has changed."""
         self._planner.on_structure()
         for one in self._subscribers.values():
-            plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest)
+            plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest, one.sender)
             self._set_plan(one, plan, now_ns)
             if one.structure_ns is None:
                 one.structure_ns = now_ns + self._intervals.coalesce_ns
@@ -319,3 +330,7 @@ def _asked(request: SubscribeRequest) -> Subscription:
     for rule in request.rules:
         check_rule(rule)
     return make_subscription(frozenset(request.patterns), request.rules)
+
+
+def _role(sender: Sender | None) -> Role | None:
+    return None if sender is None else sender.role

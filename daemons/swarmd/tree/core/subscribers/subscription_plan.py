@@ -10,6 +10,7 @@ from swarmd.tree.core.notification.feed import LATEST_ONLY, Feed
 from swarmd.tree.core.structure.index import Leaf, pattern
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.subscription import Subscription, subscribable
+from swarmware.model.access import Access, Sender, Verb
 from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit
 from swarmware.types.tree import BOARD_LIMITS_LIMIT, BoardLimit, Rule, TreeItem
@@ -35,8 +36,10 @@ class SubscriptionPlan(msgspec.Struct, frozen=True):
 class SubscriptionPlanner:
     """Plans subscriptions at this platform by its structure and the limits that operators have set."""
 
-    def __init__(self, tree: LocalTree, min_interval_ns: int) -> None:
-        """`min_interval_ns`: between notifications of a board without a rule or a rate."""
+    def __init__(self, tree: LocalTree, min_interval_ns: int, access: Access) -> None:
+        """`min_interval_ns`: between notifications of a board without a rule or a rate; `access`: rules of
+        this platform."""
+        self._access = access
         self._tree = tree
         self._min_interval_ns = min_interval_ns
         self._matched: dict[int, tuple[Leaf, ...]] = {}
@@ -64,10 +67,20 @@ class SubscriptionPlanner:
         return self.own_rule(path) or rule_for(path, subscription.rules)
 
     def plan(
-        self, subscription: Subscription, held: Mapping[str, Feed], newest: Mapping[str, TreeItem]
+        self,
+        subscription: Subscription,
+        held: Mapping[str, Feed],
+        newest: Mapping[str, TreeItem],
+        sender: Sender | None = None,
     ) -> SubscriptionPlan:
-        """The plan for a subscription; feeds that are held continue, new ones begin with the newest value."""
-        matched = self._match(subscription)
+        """The plan for a subscription; feeds that are held continue, new ones begin with the newest value.
+
+        Resources to which `sender` may not subscribe are left out, as if they did not exist.
+        """
+        permits = self._access.permits
+        matched = [
+            leaf for leaf in self._match(subscription) if permits(sender, Verb.SUBSCRIBE, leaf.resource.path)
+        ]
         feeds: dict[str, Feed] = {}
         # boards first: each has one value, a stream may fill a notification alone
         for item in sorted(matched, key=lambda item: item.resource.kind not in LATEST_ONLY):
