@@ -4,7 +4,9 @@ import asyncio
 from pathlib import Path
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
+from swarmware.model.acl import FILE
 from swarmware.module.module import Module
+from swarmware.service.effective import effective_config
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial
@@ -27,6 +29,30 @@ async def test_who_was_turned_away_is_said_with_the_address_and_how_often(tmp_pa
     assert first.verdict == second.verdict == "warning"
     assert first.text.startswith("node@uav2: cmd/goto: 4 times, last 0 s ago: expected role operator")
     assert second.text.startswith("observer@uav3: sys/tree/set: 1 times")
+
+
+async def test_a_member_that_forwards_false_frames_is_named_with_what_to_do(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("broker", config_dir=config_dir) as broker:
+        denials = broker.stream_writer("net/denials", Denial, kind="event")
+        denials.write(Denial("uav2", "node", "forward", "cmd/goto", 7, "frame of gcs: not signed"))
+        (found,) = await examined(config_dir, "denied")
+    assert found.text == "node@uav2: cmd/goto: 7 times, last 0 s ago: frame of gcs: not signed"
+    assert "revoke it" in found.advice
+
+
+def test_the_file_of_access_rules_is_checked_with_its_line(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+
+    def found() -> CheckResult:
+        return next(one for one in examine({"uav1": config_dir}, fix=False) if one.check == FILE)
+
+    assert found().verdict == "ok"
+    (config_dir / FILE).write_text('[[rule]]\nverb = "get"\npath = "**"\nrole = "admiral"\n')
+    assert found().verdict == "error"
+    assert "acl.toml: line 4: key rule[0].role" in found().text
+    assert "'admiral'" in found().text
+    assert [problem for problem in effective_config(config_dir, {}, {}).problems if "admiral" in problem]
 
 
 async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp_path: Path) -> None:

@@ -1,10 +1,10 @@
-"""What doctor says of a processor that is short, read off the broker's board."""
+"""What doctor says of a processor that is short, and of hostile input, read off the broker's board."""
 
 from pathlib import Path
 
 import pytest
 
-from swarmctl.commands.doctor.checks import foreign, processor
+from swarmctl.commands.doctor.checks import foreign, hostile_input, processor
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.transport.shm.layout import ring_file
@@ -60,3 +60,21 @@ def test_nodes_of_another_swarm_are_named(tmp_path: Path, data: bytes | None, fo
         if data is not None:
             ring.write(data)
         assert [one.text.split(":")[0] for one in foreign(tmp_path)] == found
+
+
+@pytest.mark.parametrize(
+    ("refused", "verdict", "text"),
+    [
+        (Refused(), "ok", "no forged or repeated input"),
+        (Refused(unknown_session=9, no_route=3), "ok", "no forged or repeated input"),
+        (Refused(replayed=2, denied_connections=1), "ok", "2 replayed, 1 denied_connections"),
+        (Refused(forged=3), "warning", "3 forged"),
+        (Refused(spoofed=1, expired=4), "warning", "1 spoofed, 4 expired"),
+        (Refused(unsigned=1000, denied=7), "warning", "1000 unsigned, 7 denied"),
+    ],
+)
+def test_hostile_input_is_named(tmp_path: Path, refused: Refused, verdict: str, text: str) -> None:
+    with RingWriter(ring_file(tmp_path, BOARD), slots=4, slot_bytes=1024) as ring:
+        ring.write(frame(0, 1.0, refused))
+        [found] = hostile_input(tmp_path)
+    assert (found.check, found.verdict, found.text) == ("refused", verdict, text)

@@ -41,6 +41,8 @@ DATABASE_S: Final = 2.0
 REFUSALS_SHOWN: Final = 8
 """Maximum number of lines about denied requests."""
 
+FORWARD: Final = "forward"
+"""Verb of a denial about a frame of another member."""
 CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned")
 HOSTILE: Final = (*CERTAINLY_HOSTILE, "replayed", "denied_connections", "denied", "expired", "flooded")
 """Counters of refused input; those beside the certain ones count effects of poor links and restarts, too."""
@@ -312,7 +314,11 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
         yield CheckResult("faults", "ok", "the node has found none")
     for one in present.refusals[:REFUSALS_SHOWN]:
         text = f"{one.role}@{one.platform}: {one.path}: {one.count} times, last {one.age_s:.0f} s ago"
-        advice = "give the sender that role in the roster, or stop it"
+        advice = (
+            "it forwards frames that their senders did not sign: revoke it, or upgrade it"
+            if one.verb == FORWARD
+            else "give the sender that role in the roster or in acl.toml, or stop it"
+        )
         yield CheckResult("denied", "warning", f"{text}: {one.reason}", advice)
     if more := present.refusals[REFUSALS_SHOWN:]:
         yield CheckResult(

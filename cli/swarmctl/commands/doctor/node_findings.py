@@ -17,10 +17,11 @@ ANSWER_S: Final = 2.0
 
 
 class DeniedRequests(msgspec.Struct, frozen=True):
-    """Requests of one member to one address that its role does not permit."""
+    """Requests of one member to one address that its role does not permit, or frames that it forged."""
 
     platform: str
     role: str
+    verb: str
     path: str
     count: int
     age_s: float
@@ -57,12 +58,13 @@ async def _look(folder: Path) -> NodeFindings:
 
 def _refusals(module: Module) -> tuple[DeniedRequests, ...]:
     reader = module.stream_reader("net/denials", Denial, from_oldest=True)
-    found: dict[tuple[str, str], DeniedRequests] = {}
+    found: dict[tuple[str, str, str], DeniedRequests] = {}
     while (denial := reader.take()) is not None:
-        before = found.get((denial.platform, denial.path))
+        key = denial.platform, denial.verb, denial.path
+        before = found.get(key)
         count = denial.count + (before.count if before is not None else 0)
         age_s = (module.now_ns() - reader.meta.stamp_ns) / 1e9 if reader.meta is not None else 0.0
-        found[denial.platform, denial.path] = DeniedRequests(
-            denial.platform, denial.role, denial.path, count, age_s, denial.reason
+        found[key] = DeniedRequests(
+            denial.platform, denial.role, denial.verb, denial.path, count, age_s, denial.reason
         )
     return tuple(sorted(found.values(), key=lambda one: -one.count))
