@@ -72,7 +72,7 @@ class TreeExchange:
     def _on_subscribe(self, request: SubscribeRequest, meta: Meta) -> SubscribeReply:
         _check_sender(request.platform, meta)
         self.answered += 1
-        reply, actions = self._tree.on_subscribe_asked(request, self._module.now_ns(), meta.sender)
+        reply, actions = self._tree.on_subscribe_asked(request, meta.sender, self._module.now_ns())
         self._driver.defer(actions)
         return reply
 

@@ -158,7 +158,7 @@ class Swarm(VirtualTime):
         def finish(reply: SubscribeReply | None) -> None:
             one.on_subscribed(platform, reply, request.set_digest)
 
-        self._ask(one, platform, lambda tree: tree.on_subscribe_asked(request, self.now_ns), finish)
+        self._ask(one, platform, lambda tree: tree.on_subscribe_asked(request, None, self.now_ns), finish)
 
     def _ask(
         self,

@@ -94,7 +94,7 @@ class Cell(VirtualTime):
                 self.feed(name, tree.on_structure(platform, reply, self.now_ns))
                 self.feed(platform, theirs)
             case RequestSubscription(platform, subscribe):
-                granted, theirs = self.trees[platform].on_subscribe_asked(subscribe, self.now_ns)
+                granted, theirs = self.trees[platform].on_subscribe_asked(subscribe, None, self.now_ns)
                 self._count(name, platform, HEADER_BYTES + EXTENSION_BYTES + len(registry.encode(subscribe)))
                 answer = registry.encode(Reply(True, registry.encode(granted)))
                 self._count(name, platform, HEADER_BYTES + len(answer))

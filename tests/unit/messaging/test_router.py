@@ -380,10 +380,10 @@ def test_a_receiver_that_was_reached_and_then_died_makes_its_message_unreachable
 def test_a_denied_request_is_replied_to_and_a_denied_message_refused() -> None:
     router = make_router()
     asked = from_afar(REQUESTS, FrameKind.REQUEST)
-    denied = only(router.on_denial(asked, "role", 0))
+    denied = only(router.on_denial(asked, "role", None, 0))
     assert isinstance(denied, ToProcess)
     assert registry.decode(Reply, denied.frame.payload).kind == "Denied"
-    refused = only(router.on_denial(from_afar(MESSAGES), "role", 0))
+    refused = only(router.on_denial(from_afar(MESSAGES), "role", None, 0))
     assert isinstance(refused, ToProcess)
     assert ack_of(refused.frame) == (Status.REFUSED, "uav1", "role")
 
@@ -439,7 +439,7 @@ def test_no_frame_makes_it_raise_or_loop(
             case "refused":
                 first = router.on_refusal(frame, Status.UNREACHABLE, "", now_ns)
             case "denied":
-                first = router.on_denial(frame, "", now_ns)
+                first = router.on_denial(frame, "", via, now_ns)
             case _:
                 first = router.on_repeat(frame, now_ns)
         performed = carry_out(router, first, now_ns)

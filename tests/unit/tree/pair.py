@@ -134,7 +134,7 @@ class Pair:
                 structure = None if lose else self.trees[platform].on_structure_asked(request, now_ns)
                 tree.on_structure(platform, None if lose_answers else structure, now_ns)
             case RequestSubscription(platform, subscribe):
-                granted = None if lose else self.trees[platform].on_subscribe_asked(subscribe, now_ns)
+                granted = None if lose else self.trees[platform].on_subscribe_asked(subscribe, None, now_ns)
                 tree.on_subscribed(platform, None if lose_answers else granted, subscribe.set_digest, now_ns)
             case SendNotify(platform, notify):
                 if not lose:

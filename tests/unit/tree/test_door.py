@@ -114,7 +114,7 @@ def feed(tree: Tree, step: object, now_ns: int) -> None:
             came = registry.decode(type(step), registry.encode(step))
             match came:
                 case SubscribeRequest():
-                    registry.encode(tree.on_subscribe_asked(came, now_ns))
+                    registry.encode(tree.on_subscribe_asked(came, None, now_ns))
                 case StructureRequest():
                     registry.encode(tree.on_structure_asked(came, 0))
                 case StructureReply():
@@ -161,10 +161,10 @@ def test_a_subscription_that_is_refused_leaves_nothing_behind(interval_s: float)
     uav = core("uav1")
     for rule in (Rule("**", 0.0, interval_s), Rule("**", 0.0, 0.0, interval_s), Rule("**", interval_s)):
         with pytest.raises(InvalidInput, match=r"rule \*\*"):
-            uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("**",), (rule,)), 0)
+            uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("**",), (rule,)), None, 0)
         assert uav.subscribers.platforms() == []
     with pytest.raises(InvalidInput, match="lease_s"):
-        uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, interval_s, 0, False, ("**",)), 0)
+        uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, interval_s, 0, False, ("**",)), None, 0)
     uav.on_applications([STEP], [], 0)
     uav.on_timer(S)
     assert uav.drain() == []
@@ -172,9 +172,9 @@ def test_a_subscription_that_is_refused_leaves_nothing_behind(interval_s: float)
 
 def test_a_subscription_that_is_refused_leaves_the_former_one_as_it_was() -> None:
     uav = core("uav1")
-    uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("power/battery",)), 0)
+    uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("power/battery",)), None, 0)
     with pytest.raises(InvalidInput):
-        uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 6, 60.0, 0, False, ("{",)), 0)
+        uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 6, 60.0, 0, False, ("{",)), None, 0)
     uav.on_value(value("power/battery", 0.5), 0)
     assert any(isinstance(action, SendNotify) for action in uav.drain())
 
@@ -183,7 +183,7 @@ def test_a_subscription_that_is_refused_leaves_the_former_one_as_it_was() -> Non
 def test_what_is_no_platform_gets_no_place(platform: str) -> None:
     uav = core("uav1")
     with pytest.raises(InvalidInput):
-        uav.on_subscribe_asked(SubscribeRequest(platform, 1, 5, 60.0, 0, False, ("**",)), 0)
+        uav.on_subscribe_asked(SubscribeRequest(platform, 1, 5, 60.0, 0, False, ("**",)), None, 0)
     with pytest.raises(InvalidInput):
         uav.on_notify(TreeNotify(platform, 1, 1, (value("power/battery", 1.0),)), 0)
     assert uav.replicas.platforms() == []

@@ -23,7 +23,7 @@ def subscribe(owner: SwarmTree, sender: Sender | None, *, renew: bool = False) -
     asked = make_subscription(frozenset({"**"}), ())
     patterns = () if renew else asked.patterns
     request = SubscribeRequest("gcs", 1, asked.digest, 60.0, renew=renew, patterns=patterns)
-    return owner.on_subscribe_asked(request, 0, sender)[0]
+    return owner.on_subscribe_asked(request, sender, 0)[0]
 
 
 def sent(owner: SwarmTree) -> set[str]:

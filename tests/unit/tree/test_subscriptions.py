@@ -356,7 +356,7 @@ def test_a_resource_that_changes_its_type_is_watched_anew() -> None:
 def test_a_pattern_that_is_none_is_refused() -> None:
     request = SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("nav/{pose",))
     with pytest.raises(InvalidInput):
-        core("uav1").on_subscribe_asked(request, 0)
+        core("uav1").on_subscribe_asked(request, None, 0)
     assert FAULTS.link == "notify"
 
 

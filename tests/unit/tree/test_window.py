@@ -58,7 +58,7 @@ class Owner:
                     one.on_structure(platform, other.on_structure_asked(request, 0), 0)
                 case RequestSubscription(platform, subscribe):
                     one.on_subscribed(
-                        platform, other.on_subscribe_asked(subscribe, 0), subscribe.set_digest, 0
+                        platform, other.on_subscribe_asked(subscribe, None, 0), subscribe.set_digest, 0
                     )
 
     def write(self, what: TreeItem) -> None:

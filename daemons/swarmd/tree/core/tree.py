@@ -131,11 +131,11 @@ class SwarmTree:
         return self.local.answer(request), self._take_actions()
 
     def on_subscribe_asked(
-        self, request: SubscribeRequest, now_ns: int, sender: Sender | None = None
+        self, request: SubscribeRequest, sender: Sender | None, now_ns: int
     ) -> tuple[SubscribeReply, list[Action]]:
         """Another tree subscribes here, or renews. Raises: InvalidInput."""
         self.replicas.on_peer_request(request.platform, request.epoch, None)
-        return self.subscribers.on_subscribe(request, now_ns, sender), self._take_actions()
+        return self.subscribers.on_subscribe(request, sender, now_ns), self._take_actions()
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> list[Action]:
         """Reply to `RequestStructure`; None: there was none."""

@@ -225,7 +225,7 @@ class MessageEndpoint:
     def deny(self, frame: Frame, reason: str) -> None:
         """Deny a message or request whose sender does not have the required role."""
         self._refresh()
-        self._driver.feed(self._router.on_denial(frame, reason, self._clock.now_ns()))
+        self._driver.feed(self._router.on_denial(frame, reason, None, self._clock.now_ns()))
 
     def expired(self, frame: Frame) -> bool:
         """Whether the lifetime of a message is over; false while the clock of its sender is not known
@@ -279,7 +279,7 @@ class MessageEndpoint:
                 if path is not None:
                     self._callers.check(caller, path, self._clock.now_ns())
             except Denied as error:
-                self._driver.feed(self._router.on_denial(frame, str(error), self._clock.now_ns(), connection))
+                self._driver.feed(self._router.on_denial(frame, str(error), connection, self._clock.now_ns()))
                 return
         self._refresh_for(frame)
         self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))

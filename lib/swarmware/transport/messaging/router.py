@@ -375,7 +375,7 @@ class MessageRouter:
         """A hop outside of this process refuses a message or request; its sender gets the reason."""
         return self._carry_on(Refuse(frame, status, detail), None, now_ns)
 
-    def on_denial(self, frame: Frame, reason: str, now_ns: int, via: Via = None) -> list[Action]:
+    def on_denial(self, frame: Frame, reason: str, via: Via, now_ns: int) -> list[Action]:
         """A message or request is denied, because its sender does not have the required role."""
         if frame.kind is not FrameKind.REQUEST:
             return self._carry_on(Refuse(frame, Status.REFUSED, reason), via, now_ns)

@@ -109,9 +109,7 @@ class Subscribers:
 
     # -- from subscribers
 
-    def on_subscribe(
-        self, request: SubscribeRequest, now_ns: int, sender: Sender | None = None
-    ) -> SubscribeReply:
+    def on_subscribe(self, request: SubscribeRequest, sender: Sender | None, now_ns: int) -> SubscribeReply:
         """A subscription or its renewal; one that is refused changes nothing. `sender`: as authenticated.
 
         Raises: InvalidInput for an invalid platform, pattern, interval or lease.
