@@ -151,13 +151,6 @@ def test_the_last_of_several_names_is_completed(monkeypatch: pytest.MonkeyPatch)
 WITHOUT_NODES = {
     "completion": "prints a script",
     "docs": "opens a page",
-    "keys init": "of the root",
-    "keys invite": "of the root",
-    "keys join": "of the node on this computer",
-    "keys ls": "of the root",
-    "keys revoke": "of the root",
-    "keys rotate": "of the root",
-    "keys show": "of the root",
     **dict.fromkeys(
         ("fleet ls", "fleet push", "fleet up", "fleet down", "fleet upgrade", "fleet exec"),
         "hosts of a file, selected by --host",
