@@ -1,4 +1,4 @@
-"""The firewall rules of the operations page, loaded as they stand there."""
+"""The firewall rules of the page of trust, loaded as they stand there."""
 
 import textwrap
 from pathlib import Path
@@ -9,7 +9,7 @@ from tests.integration.broker.namespace import ROOT, figures_of
 
 def rules() -> str:
     """The block of the page that is a table of nft."""
-    text = (ROOT / "share" / "doc" / "operations.md").read_text()
+    text = (ROOT / "share" / "doc" / "explanation" / "trust.md").read_text()
     begin, end = text.index("    table inet swarm {"), "\n    }\n"
     return textwrap.dedent(text[begin : text.index(end, begin) + len(end)])
 

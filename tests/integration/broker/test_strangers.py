@@ -28,8 +28,8 @@ from swarmware.types.scalar import Text
 async def test_a_stranger_with_another_group_key_is_dropped_and_counted(tmp_path: Path) -> None:
     port = free_port()
     async with (
-        swarm(tmp_path / "ours", "uav1", "uav2", udp_port=port) as ours,
-        swarm(tmp_path / "theirs", "uav3", udp_port=port) as theirs,
+        swarm(tmp_path / "a", "uav1", "uav2", udp_port=port) as ours,
+        swarm(tmp_path / "b", "uav3", udp_port=port) as theirs,
     ):
         await ours["uav1"].until_up("uav2")
         traffic = await ours["uav1"].until_counted(lambda traffic: traffic.refused.forged > 0)
