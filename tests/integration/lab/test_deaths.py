@@ -38,8 +38,11 @@ def kill(*victims: ProcessIdentity) -> None:
 
 
 def kill_whole(node: LabNode) -> None:
-    """All its processes in one instant."""
-    kill(*processes.marked(node.folder, NODE_MARK))
+    """All its processes, stopped before: none sees the death of another one."""
+    found = processes.marked(node.folder, NODE_MARK)
+    for process in found:
+        process.send(signal.SIGSTOP)
+    kill(*found)
 
 
 def spoil(node: LabNode) -> None:

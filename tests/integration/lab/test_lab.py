@@ -33,7 +33,7 @@ def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second
     assert (first.name, second.name) == ("formation", "formation2")
     assert (first.multicast_group, first.udp_port) != (second.multicast_group, second.udp_port)
     ended = json.loads(ctl("lab", "down", first.name, "--json").stdout)["ended"]
-    assert ended == [{"name": "formation", "nodes": 3, "forced": 0}]
+    assert ended == [{"name": "formation", "nodes": 3, "forced": 0, "left": []}]
     nothing_remains(first)
     assert second.running, "the other lab goes on"
     ctl("lab", "down", "--all")
