@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -23,6 +24,7 @@ from swarmctl.session import processes
 from swarmctl.terminal import documents
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
+PATIENCE_S = 30.0
 
 
 class Done(NamedTuple):
@@ -84,6 +86,15 @@ class Lab(NamedTuple):
         self.packages.mkdir()  # before an interpreter notes that there is none
         done = self.ctl(f"lab up formation --nodes {len(NODES)} --name {self.name} --detach", timeout_s=60)
         assert done.code == 0, done.err
+        end_s = time.monotonic() + PATIENCE_S
+        while not self.known():
+            assert time.monotonic() < end_s, "the registers do not agree"
+
+    def known(self) -> bool:
+        """Whether the ground station has the applications of all nodes, which arrive after their trees."""
+        units = self.ctl("app ls --all --json").document["units"]
+        names = [{app["name"] for app in unit["table"]["applications"]} for unit in units]
+        return len(units) == len(NODES) and all({"broker", "tree"} <= known for known in names)
 
     def down(self) -> None:
         """End it; nothing of it is left."""

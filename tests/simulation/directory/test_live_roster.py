@@ -38,7 +38,7 @@ RETRANSMITTED: Final = 0.05
 RETRANSMISSION_S: Final = 0.4
 SETTLED_S: Final = 5.0
 GOAL_S: Final = 3.0
-SEEDS: Final = seeds(2, 20)
+SEEDS: Final = seeds(1, 20)
 
 
 class RosterSwarm(RadioSwarm):
