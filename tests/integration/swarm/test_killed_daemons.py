@@ -58,6 +58,15 @@ class Joined:
         entry = self._node.table.named(name)
         return 0 if entry is None else entry.pid
 
+    def runs(self, name: str, dead_pid: int) -> Callable[[AppStatus], bool]:
+        """Whether a beat is that of the present process, another one than the dead.
+
+        Two supervisors may start one each; the second to join leaves again, or the first one does.
+        """
+        return lambda now: (
+            now.state == "running" and now.pid not in {0, dead_pid} and now.pid == self.pid(name)
+        )
+
     async def another(self, name: str, dead_pid: int) -> int:
         """The process that took its place."""
         async with asyncio.timeout(PATIENCE_S):
@@ -107,11 +116,6 @@ class Silence:
             self._last_s = now_s
 
 
-def runs_as(pid: int) -> Callable[[AppStatus], bool]:
-    """Whether a beat is this process's."""
-    return lambda now: (now.pid, now.state) == (pid, "running")
-
-
 async def answer(module: Module) -> TreeValue:
     """The pose, asked of the platform itself; as soon as it answers."""
     routes = module.reader("net/routes", Routes)
@@ -156,9 +160,9 @@ async def kill_in_turn(made: Swarm, starts: Starts, after_each: Callable[[str], 
                 while not another.done():
                     readable(inside, name)
                     await asyncio.sleep(0.005)
-                pid = another.result()
+                another.result()
                 took.joined_s = loop.time() - began_s
-                await until(beats[name], runs_as(pid), f"{name} again")
+                await until(beats[name], joined.runs(name, dead_pid), f"{name} again")
                 took.running_s = loop.time() - began_s
                 if name != "guard":
                     told = await restarts.next(PATIENCE_S)
@@ -188,7 +192,7 @@ async def kill_all_but_the_monitor(made: Swarm) -> None:
             for pid in dead.values():
                 os.kill(pid, signal.SIGKILL)
             for name, pid in dead.items():
-                await until(beats[name], runs_as(await joined.another(name, pid)), f"{name} again")
+                await until(beats[name], joined.runs(name, pid), f"{name} again")
         whole_s = loop.time() - began_s
         mirror = outside.reader(POSE, Pose)
         for _ in range(2):
