@@ -61,7 +61,7 @@ class Joined:
     def runs(self, name: str, dead_pid: int) -> Callable[[AppStatus], bool]:
         """Whether a beat is that of the present process, another one than the dead.
 
-        Two supervisors may start one each; the second to join leaves again, or the first one does.
+        Two supervisors may start one each at the same instant; one of them ends again.
         """
         return lambda now: (
             now.state == "running" and now.pid not in {0, dead_pid} and now.pid == self.pid(name)
