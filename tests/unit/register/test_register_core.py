@@ -48,6 +48,13 @@ def test_a_table_of_an_older_master_or_an_older_start_is_void() -> None:
     assert core.units(table("uav1"), {}, 0)[1].table.applications == ()
 
 
+def test_the_first_table_of_a_master_may_grow_without_another_number() -> None:
+    core = RegisterCore("uav1", "main", Config())
+    core.on_table(PublishedTable(table("uav2", apps=0), 0), 0)
+    core.on_table(PublishedTable(table("uav2", apps=3), SECOND), SECOND)
+    assert len(core.units(table("uav1"), {}, SECOND)[1].table.applications) == 3
+
+
 def test_what_others_say_about_us_is_not_taken() -> None:
     core = RegisterCore("uav1", "main", Config())
     core.on_table(PublishedTable(table("uav1", epoch=99), 0), 0)

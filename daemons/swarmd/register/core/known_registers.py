@@ -98,6 +98,8 @@ class RegisterCore:
             self._remote_tables[unit] = _RemoteTable(table, published.made_ns, now_ns)
             self._next_read_ns = AT_ONCE  # its hops
         elif rank(table) == rank(held.table):
+            # the first table of a master may grow without another number
+            held.table = table
             held.made_ns = min(held.made_ns, published.made_ns)
         else:
             self._remote_tables[unit] = _RemoteTable(table, published.made_ns, now_ns, held.hops)
