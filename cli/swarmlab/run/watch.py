@@ -41,6 +41,8 @@ class MissionOutcome(msgspec.Struct, frozen=True):
     states: dict[str, str]
     """Last state of each member."""
     in_time: bool
+    reasons: Mapping[str, str] = {}
+    """Text for operators of each member that gave one; a failed block states there what failed."""
 
     @property
     def completed(self) -> bool:
@@ -53,6 +55,7 @@ class MissionOutcome(msgspec.Struct, frozen=True):
             return ""
         bad = [
             f"{name} {'not started' if state == NOT_STARTED else state}"
+            + (f" ({reason})" if (reason := self.reasons.get(name)) else "")
             for name, state in sorted(self.states.items())
             if state != GOOD
         ]
@@ -75,12 +78,13 @@ class MissionMembers:
             if state is not None and state.epoch == self._epoch:
                 self.states[name] = state
             elif state is not None and before is not None and before.state not in ENDED:
-                self.states[name] = msgspec.structs.replace(before, state=LOST, active=())
+                self.states[name] = msgspec.structs.replace(before, state=LOST, active=(), text="")
 
     def outcome(self, *, in_time: bool) -> MissionOutcome:
         """The outcome as far as known."""
         known = {name: self.states[name].state if name in self.states else UNKNOWN for name in self._names}
-        return MissionOutcome(known, in_time)
+        reasons = {name: state.text for name, state in self.states.items() if state.text}
+        return MissionOutcome(known, in_time, reasons)
 
     @property
     def ended(self) -> bool:

@@ -90,6 +90,13 @@ def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
     assert members.outcome(in_time=True).failure() == "a not started, b failed"
 
 
+def test_a_failed_mission_is_reported_with_the_reasons_of_its_members() -> None:
+    members = MissionMembers(["a", "b"], 7)
+    failed = MissionState(7, "", MissionPhase.FAILED, text="advance: timed out after 240 s")
+    members.take({"a": failed, "b": of_epoch(7, "done")})
+    assert members.outcome(in_time=True).failure() == "a failed (advance: timed out after 240 s)"
+
+
 def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ()) -> NodeMetadata:
     return NodeMetadata(
         platform=platform, kind=PlatformKind.UAV, radius_m=0.3, clock=ClockTruth(0, 0),
