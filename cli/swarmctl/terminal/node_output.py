@@ -87,8 +87,18 @@ class NodeOutput(Output):
         """Keep a result that is copied or read by programs."""
         self.results.append(text)
 
-    def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
-        """Keep a result that is a table."""
+    def table(
+        self,
+        columns: Sequence[Column],
+        rows: Sequence[Sequence[Cell]],
+        title: str = "",
+        *,
+        empty: str = "nothing to list",
+    ) -> None:
+        """Keep a result that is a table; without rows print the message `empty`."""
+        if not rows:
+            self.say(empty)
+            return
         self.results.append(ResultTable(tuple(columns), tuple(tuple(row) for row in rows), title))
 
     def document(self, value: msgspec.Struct) -> None:

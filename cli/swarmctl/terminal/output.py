@@ -9,7 +9,7 @@ import msgspec
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
-from swarmctl.terminal.wrapping import fitted_text, terminal_columns, terminal_width
+from swarmctl.terminal.wrapping import clipped, fitted_text, terminal_columns, terminal_lines, terminal_width
 from swarmware.types.json_form import json_form
 
 SCHEMA_VERSION: Final = 2
@@ -99,16 +99,32 @@ class Output:
         """Print one line of a continuous result, flushed because a reader may follow it."""
         print(self._fitted(text, self._out), file=self._out, flush=True)
 
-    def redraw(self, text: str) -> None:
-        """Print lines in the place of those of the last call, each cut at the width of the terminal."""
+    def redraw(self, text: str, *, last: bool = False) -> None:
+        """Print lines in the place of those of the last call, each cut at the width of the terminal.
+
+        As many lines as the terminal shows, because it does not move back to lines that have scrolled
+        away; `last`: all lines, they are not drawn again.
+        """
         width = terminal_columns()
-        lines = [line[:width] for line in text.splitlines()]
+        whole = text.splitlines()
+        # the cursor is on the line below the last one
+        lines = [line[:width] for line in (whole if last else clipped(whole, terminal_lines() - 1))]
         back = f"\x1b[{self._redrawn}F\x1b[J" if self._redrawn else ""
-        self._redrawn = len(lines)
+        self._redrawn = 0 if last else len(lines)
         print(back + "\n".join(lines), file=self._out, flush=True)
 
-    def table(self, columns: Sequence[Column], rows: Sequence[Sequence[Cell]], title: str = "") -> None:
-        """Print a result as a table; wide columns only with `-o wide`."""
+    def table(
+        self,
+        columns: Sequence[Column],
+        rows: Sequence[Sequence[Cell]],
+        title: str = "",
+        *,
+        empty: str = "nothing to list",
+    ) -> None:
+        """Print a result as a table; wide columns only with `-o wide`. Without rows the message `empty`."""
+        if not rows:
+            self.say(empty)
+            return
         if self.settings.output != "wide" and any(column.wide for column in columns):
             kept = [place for place, column in enumerate(columns) if not column.wide]
             rows = [[row[place] for place in kept] for row in rows]

@@ -21,6 +21,21 @@ def terminal_columns() -> int:
     return get_terminal_size().columns
 
 
+def terminal_lines() -> int:
+    """Lines of the terminal."""
+    from shutil import get_terminal_size
+
+    return get_terminal_size().lines
+
+
+def clipped(lines: list[str], height: int) -> list[str]:
+    """At most `height` lines; the last one states how many are hidden."""
+    if len(lines) <= height:
+        return lines
+    kept = max(height - 1, 0)
+    return [*lines[:kept], f"… and {len(lines) - kept} more lines"]
+
+
 def fitted_text(text: str, width: int | None) -> str:
     """The text with its long lines wrapped; None: as it is.
 

@@ -95,7 +95,7 @@ def list_labs(out: Output) -> None:
         (x.name, x.experiment, x.state, x.nodes, x.alive, spoken(x.age_s), x.multicast, x.folder)
         for x in lines
     ]
-    out.table(_COLUMNS, rows)
+    out.table(_COLUMNS, rows, empty="no lab on this computer; `swarmctl lab up formation` starts one")
 
 
 def print_environment(platform: str, out: Output) -> None:

@@ -243,7 +243,6 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ("mission start formation --yes --set bogus=1", 7, "parameter 'bogus': unknown"),
         ("mission start formation --yes --member uav9", 6, "node 'uav9': not known"),
         ("mission abort --yes", 6, "expected one"),
-        ("mission watch", 6, "no mission"),
         ("log query --since ever", 7, "time 'ever'"),
         ("log export --out /nowhere/x.csv", 6, "file /nowhere/x.csv: no such file"),
         ("log query --dir /nowhere", 6, "no segments"),

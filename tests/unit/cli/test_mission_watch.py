@@ -7,12 +7,20 @@ import pytest
 from tests.unit.cli.test_commands import ScriptedSession, receipt
 
 from swarmctl.commandline.settings import CliSettings
+from swarmctl.commands.mission import members
 from swarmctl.commands.mission.member_lines import MemberProgress, change_line, display_key, member_table
 from swarmctl.commands.mission.members import _raise_unsuccessful
 from swarmctl.commands.mission.start import start
 from swarmctl.terminal.output import Output
-from swarmware.errors import Partial, SwarmError
-from swarmware.types.mission import MissionPhase, MissionPlan, MissionState, MissionTask, TaskAnswer
+from swarmware.errors import NotFound, Partial, SwarmError
+from swarmware.types.mission import (
+    MissionPhase,
+    MissionPlan,
+    MissionState,
+    MissionStatus,
+    MissionTask,
+    TaskAnswer,
+)
 
 
 def state(
@@ -66,6 +74,23 @@ def test_lines_are_redrawn_at_their_place_and_a_warning_stays_above(monkeypatch:
     assert out.getvalue().endswith("0123456789\nd\n")
 
 
+def test_lines_that_do_not_fit_are_counted_and_the_last_drawing_shows_all(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setenv("LINES", "5")
+    out = io.StringIO()
+    terminal = Output(CliSettings(), out)
+    text = "\n".join(f"uav{number}" for number in range(1, 7))
+    terminal.redraw(text)
+    assert out.getvalue().splitlines() == ["uav1", "uav2", "uav3", "… and 3 more lines"]
+    terminal.redraw("uav1")
+    terminal.redraw(text, last=True)
+    assert out.getvalue().endswith("\x1b[4F\x1b[Juav1\n\x1b[1F\x1b[J" + text + "\n")
+    terminal.redraw("next")
+    assert out.getvalue().endswith("uav6\nnext\n")
+
+
 def test_the_end_of_a_mission_names_the_reason_of_each_member() -> None:
     shown = {
         "uav1": state(MissionPhase.IDLE, "", "formation was not started: not accepted by uav2"),
@@ -90,3 +115,14 @@ async def test_a_refused_start_names_the_reason_in_its_error() -> None:
     session = ScriptedSession(answers)
     with pytest.raises(Partial, match=r"refused or not answered by uav2 \(uav2 is busy\); not started"):
         await start(session, "formation", MissionTask("formation"), (), yes=True, watch=True)
+
+
+@pytest.mark.parametrize("node", ["", "uav1"])
+async def test_before_a_first_mission_there_is_none_to_watch(
+    node: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    idle = MissionState(0, "", MissionPhase.IDLE)
+    monkeypatch.setattr(members, "mission_states", lambda session: {"uav1": idle})
+    session = ScriptedSession({"sys/mission/status": MissionStatus("uav1", idle, "", 0)}, node=node)
+    with pytest.raises(NotFound, match="no mission was started; expected one"):
+        await members.watch(session, ())

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.node_output import NodeOutput, print_results
 from swarmctl.terminal.output import SCHEMA_VERSION, Output
 from swarmctl.terminal.table import Column
 
@@ -175,3 +176,25 @@ def test_a_table_too_wide_for_the_terminal_says_what_it_hides(monkeypatch: pytes
     out = Terminal()
     Output(CliSettings(no_color=True, output="wide"), out, err).table(columns, rows)
     assert rows[0][1] in out.getvalue()
+
+
+def test_a_table_without_rows_is_one_line_on_stderr() -> None:
+    out, err = io.StringIO(), io.StringIO()
+    Output(CliSettings(), out, err).table(COLUMNS, (), "title", empty="uav1: no neighbours")
+    Output(CliSettings(), out, err).table(COLUMNS, ())
+    assert out.getvalue() == ""
+    assert err.getvalue().splitlines() == ["uav1: no neighbours", "nothing to list"]
+
+
+def test_of_several_nodes_those_without_rows_are_named_beside_the_table() -> None:
+    out, err = io.StringIO(), io.StringIO()
+    shown = Output(CliSettings(), out, err)
+    outputs = {name: NodeOutput(name, shown) for name in ("uav1", "uav2")}
+    outputs["uav1"].table(COLUMNS, ROWS[:1], empty="no neighbours")
+    outputs["uav2"].table(COLUMNS, (), empty="no neighbours")
+    print_results(shown, outputs, {})
+    assert [line.split() for line in out.getvalue().splitlines()] == [
+        ["NODE", "node", "loss"],
+        ["uav1", "uav1", "0.01"],
+    ]
+    assert err.getvalue() == "uav2: no neighbours\n"

@@ -83,7 +83,7 @@ async def list_applications(session: Session) -> None:
     if session.settings.structured:
         session.out.document(ApplicationList(units, stopped))
     else:
-        session.out.table(columns, rows)
+        session.out.table(columns, rows, empty="no application is registered")
     for unit in units:
         if unit.table.omitted:
             session.out.warn(

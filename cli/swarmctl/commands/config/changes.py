@@ -129,9 +129,6 @@ async def print_history(session: Session, pattern: str) -> None:
     if session.settings.structured:
         session.out.document(SettingHistory(entries, found.platform))
         return
-    if not entries:
-        session.out.say(f"{found.platform}: no live setting was changed")
-        return
     columns = [Column("AT"), Column("KEY"), Column("BEFORE"), Column("AFTER"), Column("BY")]
     rows = [
         (
@@ -143,7 +140,7 @@ async def print_history(session: Session, pattern: str) -> None:
         )
         for one in entries
     ]
-    session.out.table(columns, rows)
+    session.out.table(columns, rows, empty=f"{found.platform}: no live setting was changed")
 
 
 def _with_origin(value: Any, origin: str) -> str:

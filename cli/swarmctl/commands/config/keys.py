@@ -267,10 +267,7 @@ def print_table(out: Output, found: ConfiguredKeys, *, changed: bool) -> None:
         )
         for key in keys
     ]
-    if rows:
-        out.table(columns, rows)
-    else:
-        out.say(f"{found.platform}: every key has its default")
+    out.table(columns, rows, empty=f"{found.platform}: every key has its default")
     _warn(out, found)
 
 

@@ -161,12 +161,10 @@ def _print_differences(session: Session, differences: list[SettingDifference], o
     if session.settings.structured:
         session.out.document(SettingsDiff(differences, session.platform, other))
         return
-    if not differences:
-        same = f"same settings as {other}" if other else "the values of its files are in force"
-        session.out.say(f"{session.platform}: {same}")
-        return
     columns = [Column("KEY"), Column(session.platform, right=True), Column(other or "FILE", right=True)]
-    session.out.table(columns, [(one.key, _cell(one.here), _cell(one.there)) for one in differences])
+    rows = [(one.key, _cell(one.here), _cell(one.there)) for one in differences]
+    same = f"same settings as {other}" if other else "the values of its files are in force"
+    session.out.table(columns, rows, empty=f"{session.platform}: {same}")
 
 
 async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry, Any]]:

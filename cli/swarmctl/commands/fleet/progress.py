@@ -27,15 +27,22 @@ class FleetProgress:
         if self._out.settings.structured:
             self._out.line(step)
         elif self._out.redraws:
-            rows = [[show(cell) for cell in _row(one)] for one in self._states.values()]
-            self._out.redraw(fitted_table(COLUMNS, rows, self._out.width).text)
+            self._draw(last=False)
         else:
             self._out.say(f"{step.host}: {step.state}{f': {step.error}' if step.error else ''}")
+
+    def _draw(self, *, last: bool) -> None:
+        rows = [[show(cell) for cell in _row(one)] for one in self._states.values()]
+        self._out.redraw(fitted_table(COLUMNS, rows, self._out.width).text, last=last)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self._out.settings.structured and not self._out.redraws and error is None:
+        if self._out.settings.structured or error is not None:
+            return
+        if self._out.redraws:
+            self._draw(last=True)
+        else:
             self._out.table(COLUMNS, [_row(one) for one in self._states.values()])
 
 

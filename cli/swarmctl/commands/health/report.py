@@ -100,7 +100,8 @@ async def show_checks(session: Session) -> None:
         Column("HZ", right=True),
         Column("SINCE", right=True),
     ]
-    session.out.table(columns, rows, f"{report.platform}: {report.state.level}")
+    title = f"{report.platform}: {report.state.level}"
+    session.out.table(columns, rows, title, empty=f"{title}, no checks")
 
 
 async def list_faults(session: Session, cleared: bool) -> None:
@@ -108,11 +109,6 @@ async def list_faults(session: Session, cleared: bool) -> None:
     found = await session.ask("sys/health/faults", FaultQuery(cleared), FaultList)
     if session.settings.structured:
         session.out.document(found)
-        return
-    if not found.faults:
-        session.out.say(
-            f"{found.platform}: no faults" + ("" if cleared else "; --cleared shows cleared ones")
-        )
         return
     rows = [
         (
@@ -137,7 +133,8 @@ async def list_faults(session: Session, cleared: bool) -> None:
         Column("LAST AGO", right=True),
         Column("WHAT"),
     ]
-    session.out.table(columns, rows)
+    hint = "" if cleared else "; --cleared shows cleared ones"
+    session.out.table(columns, rows, empty=f"{found.platform}: no faults{hint}")
 
 
 async def clear_faults(session: Session, pattern: str, *, yes: bool) -> None:

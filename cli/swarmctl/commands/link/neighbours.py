@@ -41,4 +41,5 @@ async def list_neighbours(session: Session) -> None:
         Column("HZ", right=True),
         Column("SILENT s", right=True),
     ]
-    session.out.table(columns, rows)
+    empty = f"{session.platform}: no neighbours; `swarmctl doctor` checks the network of a node"
+    session.out.table(columns, rows, empty=empty)

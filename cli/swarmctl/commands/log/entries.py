@@ -90,7 +90,7 @@ def count_entries(options: Mapping[str, Any], out: Output, *, strict: bool) -> N
             Column("MISSING", right=True),
             Column("SPAN s", right=True),
         ]
-        out.table(columns, rows)
+        out.table(columns, rows, empty="the log has no entries")
     sources.refuse_losses(found)
     if strict and (missing := sum(queue.missing for queue in queues)):
         raise Partial(f"log: {missing} entries are missing; expected none")

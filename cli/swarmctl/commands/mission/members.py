@@ -134,6 +134,8 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
             if not ended and now_ns - last_change[platform][1] > SILENT_S * 1e9 and platform not in silent:
                 silent.add(platform)
                 session.out.warn(f"{platform}: no state received for {SILENT_S:g} s")
+        ended_by = {platform for platform, state in shown.items() if state.state in INACTIVE}
+        over = ended_by | silent >= set(members)
         if boards is not None:
             found = {
                 name: boards.progress(name, shown.get(name), (now_ns - since.get(name, begin_ns)) / 1e9)
@@ -141,9 +143,8 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
             }
             title = next((state.mission for state in shown.values() if state.mission), "mission")
             table = member_table(title, (now_ns - begin_ns) / 1e9, found, session.out.width)
-            session.out.redraw(table)
-        ended_by = {platform for platform, state in shown.items() if state.state in INACTIVE}
-        if ended_by | silent >= set(members):
+            session.out.redraw(table, last=over)
+        if over:
             break
         await first_of(own.changed(), others.changed(), timeout_s=1.0)
     _raise_unsuccessful(shown, ended_by, silent)

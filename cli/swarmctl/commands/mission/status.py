@@ -24,7 +24,8 @@ async def list_missions(session: Session) -> None:
         Column("SOUND"),
         Column("FINDINGS", right=True),
     ]
-    session.out.table(columns, rows)
+    empty = f"{session.platform}: no missions in its store; `swarmctl new mission NAME` makes one"
+    session.out.table(columns, rows, empty=empty)
 
 
 async def print_status(session: Session) -> None:

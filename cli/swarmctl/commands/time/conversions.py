@@ -39,4 +39,5 @@ async def list_conversions(session: Session) -> None:
         Column("SAMPLES", right=True, drop=2),
         Column("SUSPECT"),
     ]
-    session.out.table(columns, rows, "theirs minus that of " + session.platform)
+    empty = f"{session.platform}: the clock of no other node is known"
+    session.out.table(columns, rows, "theirs minus that of " + session.platform, empty=empty)

@@ -81,7 +81,8 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
             Column("RTT ms", right=True),
             Column("BOTH WAYS"),
         ]
-        session.out.table(columns, rows)
+        empty = f"no links among {len(asked)} nodes: {', '.join(asked)}"
+        session.out.table(columns, rows, empty=empty)
     warn_errors(session, errors)
     if errors:
         raise Partial(f"topology: {len(errors)} of {len(asked)} platforms did not answer")

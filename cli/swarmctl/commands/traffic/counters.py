@@ -45,7 +45,7 @@ async def list_counters(session: Session) -> None:
         )
         for one in found.links
     ]
-    session.out.table(columns, rows)
+    session.out.table(columns, rows, empty=f"{session.platform}: no links")
     session.out.text("")
     names = (
         "OFFERED",
@@ -76,7 +76,7 @@ async def list_counters(session: Session) -> None:
         )
         for one in found.channels
     ]
-    session.out.table(columns, channels)
+    session.out.table(columns, channels, empty=f"{session.platform}: no channels")
     session.out.text("")
     counts = msgspec.structs.asdict(found.refused).items()
     refused = ", ".join(f"{count} {name}" for name, count in counts if count) or "nothing"

@@ -141,7 +141,9 @@ def _show_rates(session: Session, rates: list[TrafficRates], *, several: bool) -
     received = sum(one.received_bytes_s for one in rates) / 1000
     whose = f"{len(rates)} nodes" if several else session.platform
     title = f"{whose}: {sent:.2f} kB/s out, {received:.2f} kB/s in, on the wire"
-    session.out.table([*((Column("NODE"),) if several else ()), *columns], rows, title)
+    session.out.table(
+        [*((Column("NODE"),) if several else ()), *columns], rows, title, empty=f"{title}; no channels"
+    )
 
 
 def effect(local: str, max_hz: float | None, duration_s: float) -> str:
@@ -175,4 +177,5 @@ async def set_limit(
         session.out.document(limits)
         return
     rows = [(one.pattern, one.max_hz, one.remaining_s) for one in limits.limits]
-    session.out.table([Column("PATTERN"), Column("MAX HZ", right=True), Column("LEFT s", right=True)], rows)
+    columns = [Column("PATTERN"), Column("MAX HZ", right=True), Column("LEFT s", right=True)]
+    session.out.table(columns, rows, empty=f"{target}: no channel is limited")

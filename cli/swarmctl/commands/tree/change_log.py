@@ -53,9 +53,6 @@ async def print_log(
     if session.settings.structured:
         session.out.document(ChangeRecord(changes, found.platform, found.more))
         return
-    if not changes:
-        session.out.say(f"{found.platform}: no such change was asked for")
-        return
     columns = [
         Column("AT"),
         Column("PATH"),
@@ -73,7 +70,7 @@ async def print_log(
         )
         for one in changes
     ]
-    session.out.table(columns, rows)
+    session.out.table(columns, rows, empty=f"{found.platform}: no such change was asked for")
     if found.more:
         session.out.say(f"{found.more} older changes; --count shows more")
 

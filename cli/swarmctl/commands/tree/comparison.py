@@ -52,11 +52,9 @@ async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
     if session.settings.structured:
         session.out.document(TreeDiff(found, one, other))
         return
-    if not found:
-        session.out.say(f"{one} and {other}: no difference")
-        return
     columns = [Column("PATH"), Column("FIELD"), Column(one.strip("/")), Column(other.strip("/"))]
-    session.out.table(columns, [(d.path, d.field, _cell(d.here), _cell(d.there)) for d in found])
+    rows = [(d.path, d.field, _cell(d.here), _cell(d.there)) for d in found]
+    session.out.table(columns, rows, empty=f"{one} and {other}: no difference")
 
 
 async def _side(session: Session, text: str) -> TreeSnapshot:

@@ -41,9 +41,6 @@ async def set_rule(
     if session.settings.structured:
         session.out.document(found)
         return
-    if not found.rules:
-        session.out.say(f"{target}: no rule is set; the rules of each subscriber apply")
-        return
     columns = [
         Column("PATTERN"),
         Column("DEADBAND", right=True),
@@ -54,7 +51,8 @@ async def set_rule(
         (one.pattern, one.deadband or None, one.min_interval_s or None, one.max_interval_s or None)
         for one in found.rules
     ]
-    session.out.table(columns, rows)
+    empty = f"{target}: no rule is set; the rules of each subscriber apply"
+    session.out.table(columns, rows, empty=empty)
 
 
 def rule_text(rule: Rule | None) -> str | None:
