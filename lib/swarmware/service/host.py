@@ -173,6 +173,7 @@ class ServiceHost:
     async def _keep(self, item: PreparedService) -> None:
         alone = len(self._prepared) == 1
         policy = RestartPolicy(pauses_s=BACKOFF_S, settled_s=SETTLED_S, limit=0)
+        failures = 0
         logged: str | None = None
         while True:
             if (halt := self._halts.get(item.name)) is not None:
@@ -181,10 +182,11 @@ class ServiceHost:
                 await halt.released.wait()
             policy.on_ready(time.monotonic_ns())
             try:
-                await self._run_once(item, policy.restarts)
+                await self._run_once(item, policy.restarts, failures)
             except Exception as error:
                 if alone:
                     raise
+                failures += 1
                 self._started[item.name].set()  # it counts as started, so that the others do not wait for it
                 text = reason(error)
                 if text is None:
@@ -192,12 +194,13 @@ class ServiceHost:
                 elif text != logged:  # once: the same error returns at each start
                     log.error("%s: failed: %s", item.name, text)
                 logged = text
+                level = logging.WARNING if policy.consecutive < len(BACKOFF_S) else logging.DEBUG
+            else:  # on request
+                level, logged = logging.INFO, None
+                policy.reset()
             if item.name in self._halts:
                 continue
             pause_s = policy.on_end(time.monotonic_ns()) or 0.0
-            level = (
-                logging.WARNING if policy.consecutive <= len(BACKOFF_S) or logged is None else logging.DEBUG
-            )
             log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, policy.restarts)
             await asyncio.sleep(pause_s)
             try:
@@ -205,12 +208,12 @@ class ServiceHost:
             except SwarmError as error:  # a mistake in the file does not stop a vehicle that moves
                 log.error("%s: starts with its former configuration: %s", item.name, error)
 
-    async def _run_once(self, item: PreparedService, restarts: int) -> None:
+    async def _run_once(self, item: PreparedService, restarts: int, failures: int) -> None:
         live = item.cls.live_settings
         async with Module(item.name, node=self.node, config=item.config, live_settings=live) as module:
             module.keep_boards()  # readable while the service restarts; `stop` undoes this
             service = item.cls(module, overridden(item.config, live, self.node.config.data_path))
-            reporter = self._reporters[item.name] = Reporter.open(module, restarts)
+            reporter = self._reporters[item.name] = Reporter.open(module, restarts, failures)
             self._running[item.name] = service
             task = asyncio.create_task(service.run(), name=f"run:{item.name}")
             self._tasks[item.name] = task

@@ -51,16 +51,17 @@ class Load(NamedTuple):
 class Reporter:
     """Writes the board `app/<name>/status`; a hyphen of the name is an underscore there."""
 
-    def __init__(self, module: Module, writer: BoardWriter[AppStatus], restarts: int) -> None:
+    def __init__(self, module: Module, writer: BoardWriter[AppStatus], restarts: int, failures: int) -> None:
         self.state = AppState.STARTING
         self._module = module
         self._writer = writer
         self._restarts = restarts
+        self._failures = failures
         self._beat = 0
         self._before = Load.measured()
 
     @classmethod
-    def open(cls, module: Module, restarts: int) -> Reporter:
+    def open(cls, module: Module, restarts: int = 0, failures: int = 0) -> Reporter:
         """Open the board and write the first report."""
         writer = module.writer(
             paths.status(module.name),
@@ -68,7 +69,7 @@ class Reporter:
             rate_hz=1 / PERIOD_S,
             description="Heartbeat of the application",
         )
-        made = cls(module, writer, restarts)
+        made = cls(module, writer, restarts, failures)
         made.report()
         return made
 
@@ -94,6 +95,7 @@ class Reporter:
                 round(now.resident_bytes / _MB, 1),
                 round(late_s * 1000, 1),
                 messages=counters if any(msgspec.structs.astuple(counters)) else None,
+                failures=self._failures,
             )
         )
         self._before = now

@@ -49,6 +49,7 @@ class AppStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     beat: int
     """Heartbeat count; it does not change while the event loop hangs."""
     restarts: int = 0
+    """Restarts inside the same process, on request or after a failure."""
     cpu_percent: float = 0.0
     """Processor time of the whole process, as a share of one core."""
     rss_mb: float = 0.0
@@ -57,6 +58,8 @@ class AppStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     note: str = ""
     messages: MessageCounters | None = None
     """Message counters of the whole process; None: all are zero."""
+    failures: int = 0
+    """Restarts after a failure among `restarts`."""
 
 
 @register

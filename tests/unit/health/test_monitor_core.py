@@ -66,11 +66,18 @@ def look(core: Monitor, path: str, position: int, now_ns: int) -> None:
 
 
 def beat(
-    core: Monitor, number: int, now_ns: int, *, app: str = "hal", pid: int = 7, restarts: int = 0
+    core: Monitor,
+    number: int,
+    now_ns: int,
+    *,
+    app: str = "hal",
+    pid: int = 7,
+    restarts: int = 0,
+    failures: int = 0,
 ) -> None:
     found = core.apps.get(f"{app}#1")
     assert found is not None
-    core.on_status(found, AppStatus(pid, AppState.RUNNING, number, restarts), now_ns)
+    core.on_status(found, AppStatus(pid, AppState.RUNNING, number, restarts, failures=failures), now_ns)
 
 
 def cleared(core: Monitor, pattern: str, now_ns: int) -> tuple[Fault, ...]:
@@ -214,10 +221,21 @@ def test_a_service_that_failed_inside_its_process_is_told() -> None:
     beat(core, 1, 0)
     core.on_left("hal#1", SECOND)
     present(core, at_ns=SECOND)
-    beat(core, 1, SECOND, restarts=1)
+    beat(core, 1, SECOND, restarts=1, failures=1)
     assert told(core) == [("app/hal", "failed", Phase.CONFIRMED)]
-    beat(core, 2, 2 * SECOND, restarts=1)
+    beat(core, 2, 2 * SECOND, restarts=1, failures=1)
     assert told(core) == [("app/hal", "failed", Phase.HEALED)]
+
+
+def test_a_service_that_was_restarted_on_request_inside_its_process_is_no_fault() -> None:
+    core = monitor()
+    present(core)
+    beat(core, 1, 0)
+    for restarts in (1, 2):
+        core.on_left("hal#1", restarts * SECOND)
+        present(core, at_ns=restarts * SECOND)
+        beat(core, 1, restarts * SECOND, restarts=restarts)
+    assert told(core) == []
 
 
 REGISTRATION = CheckRegistration(

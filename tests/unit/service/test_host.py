@@ -92,25 +92,27 @@ async def until(board: BoardReader[AppStatus], restarts: int) -> AppStatus:
     return now
 
 
+def pauses(caplog: pytest.LogCaptureFixture) -> list[object]:
+    return [r.args[1] for r in caplog.records if isinstance(r.args, tuple) and "starts again" in r.msg]
+
+
 async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_disturbs_nobody(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "swarm.host")
-    async with tmp_node(tmp_path) as node:
+    async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         host, running = hosted(node, Steady, Failing)
+        status = probe.reader("app/failing/status", AppStatus)
         await host.started()
 
-        def pauses() -> list[object]:
-            return [
-                r.args[1] for r in caplog.records if isinstance(r.args, tuple) and "starts again" in r.msg
-            ]
-
         async with asyncio.timeout(10):
-            while len(pauses()) < 4:  # noqa: ASYNC110 - the host tells nobody but the log
+            while len(pauses(caplog)) < 4:  # noqa: ASYNC110 - the host tells nobody but the log
                 await asyncio.sleep(0.001)
-        assert pauses()[:4] == [*PAUSES_S, PAUSES_S[-1]]
+        assert pauses(caplog)[:4] == [*PAUSES_S, PAUSES_S[-1]]
         assert [r for r in caplog.records if "no luck" in r.getMessage()]
         assert Steady.begun == 1
+        now = await until(status, 1)
+        assert now.failures == now.restarts
         await over(running)
 
 
@@ -127,8 +129,9 @@ async def test_a_service_alone_ends_its_process_by_what_it_raised_or_that_it_ret
 
 @pytest.mark.parametrize("others", [(), (Other,)])
 async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
-    tmp_path: Path, others: tuple[type[Service], ...]
+    tmp_path: Path, others: tuple[type[Service], ...], caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level(logging.DEBUG, "swarm.host")
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         host, running = hosted(node, Steady, *others)
         await host.started()
@@ -140,6 +143,10 @@ async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
             assert begun.value is not None, "readable while the service comes back"
             await asyncio.sleep(0)
         assert (await until(status, 1)).restarts == 1
+        for number in range(2, len(PAUSES_S) + 3):
+            host.restart("steady")
+            assert (await until(status, number)).failures == 0
+        assert set(pauses(caplog)) == {0.0}, "at once, however often"
         with pytest.raises(NotFound, match="'nosuch': not in this process; expected one of steady"):
             host.restart("nosuch")
         await over(running)

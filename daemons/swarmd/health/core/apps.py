@@ -32,7 +32,7 @@ class WatchedApp(msgspec.Struct):
     """Node clock when it joined."""
     beat: int = -1
     beat_ns: int = 0
-    restarts: int = 0
+    failures: int = 0
 
     @property
     def check(self) -> str:
@@ -46,7 +46,7 @@ class WatchedApps:
     def __init__(self, hung_s: float) -> None:
         self._hung_ns = round(hung_s * 1e9)
         self._apps: dict[str, WatchedApp] = {}
-        self._restarts: dict[str, int] = {}
+        self._failures: dict[str, int] = {}
 
     def __iter__(self) -> Iterator[WatchedApp]:
         return iter(list(self._apps.values()))
@@ -108,14 +108,14 @@ class WatchedApps:
         first, app.beats = not app.beats, True
         if first:
             # the count continues after a restart of the service in its process; a new process begins at 0
-            app.restarts = min(self._restarts.get(app.id, status.restarts), status.restarts)
-        self._restarts[app.id] = status.restarts
+            app.failures = min(self._failures.get(app.id, status.failures), status.failures)
+        self._failures[app.id] = status.failures
         if status.beat != app.beat:
             app.beat = status.beat
             app.beat_ns = now_ns
         state = HUNG if now_ns - app.beat_ns >= self._hung_ns else OK_STATE
-        if status.restarts > app.restarts:
-            app.restarts = status.restarts
+        if status.failures > app.failures:
+            app.failures = status.failures
             state = FAILED
         if state != app.state:
             app.state = state
