@@ -7,7 +7,9 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 WAITING = {
     "Service": {"run", "stop"},  # a service may wait as it stops, ours or a user's
-    "Driver": {"open", "read", "close"},  # a device may be slow
+    "Device": {"open", "close"},  # a device may be slow
+    "Sensor": {"open", "read", "close"},
+    "Actuator": {"open", "write", "close"},
     "FunctionalBlock": {"run"},  # the step of a mission
     "BlockVehicle": {"goto"},  # a movement
 }
@@ -76,7 +78,7 @@ def test_what_never_waits_is_not_async() -> None:
 
 def test_the_rule_sees_what_waits_and_what_does_not() -> None:
     text = """
-class Slow(Driver[int]):
+class Slow(Sensor[int]):
     async def read(self): return 1
     async def list(self): return [x async for x in self]
 class Other:

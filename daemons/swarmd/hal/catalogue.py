@@ -3,8 +3,9 @@
 from importlib import import_module
 from typing import Final
 
+from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import Config
-from swarmd.hal.driver import Driver, Factory, Site
+from swarmd.hal.driver import Device, Factory, Site
 from swarmware.errors import ConfigError, NotFound
 from swarmware.model.plugins import DRIVER_GROUP, OWN_DRIVERS, entry_points
 
@@ -30,15 +31,21 @@ def find(name: str) -> Factory:
     return loaded
 
 
-def make_all(config: Config, site: Site) -> list[Driver]:
+def make_all(config: Config, site: Site) -> list[Device]:
     """Creates the configured drivers of a platform.
 
-    Raises: NotFound, ConfigError as `find`; ConfigError when two devices have the same name.
+    Raises: NotFound, ConfigError as `find`; ConfigError when two devices have the same name, or both are
+    chassis.
     """
-    found: list[Driver] = []
+    found: list[Device] = []
     for name in config.drivers:
         found += find(name)(config, site)
     names = [driver.name for driver in found]
     if doubles := sorted({name for name in names if names.count(name) > 1}):
         raise ConfigError(f"services/hal.toml: key drivers: {doubles[0]} is listed twice, expected once")
+    chassis = [device.name for device in found if isinstance(device, Chassis)]
+    if len(chassis) > 1:
+        raise ConfigError(
+            f"services/hal.toml: key drivers: {' and '.join(chassis)} both drive the vehicle, expected one"
+        )
     return found

@@ -33,6 +33,21 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Window of the median filter, in echoes (S2.49)."""
 
 
+class ChassisConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The chassis of the vehicle, whichever driver reaches it."""
+
+    drive: str = "act/setpoint"
+    """Board of the set-points that the chassis follows."""
+    rate_hz: Rate = 20.0
+    """Rate at which set-points are carried to the chassis."""
+    rest_hz: RestRate = 5.0
+    """The same while the vehicle is disarmed and on the ground."""
+    watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
+    """Age of the newest set-point above which an armed vehicle is stopped; an air vehicle hovers."""
+    answer_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 1.0
+    """Time within which the chassis must answer an order."""
+
+
 class SystemDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Driver `system`: load of the computer."""
 
@@ -70,6 +85,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Failed reads in a row after which the device is reopened."""
     report_hz: Rate = 1.0
     """Rate of `hal/drivers`."""
+    chassis: ChassisConfig = ChassisConfig()
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()
     replay: ReplayDriver = ReplayDriver()

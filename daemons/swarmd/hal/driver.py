@@ -1,7 +1,7 @@
-"""The interface of a driver."""
+"""The interfaces of drivers: sensors bring measurements in, actuators carry set-points out."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import msgspec
 
@@ -15,26 +15,46 @@ class DeviceError(SwarmError):
     """The device is missing, or gave an invalid answer."""
 
 
-class Driver(ABC):
-    """Driver of one device: opened, read once per period in its own task, closed.
+class Device(ABC):
+    """One device behind its driver: opened, served once per period, closed.
 
-    `open` and `read` may raise DeviceError or OSError; the device is then opened again.
+    Each method may raise DeviceError or OSError; the device is then opened again.
     """
 
     name: str
     """Unique on the platform: `system`, `sim.gnss`."""
     period_s: float
-    """Period of `read`, matched to the update rate of the device (S2.5); each read may change it."""
+    """Period of the driver, matched to the update rate of the device (S2.5); each call may change it."""
 
     async def open(self, module: Module) -> None:  # noqa: B027  # some devices need no opening
         """Opens the device and the writers of its resources."""
+
+    async def close(self) -> None:  # noqa: B027  # some devices need no closing
+        """Closes the device and its writers."""
+
+
+class Sensor(Device):
+    """Input half: the driver of a device that measures."""
 
     @abstractmethod
     async def read(self, now_ns: int) -> bool:
         """Reads the device and publishes its values; False when it had no new ones."""
 
-    async def close(self) -> None:  # noqa: B027  # some devices need no closing
-        """Closes the device and its writers."""
+
+Driver = Sensor
+"""Name of a sensor's driver in packages that were written for version 0.1."""
+
+
+class Actuator(Device):
+    """Output half: the driver of a device that acts, with a watchdog of its own."""
+
+    @abstractmethod
+    async def write(self, now_ns: int) -> bool:
+        """Carries the newest set-point to the device; False when there was no new one."""
+
+    @abstractmethod
+    def failsafe(self, now_ns: int) -> str:
+        """Reason why the device is in its safe state, because its set-points do not arrive; else empty."""
 
 
 class Site(msgspec.Struct, frozen=True):
@@ -46,5 +66,5 @@ class Site(msgspec.Struct, frozen=True):
     """The folder share/swarm/data."""
 
 
-Factory = Callable[[Config, Site], list[Driver]]
+Factory = Callable[[Config, Site], Sequence[Device]]
 """Type of a driver's entry point: creates its drivers, one per device."""

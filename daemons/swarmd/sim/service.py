@@ -5,9 +5,9 @@ import re
 from typing import ClassVar, Final
 
 from swarmd.sim import config as settings
+from swarmd.sim.chassis import ChassisPort
 from swarmd.sim.core.simulation import Simulation, SimulationOutput
-from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishState, ReadBoards, VehicleCore
-from swarmd.sim.motors import Motors
+from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load
@@ -15,16 +15,15 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
+from swarmware.types.chassis import ChassisReport
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
     GnssFix,
     Imu,
-    MotorOrder,
     Pose,
     Range,
     Setpoint,
-    VehicleState,
 )
 
 _RESUME_S: Final = 10.0
@@ -53,8 +52,8 @@ class Sim(Service):
         self._core = VehicleCore(config, simulation)
         self._driver = self.drive(self._core, self._perform)
         self._outputs = Outputs(module, config, simulation)
-        self._motors = Motors(module, self._core, self._driver.feed, simulation.vehicle, self._outputs.orders)
-        self._setpoint = module.reader("act/setpoint", Setpoint)
+        self._port = ChassisPort(module, self._core, self._driver.feed)
+        self._setpoint = module.reader(paths.SIM_SETPOINT, Setpoint)
         self._taken: Setpoint | None = None
         """The set-point that the simulation has."""
         self._poses = module.readers("/*/nav/pose", Pose)
@@ -65,22 +64,22 @@ class Sim(Service):
 
     async def run(self) -> None:
         """Samples until the service ends."""
-        self._motors.serve()
+        self._port.serve()
         await self._driver.run()
 
     def _last(self, start: Pose) -> tuple[Pose, bool]:
         """Last pose and arming after a short interruption; else the start pose, disarmed."""
         truth = self.module.reader("sim/truth", Pose)
-        vehicle = self.module.reader("vehicle/state", VehicleState)
+        report = self.module.reader(paths.SIM_REPORT, ChassisReport)
         try:
-            pose, age_s, state = truth.value, truth.age_s, vehicle.value
+            pose, age_s, last = truth.value, truth.age_s, report.value
             if pose is None or age_s is None or not 0 <= age_s < _RESUME_S:
                 return start, False
             self.module.log.warning("resumed at %.2f, %.2f, %.2f m", pose.x_m, pose.y_m, pose.z_m)
-            return pose, state is not None and state.armed
+            return pose, last is not None and last.armed
         finally:
             truth.close()
-            vehicle.close()
+            report.close()
 
     def _perform(self, action: Action) -> None:
         match action:
@@ -90,8 +89,8 @@ class Sim(Service):
                 self._outputs.write(output)
                 for hit in output.collisions:
                     self.module.log.warning("collision with %s at %.2f m/s", hit.other, hit.speed_m_s)
-            case PublishState(state):
-                self._outputs.vehicle.write(state)
+            case PublishReport(report):
+                self._outputs.report.write(report)
 
     def _read(self, neighbours: bool, now_ns: int) -> None:
         core, feed = self._core, self._driver.feed
@@ -123,7 +122,7 @@ class Outputs:
         self._truth = writer(
             "sim/truth", Pose, rate_hz=simulation.output_hz, description="True pose of the vehicle"
         )
-        self.vehicle = writer("vehicle/state", VehicleState, description="Armed, landed")
+        self.report = writer(paths.SIM_REPORT, ChassisReport)
         self._gnss = writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
         self._imu = writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
         self._scan = writer("sim/sensors/range", Range, rate_hz=rates.range_hz)
@@ -133,13 +132,6 @@ class Outputs:
             self._sonar = writer("sim/sensors/sonar", Range, rate_hz=rates.sonar_hz)
         self._collision = module.stream_writer(
             "sim/collision", Collision, kind="event", description="Collision of the vehicle"
-        )
-        self.orders = module.stream_writer(
-            "vehicle/orders",
-            MotorOrder,
-            kind="event",
-            log="all",
-            description="Audit log: each request to the motors, with its sender",
         )
 
     def write(self, sample: SimulationOutput) -> None:
@@ -156,8 +148,8 @@ class Outputs:
             self._sonar.write(sample.sonar, stamp_ns)
         if sample.battery is not None:
             self._battery.write(sample.battery, stamp_ns)
-        if sample.vehicle is not None:
-            self.vehicle.write(sample.vehicle, stamp_ns)
+        if sample.report is not None:
+            self.report.write(sample.report, stamp_ns)
         for hit in sample.collisions:
             self._collision.write(hit, stamp_ns)
 

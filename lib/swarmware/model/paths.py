@@ -104,6 +104,12 @@ def simulated_sensor(device: str) -> str:
     return f"sim/sensors/{device}"
 
 
+SIM_SETPOINT: Final = "sim/chassis/setpoint"
+SIM_ORDERS: Final = "sim/chassis/orders"
+SIM_REPORT: Final = "sim/chassis/report"
+"""Resources of the simulated chassis: what it gets from its driver, and what it reports."""
+
+
 def checks(application: str, instance: int) -> str:
     """Resource path of the checks that an application runs itself."""
     suffix = "" if instance == 1 else f"_{instance}"

@@ -259,6 +259,7 @@ class MotorAction(OpenEnum):
     ARM = "arm"
     DISARM = "disarm"
     KILL = "kill"
+    CALIBRATE = "calibrate"
 
 
 @register
@@ -369,6 +370,8 @@ class DriverState(OpenEnum):
     """State of a driver of the hardware abstraction."""
 
     RUNNING = "running"
+    FAILSAFE = "failsafe"
+    """The device of an actuator is in its safe state, because its set-points do not arrive."""
     WAITING = "waiting"
     """Waiting for its device."""
     FAILED = "failed"
@@ -384,12 +387,16 @@ class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     real_hz: float
     """Achieved rate over the interval of the report."""
     worst_late_ms: float
-    """Maximum lateness of a read over the interval of the report."""
+    """Maximum lateness of a call over the interval of the report."""
     reads: int
     errors: int
     missed: int = 0
     """Periods that were skipped because a read or the computer was too slow."""
     note: str = ""
+    actuator: bool = False
+    """Whether it is the output half: it carries set-points to its device."""
+    p99_late_ms: float = 0.0
+    """Lateness that 99 of 100 calls over the interval of the report did not exceed."""
 
 
 @register

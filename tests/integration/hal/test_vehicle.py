@@ -123,7 +123,8 @@ def test_a_simulation_that_cannot_start_never_says_that_it_is_ready(tmp_path: Pa
 def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path) -> None:
     async def ask() -> None:
         config_dir = node(tmp_path, "ugv1", SimConfig(battery=BatteryConfig(start_ratio=0.05)))
-        async with spawn(config_dir, "sim"), Module("test", config_dir=config_dir) as m:
+        async with spawn(config_dir, "sim", "hal"), Module("test", config_dir=config_dir) as m:
+            await m.reader("vehicle/state", VehicleState).changed(timeout_s=10.0)
             with pytest.raises(Denied, match="battery at 5%, expected at least 15%"):
                 await m.request(ARM, ArmRequest(True), VehicleState)
 

@@ -97,8 +97,8 @@ class Vehicle:
             navigator.on_gnss(sample.gnss, stamp_ns)
         if sample.scan is not None:
             navigator.on_scan(sample.scan, stamp_ns)
-        if sample.vehicle is not None:
-            navigator.on_vehicle(sample.vehicle)
+        if sample.report is not None:
+            navigator.on_vehicle(self.simulation.state())
 
     def receive(self, name: str, pose: Pose, stamp_ns: int) -> None:
         self.navigator.on_neighbour(name, pose, stamp_ns)

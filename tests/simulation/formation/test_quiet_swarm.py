@@ -17,8 +17,9 @@ from swarmware.geometry.world import Bounds, World
 from swarmware.model.names import data_id
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
+from swarmware.types.chassis import ChassisAction, ChassisOrder
 from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, TreePlan
-from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint
+from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint, VehicleState
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -85,8 +86,8 @@ class Platform:
             self.navigator.on_imu(output.imu, now_ns)
         if output.gnss is not None:
             self.navigator.on_gnss(output.gnss, now_ns)
-        if output.vehicle is not None:
-            self.navigator.on_vehicle(output.vehicle)
+        if output.report is not None:
+            self.navigator.on_vehicle(VehicleState(output.report.armed, output.report.landed))
 
     def steer(self) -> None:
         """One control step."""
@@ -104,7 +105,7 @@ class Platform:
 
     def arm(self) -> None:
         """The motors run, and the driver of the vehicle knows."""
-        self.simulated.feed(self.vehicle.on_arm(True, self.air.now_ns)[1])
+        self.simulated.feed(self.vehicle.on_order(ChassisOrder(1, ChassisAction.ARM), self.air.now_ns))
 
     def links_up(self) -> list[str]:
         """Neighbours with a link in both directions."""

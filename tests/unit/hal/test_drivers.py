@@ -4,12 +4,15 @@ import msgspec
 import pytest
 
 from swarmd.hal.catalogue import DRIVERS, find, make_all
+from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
-from swarmd.hal.driver import Site
+from swarmd.hal.driver import Driver, Sensor, Site
 from swarmware.errors import ConfigError, NotFound
 from swarmware.model.config import parse
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.types.chassis import ChassisOrder
+from swarmware.types.vehicle import Setpoint
 
 UGV, UAV, GCS = (Site(kind, "/nowhere") for kind in (PlatformKind.UGV, PlatformKind.UAV, PlatformKind.GCS))
 
@@ -19,7 +22,7 @@ def names(config: Config, site: Site) -> list[str]:
 
 
 def test_a_vehicle_has_its_simulated_devices_and_its_computer() -> None:
-    devices = ["sim.gnss", "sim.imu", "sim.range", "sim.battery"]
+    devices = ["sim.gnss", "sim.imu", "sim.range", "sim.battery", "sim.chassis"]
     assert names(Config(), UGV) == [*devices, "system"]
     assert names(Config(), UAV) == [*devices, "sim.sonar", "system"]
     assert names(Config(), GCS) == ["system"]
@@ -37,6 +40,7 @@ def test_periods_are_those_of_the_devices() -> None:
         "sim.imu": 0.05,
         "sim.range": 0.1,
         "sim.battery": 1.0,
+        "sim.chassis": 0.05,
         "sim.sonar": 0.05,
         "system": 1.0,
     }
@@ -50,6 +54,29 @@ def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
 def test_the_same_device_twice_is_refused() -> None:
     with pytest.raises(ConfigError, match="system is listed twice"):
         make_all(Config(drivers=("system", "system")), UGV)
+
+
+class Wheels(Chassis):
+    """A chassis of another package, which is not there."""
+
+    def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        raise OSError("unplugged")
+
+    def send_order(self, order: ChassisOrder) -> None:
+        raise OSError("unplugged")
+
+
+def test_two_chassis_on_one_platform_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    find("sim")  # the module must be loaded to be replaced
+    monkeypatch.setattr(
+        "swarmd.hal.drivers.system.make", lambda config, site: [Wheels("wheels", config.chassis)]
+    )
+    with pytest.raises(ConfigError, match=r"sim.chassis and wheels both drive the vehicle, expected one"):
+        make_all(Config(), UGV)
+
+
+def test_a_driver_that_was_written_for_an_earlier_version_is_a_sensor() -> None:
+    assert Driver is Sensor
 
 
 class Sonar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

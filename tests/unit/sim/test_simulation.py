@@ -208,7 +208,7 @@ def test_the_state_is_told_when_it_changes_and_once_a_second() -> None:
     run = Run().go(0.1)
     run.simulation.on_arm(True)
     run.go(2.4)
-    told = [s.vehicle for s in run.samples if s.vehicle is not None]
+    told = [s.report for s in run.samples if s.report is not None]
     assert [state.armed for state in told] == [False, True, True, True]
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from swarmd.sim.config import Config
 from swarmd.sim.core.simulation import Simulation
-from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishState, ReadBoards, VehicleCore
-from swarmware.errors import Denied
+from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
 from swarmware.geometry.world import Bounds, World
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.virtual import VirtualTime
+from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import Pose, Setpoint
 
 WORLD: Final = World(description="", bounds=Bounds(x_m=(-20.0, 20.0), y_m=(-20.0, 20.0)))
@@ -32,6 +32,7 @@ class Rig:
         self.setpoint: Setpoint | None = None
         self.neighbour: Pose | None = None
         self.actions: list[Action] = []
+        self.orders = 0
         self.driver.feed()
 
     def perform(self, action: Action) -> None:
@@ -43,6 +44,13 @@ class Rig:
             if action.neighbours and self.neighbour is not None:
                 self.driver.feed(self.core.on_neighbour("ugv2", self.neighbour, now_ns, now_ns))
             self.driver.feed(self.core.on_boards_read(now_ns))
+
+    def order(self, action: ChassisAction, number: int = 0) -> ChassisReport:
+        self.orders = number or self.orders + 1
+        (done,) = self.core.on_order(ChassisOrder(self.orders, action), self.time.now_ns)
+        assert isinstance(done, PublishReport)
+        self.driver.feed([done])
+        return done.report
 
     def outputs(self) -> list[PublishOutput]:
         return [action for action in self.actions if isinstance(action, PublishOutput)]
@@ -57,7 +65,7 @@ def test_it_begins_at_once_and_reads_its_inputs_before_each_sample() -> None:
 
 def test_neighbours_are_read_at_the_rate_of_collision_checks_and_a_contact_is_published() -> None:
     rig = Rig()
-    rig.core.on_arm(True, rig.time.now_ns)
+    rig.order(ChassisAction.ARM)
     rig.setpoint = Setpoint(0.5)
     rig.neighbour = Pose.planar(1.5, 0.0)
     rig.time.run_for(3.0)
@@ -70,10 +78,7 @@ def test_neighbours_are_read_at_the_rate_of_collision_checks_and_a_contact_is_pu
 def test_a_request_to_the_motors_is_published_and_the_next_sample_comes_at_the_rate_of_a_moving_one() -> None:
     rig = Rig()
     rig.time.run_for(2.0)
-    state, actions = rig.core.on_arm(True, rig.time.now_ns)
-    assert actions == [PublishState(state)]
-    assert state.armed
-    rig.driver.feed(actions)
+    assert rig.order(ChassisAction.ARM).armed
     before_ns = rig.time.now_ns
     rig.actions.clear()
     rig.setpoint = Setpoint(1.0)
@@ -86,11 +91,27 @@ def test_a_request_to_the_motors_is_published_and_the_next_sample_comes_at_the_r
 
 def test_a_killed_vehicle_is_published_as_disarmed_and_a_refusal_changes_nothing() -> None:
     rig = Rig("uav")
-    rig.core.on_arm(True, rig.time.now_ns)
+    rig.order(ChassisAction.ARM)
     rig.setpoint = Setpoint(0.0, 0.0, 2.0)
     rig.time.run_for(2.0)
-    with pytest.raises(Denied, match="in the air"):
-        rig.core.on_arm(False, rig.time.now_ns)
-    state, actions = rig.core.on_kill(rig.time.now_ns)
-    assert not state.armed
-    assert actions == [PublishState(state)]
+    refused = rig.order(ChassisAction.DISARM)
+    assert refused.armed
+    assert "in the air" in refused.refused
+    killed = rig.order(ChassisAction.KILL)
+    assert (killed.armed, killed.refused) == (False, "")
+
+
+def test_a_repeated_order_is_executed_once_and_answered_again() -> None:
+    rig = Rig()
+    rig.order(ChassisAction.ARM, 7)
+    disarmed = rig.order(ChassisAction.DISARM, 8)
+    assert rig.order(ChassisAction.ARM, 7) == disarmed == ChassisReport(armed=False, landed=True, answered=8)
+
+
+@pytest.mark.parametrize("kind", ["ugv", "uav"])
+def test_only_a_vehicle_at_rest_is_calibrated_and_an_unknown_order_is_refused_by_name(kind: str) -> None:
+    rig = Rig(kind)
+    assert rig.order(ChassisAction.CALIBRATE).refused == ""
+    rig.order(ChassisAction.ARM)
+    assert "disarmed and on the ground" in rig.order(ChassisAction.CALIBRATE).refused
+    assert rig.order(ChassisAction("wave")).refused == "wave: the simulated chassis does not know it"

@@ -5,6 +5,8 @@ from typing import Final
 from swarmware.types.vehicle import DriverState, DriverStatus
 
 _NS: Final = 1_000_000_000
+_HUNG_NS: Final = 2 * _NS
+"""Time without the next call after which the status says that the device does not answer."""
 
 
 class Schedule:
@@ -15,11 +17,12 @@ class Schedule:
     """
 
     __slots__ = (
+        "_actuator",
         "_due_ns",
         "_errors",
         "_failed_in_a_row",
         "_first",
-        "_late_ns",
+        "_lates_ns",
         "_missed",
         "_name",
         "_note",
@@ -28,19 +31,25 @@ class Schedule:
         "_reads",
         "_since_ns",
         "_since_reads",
-        "_state",
+        "state",
     )
 
-    def __init__(self, name: str, period_s: float, now_ns: int, phase_ns: int = 0) -> None:
+    def __init__(
+        self, name: str, period_s: float, now_ns: int, phase_ns: int = 0, *, actuator: bool = False
+    ) -> None:
         self._name = name
+        self._actuator = actuator
         self._phase_ns = phase_ns
         self._period_ns = round(period_s * _NS)
         self._due_ns = now_ns
         self._since_ns = now_ns
-        self._reads = self._since_reads = self._errors = self._missed = self._late_ns = 0
+        self._reads = self._since_reads = self._errors = self._missed = 0
+        self._lates_ns: list[int] = []
+        """Lateness of each call since the last report."""
         self._failed_in_a_row = 0
         self._first = False
-        self._state = DriverState.WAITING
+        self.state = DriverState.WAITING
+        """State of the driver."""
         self._note = ""
 
     def opened(self, now_ns: int) -> None:
@@ -48,12 +57,17 @@ class Schedule:
 
         Devices are thus read together, and their process wakes less often.
         """
-        self._state, self._note, self._due_ns, self._first = DriverState.RUNNING, "", now_ns, True
+        self.state, self._note, self._due_ns, self._first = DriverState.RUNNING, "", now_ns, True
         self._failed_in_a_row = 0
 
     def closed(self, state: DriverState, note: str) -> None:
         """Takes that the device is closed: `waiting` or `failed`, with the reason."""
-        self._state, self._note = state, note
+        self.state, self._note = state, note
+
+    def safe(self, reason: str) -> None:
+        """Takes that the watchdog of an actuator took over, or with an empty reason that it ended."""
+        self.state = DriverState.FAILSAFE if reason else DriverState.RUNNING
+        self._note = reason
 
     @property
     def due_ns(self) -> int:
@@ -63,7 +77,7 @@ class Schedule:
     def begin(self, now_ns: int) -> None:
         """Takes the begin of a read, and schedules the next one."""
         late_ns = now_ns - self._due_ns
-        self._late_ns = max(self._late_ns, late_ns)
+        self._lates_ns.append(late_ns)
         skipped = max(0, late_ns // self._period_ns)
         self._missed += skipped
         self._due_ns += (skipped + 1) * self._period_ns
@@ -96,16 +110,22 @@ class Schedule:
     def report(self, now_ns: int) -> DriverStatus:
         """Statistics since the last report."""
         span_s = max((now_ns - self._since_ns) / _NS, 1e-9)
+        lates_ns = sorted(self._lates_ns)
+        overdue_ns = now_ns - self._due_ns
+        hung = self.state is DriverState.RUNNING and overdue_ns > max(_HUNG_NS, self._period_ns)
         status = DriverStatus(
             self._name,
-            self._state,
+            self.state,
             round(_NS / self._period_ns, 3),
             round((self._reads - self._since_reads) / span_s, 2),
-            round(self._late_ns / 1e6, 3),
+            round(lates_ns[-1] / 1e6, 3) if lates_ns else 0.0,
             self._reads,
             self._errors,
             self._missed,
-            self._note,
+            f"the device does not answer since {overdue_ns / 1e9:.0f} s" if hung else self._note,
+            self._actuator,
+            round(lates_ns[int(0.99 * (len(lates_ns) - 1))] / 1e6, 3) if lates_ns else 0.0,
         )
-        self._since_ns, self._since_reads, self._late_ns = now_ns, self._reads, 0
+        self._since_ns, self._since_reads = now_ns, self._reads
+        self._lates_ns.clear()
         return status

@@ -4,13 +4,13 @@ from pathlib import Path
 
 from swarmd.hal.config import Config, ReplayDriver
 from swarmd.hal.core.packet_clock import PacketClock
-from swarmd.hal.driver import DeviceError, Driver, Site
+from swarmd.hal.driver import Device, DeviceError, Sensor, Site
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Blob
 
 
-class Replay(Driver):
+class Replay(Sensor):
     """Publishes the packets of a file as a stream resource."""
 
     name = "replay"
@@ -62,6 +62,6 @@ class Replay(Driver):
             self._writer = None
 
 
-def make(config: Config, site: Site) -> list[Driver]:
+def make(config: Config, site: Site) -> list[Device]:
     """Creates the driver of the recording."""
     return [Replay(config.replay, Path(site.data_dir))]

@@ -1,4 +1,4 @@
-"""Drivers of the simulated devices: publish the measurements of service `sim`."""
+"""Drivers of the simulated sensors: publish the measurements of service `sim`."""
 
 from typing import Generic, TypeVar
 
@@ -6,7 +6,8 @@ import msgspec
 
 from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
-from swarmd.hal.driver import Driver, Site
+from swarmd.hal.driver import Device, Sensor, Site
+from swarmd.hal.drivers.sim_chassis import SimChassis
 from swarmware.model import paths
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
@@ -44,8 +45,8 @@ class RestPeriod:
             self._reader = None
 
 
-class SimDevice(Driver, Generic[T]):
-    """A simulated device whose values and stamps are passed through."""
+class SimSensor(Sensor, Generic[T]):
+    """A simulated sensor whose values and stamps are passed through."""
 
     def __init__(self, device: str, path: str, cls: type[T], rate_hz: float, rest_hz: float) -> None:
         self.name = f"sim.{device}"
@@ -90,7 +91,7 @@ class SimDevice(Driver, Generic[T]):
         self._reader = self._writer = None
 
 
-class SimSonar(Driver):
+class SimSonar(Sensor):
     """The sonar of an air vehicle: height above the ground, with outlier rejection."""
 
     name = "sim.sonar"
@@ -139,17 +140,18 @@ class SimSonar(Driver):
         self._reader = self._writer = None
 
 
-def make(config: Config, site: Site) -> list[Driver]:
+def make(config: Config, site: Site) -> list[Device]:
     """Creates the drivers of a simulated vehicle; none for a ground station."""
     rates = config.sim
     if site.kind == PlatformKind.GCS:
         return []
     rest_hz = rates.rest_hz
-    found: list[Driver] = [
-        SimDevice("gnss", "sensor/gnss", GnssFix, rates.gnss_hz, rest_hz),
-        SimDevice("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
-        SimDevice("range", "sensor/range", Range, rates.range_hz, rest_hz),
-        SimDevice("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
+    found: list[Device] = [
+        SimSensor("gnss", "sensor/gnss", GnssFix, rates.gnss_hz, rest_hz),
+        SimSensor("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
+        SimSensor("range", "sensor/range", Range, rates.range_hz, rest_hz),
+        SimSensor("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
+        SimChassis(config.chassis),
     ]
     if site.kind == PlatformKind.UAV:
         found.append(SimSonar(rates.sonar_hz, rest_hz, rates.sonar_window))

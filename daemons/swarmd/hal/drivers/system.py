@@ -4,7 +4,7 @@ import os
 from typing import Final
 
 from swarmd.hal.config import Config
-from swarmd.hal.driver import Driver, Site
+from swarmd.hal.driver import Device, Sensor, Site
 from swarmd.hal.drivers.computer import ProcessorUse, disk_free_bytes, memory_used_ratio, temperature_degc
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -15,7 +15,7 @@ TEMPERATURE_EVERY: Final = 10
 sensors."""
 
 
-class System(Driver):
+class System(Sensor):
     """Publishes the load of the computer on which the node runs."""
 
     name = "system"
@@ -61,6 +61,6 @@ class System(Driver):
             self._writer = None
 
 
-def make(config: Config, site: Site) -> list[Driver]:
+def make(config: Config, site: Site) -> list[Device]:
     """Creates the driver of the computer."""
     return [System(config.system.rate_hz)]

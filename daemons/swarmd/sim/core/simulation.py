@@ -15,6 +15,7 @@ from swarmd.sim.core.surface import Surface
 from swarmware.errors import Denied, InvalidInput
 from swarmware.geometry.world import World
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -69,7 +70,7 @@ class SimulationOutput(msgspec.Struct, frozen=True, gc=False):
     scan: Range | None = None
     sonar: Range | None = None
     battery: BatteryState | None = None
-    vehicle: VehicleState | None = None
+    report: ChassisReport | None = None
     """Set when it changed, and once a second."""
     collisions: tuple[Collision, ...] = ()
 
@@ -128,7 +129,9 @@ class Simulation:
         self._setpoint_ns = 0
         self._next_setpoint: tuple[Setpoint, int] | None = None
         """The newest set-point and its instant: it is in force from the step that contains it."""
-        self._published: VehicleState | None = None
+        self._answer = (0, "")
+        """Number of the newest order that was answered, and the reason if it was refused."""
+        self._published: ChassisReport | None = None
         self._touched: frozenset[str] = frozenset()
         self._parked: Pose | None = None
         """Pose at which it rests with its motors off: it does not change between samples."""
@@ -155,11 +158,40 @@ class Simulation:
         """State of the vehicle: armed, landed."""
         return VehicleState(self.vehicle.armed, self.vehicle.landed)
 
+    def report(self) -> ChassisReport:
+        """Report of the chassis: armed, landed, answer to the newest order."""
+        return ChassisReport(self.vehicle.armed, self.vehicle.landed, *self._answer)
+
     def on_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
-        """Takes a set-point of the navigator."""
+        """Takes a set-point of the driver."""
         if self._next_setpoint is not None:
             self._setpoint, self._setpoint_ns = self._next_setpoint
         self._next_setpoint = (setpoint, now_ns)
+
+    def on_order(self, order: ChassisOrder) -> ChassisReport:
+        """Executes an order, unless it was answered before; the report states a refusal."""
+        if order.number > self._answer[0]:
+            refusal = ""
+            try:
+                self._execute(order)
+            except Denied as error:
+                refusal = str(error)
+            self._answer = (order.number, refusal)
+        return self.report()
+
+    def _execute(self, order: ChassisOrder) -> None:
+        match order.action:
+            case ChassisAction.ARM:
+                self.on_arm(True)
+            case ChassisAction.DISARM:
+                self.on_arm(False)
+            case ChassisAction.KILL:
+                self.on_kill()
+            case ChassisAction.CALIBRATE:
+                if not self.state().resting:
+                    raise Denied("calibration: expected a vehicle that is disarmed and on the ground")
+            case _:
+                raise Denied(f"{order.action}: the simulated chassis does not know it")
 
     def on_arm(self, armed: bool) -> VehicleState:
         """Arms or disarms the motors.
@@ -290,9 +322,9 @@ class Simulation:
 
         vehicle, sensors, periods = self.vehicle, self._sensors, self._periods()
         pose = vehicle.pose()
-        state = self.state()
-        publish = state != self._published or due(periods.battery)
-        self._published = state
+        report = self.report()
+        publish = report != self._published or due(periods.battery)
+        self._published = report
         return SimulationOutput(
             self._stamp_ns(),
             pose,
@@ -301,7 +333,7 @@ class Simulation:
             sensors.scan(pose, max(pose.z_m, _SCANNER_M)) if due(periods.scan) else None,
             sensors.sonar(pose.z_m) if periods.sonar is not None and due(periods.sonar) else None,
             self._battery.state() if due(periods.battery) else None,
-            state if publish else None,
+            report if publish else None,
             hits,
         )
 

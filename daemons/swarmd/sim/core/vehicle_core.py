@@ -5,7 +5,8 @@ import msgspec
 from swarmd.sim.config import Config
 from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmware.runtime.core import AT_ONCE
-from swarmware.types.vehicle import Pose, Setpoint, VehicleState
+from swarmware.types.chassis import ChassisOrder, ChassisReport
+from swarmware.types.vehicle import Pose, Setpoint
 
 
 class ReadBoards(msgspec.Struct, frozen=True):
@@ -21,13 +22,13 @@ class PublishOutput(msgspec.Struct, frozen=True, gc=False):
     output: SimulationOutput
 
 
-class PublishState(msgspec.Struct, frozen=True):
-    """Action: publish the state of the vehicle after a request to its motors."""
+class PublishReport(msgspec.Struct, frozen=True):
+    """Action: publish the report of the chassis after an order to it."""
 
-    state: VehicleState
+    report: ChassisReport
 
 
-Action = ReadBoards | PublishOutput | PublishState
+Action = ReadBoards | PublishOutput | PublishReport
 
 
 class VehicleCore:
@@ -39,7 +40,7 @@ class VehicleCore:
         self._next_contacts_ns = AT_ONCE
 
     def on_setpoint(self, setpoint: Setpoint, stamp_ns: int, now_ns: int) -> list[Action]:
-        """Takes a set-point of the navigator."""
+        """Takes a set-point of the driver."""
         self._simulation.on_setpoint(setpoint, stamp_ns)
         return []
 
@@ -52,18 +53,9 @@ class VehicleCore:
         """Whether the pose of a platform need not be read: it is too far away to be touched."""
         return self._simulation.is_clear(platform, now_ns)
 
-    def on_arm(self, armed: bool, now_ns: int) -> tuple[VehicleState, list[Action]]:
-        """Arms or disarms the motors.
-
-        Raises: Denied with the reason.
-        """
-        state = self._simulation.on_arm(armed)
-        return state, [PublishState(state)]
-
-    def on_kill(self, now_ns: int) -> tuple[VehicleState, list[Action]]:
-        """Stops the motors; a vehicle in the air falls."""
-        state = self._simulation.on_kill()
-        return state, [PublishState(state)]
+    def on_order(self, order: ChassisOrder, now_ns: int) -> list[Action]:
+        """Executes an order to the chassis once, or refuses it with the reason; the report answers it."""
+        return [PublishReport(self._simulation.on_order(order))]
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Requests the inputs of the sample that is due."""

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import msgspec
 from swarmd.hal.config import Config
-from swarmd.hal.driver import DeviceError, Driver, Site
+from swarmd.hal.driver import DeviceError, Sensor, Site
 from swarmware import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
@@ -20,7 +20,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Reads per second."""
 
 
-class MyName(Driver):
+class MyName(Sensor):
     """Publishes the number that the device gives as the board `sensor/my_name`."""
 
     name = "my_name"
@@ -66,6 +66,6 @@ class MyName(Driver):
             self._writer = None
 
 
-def make(config: Config, site: Site) -> list[Driver]:
+def make(config: Config, site: Site) -> list[Sensor]:
     """The drivers of this platform, one per device; pyproject.toml names this function."""
     return [MyName(config.plugin("my_name", Settings))]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from swarmd.hal.config import Config
-from swarmd.hal.driver import DeviceError, Driver, Site
+from swarmd.hal.driver import DeviceError, Sensor, Site
 from swarmware import Module
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.tmpnode import tmp_node
@@ -14,7 +14,7 @@ from swarmware.types.scalar import Float
 from my_name import make
 
 
-def driver_of(device: Path) -> Driver:
+def driver_of(device: Path) -> Sensor:
     """The driver with the settings that hal.toml would give it."""
     config = Config(plugins={"my_name": {"device": str(device)}})
     (driver,) = make(config, Site(PlatformKind.UAV, ""))

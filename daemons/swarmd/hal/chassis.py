@@ -1,0 +1,175 @@
+"""Driver of a chassis: set-points with a watchdog, and orders that are answered by its reports."""
+
+import asyncio
+from abc import abstractmethod
+from collections.abc import Coroutine
+from typing import Any, Final
+
+from swarmd.hal.config import ChassisConfig
+from swarmd.hal.core.chassis_core import REPEAT_NS, SILENT_NS, ChassisCore
+from swarmd.hal.driver import Actuator, DeviceError
+from swarmware.errors import Denied, NoAnswer
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.wakeup import Wakeup
+from swarmware.module.writer import BoardWriter
+from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.vehicle import Setpoint, VehicleState
+
+_REFRESH_NS: Final = 1_000_000_000
+"""Period of `vehicle/state` without a change."""
+
+
+class Chassis(Actuator):
+    """Base of the drivers of chassis, which differ only in how they reach their device.
+
+    A driver implements `send_setpoint` and `send_order`, and passes each report of the device to `on_report`.
+    """
+
+    def __init__(self, name: str, config: ChassisConfig) -> None:
+        self.name = name
+        self._config = config
+        self.period_s = self._period_s(resting=False)
+        self._core = ChassisCore(config.watchdog_s)
+        self._answers: Wakeup | None = None
+        self._one_by_one = asyncio.Lock()
+        """Held by an order until it is answered; a kill does not wait for it."""
+        self._drive: BoardReader[Setpoint] | None = None
+        self._taken: Setpoint | None = None
+        self._state: BoardWriter[VehicleState] | None = None
+        self._written: tuple[VehicleState, int] | None = None
+        """The state that was published last, and when."""
+        self._following: asyncio.Task[None] | None = None
+        self.module: Module | None = None
+        """Module of the hardware abstraction; None before the first `open`."""
+
+    @abstractmethod
+    def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        """Sends a set-point to the device."""
+
+    @abstractmethod
+    def send_order(self, order: ChassisOrder) -> None:
+        """Sends an order to the device; also a repeated one."""
+
+    @property
+    def state(self) -> VehicleState | None:
+        """State of the vehicle by the newest report; None before the first."""
+        report = self._core.report
+        return None if report is None else VehicleState(report.armed, report.landed)
+
+    async def open(self, module: Module) -> None:
+        """Opens the board of set-points and the state of the vehicle."""
+        self.module = module
+        self._core.on_opened(module.now_ns())
+        self._answers = Wakeup()
+        self._drive, self._taken = module.reader(self._config.drive, Setpoint), None
+        self._state, self._written = module.writer("vehicle/state", VehicleState), None
+
+    def start(self, following: Coroutine[Any, Any, None]) -> None:
+        """Runs a coroutine that receives the reports of the device, until the driver is closed."""
+        if self.module is not None:
+            self._following = self.module.start(following, f"reports of {self.name}")
+
+    async def close(self) -> None:
+        """Closes both; the state of the vehicle is not known any more."""
+        if self._following is not None:
+            self._following.cancel()
+            self._following = None
+        if self._drive is not None:
+            self._drive.close()
+            self._drive = None
+        if self.module is not None and self._state is not None:
+            self.module.close_writer(self._state)
+            self._state = None
+
+    async def write(self, now_ns: int) -> bool:
+        """Sends the set-point that is due, and repeats orders without an answer.
+
+        Raises: DeviceError when the device has not reported for too long.
+        """
+        drive = self._drive
+        if drive is None:
+            return False
+        if self._core.silent(now_ns):
+            raise DeviceError(f"no report for more than {SILENT_NS / 1e9:g} s")
+        setpoint = drive.value
+        if setpoint is not None and setpoint is not self._taken:
+            self._taken = setpoint
+            self._core.on_setpoint(setpoint, self._stamp_ns(drive, now_ns))
+        for order in self._core.repeated(now_ns):
+            self.send_order(order)
+        self._publish(now_ns)
+        state = self.state
+        self.period_s = self._period_s(resting=state is not None and state.resting)
+        output = self._core.output(now_ns)
+        if output is None:
+            return False
+        self.send_setpoint(output.setpoint, output.stamp_ns)
+        return True
+
+    def failsafe(self, now_ns: int) -> str:
+        """Reason, when the chassis is armed and gets no set-points."""
+        if not self._core.failsafe(now_ns):
+            return ""
+        return f"no set-point in {self._config.drive} for more than {self._config.watchdog_s:g} s"
+
+    def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
+        """Takes a report of the device, with the instant at which it was made."""
+        self._core.on_report(report, stamp_ns)
+        self._publish(stamp_ns)
+        if self._answers is not None:
+            self._answers.notify()
+
+    async def execute(self, action: ChassisAction, gains: dict[str, float] | None = None) -> VehicleState:
+        """Sends an order and repeats it until the device has answered; the state in which it then is.
+
+        Raises: Denied with the reason of the device; NoAnswer when it does not answer, or is not open.
+        """
+        if action is ChassisAction.KILL:
+            return await self._execute(action, {})
+        async with self._one_by_one:
+            return await self._execute(action, gains or {})
+
+    async def _execute(self, action: ChassisAction, gains: dict[str, float]) -> VehicleState:
+        module, answers, core = self.module, self._answers, self._core
+        if module is None or answers is None or self._state is None:
+            raise NoAnswer(f"chassis {self.name}: {action}: the device is not open; see `swarmctl hal ls`")
+        end_ns = module.now_ns() + round(self._config.answer_s * 1e9)
+        order = core.on_order(action, module.now_ns(), gains)
+        try:
+            self.send_order(order)
+            while (report := core.answer(order)) is None:
+                now_ns = module.now_ns()
+                if now_ns >= end_ns:
+                    limit_s = self._config.answer_s
+                    raise NoAnswer(f"chassis {self.name}: {action}: not answered within {limit_s:g} s")
+                await answers.wait(min(end_ns - now_ns, REPEAT_NS) / 1e9)
+                for due in core.repeated(module.now_ns()):
+                    self.send_order(due)
+        finally:
+            core.forget(order)
+        if report.refused:
+            raise Denied(report.refused)
+        return VehicleState(report.armed, report.landed)
+
+    def _publish(self, now_ns: int) -> None:
+        state = self.state
+        if state is None or self._state is None:
+            return
+        if self._written is None or self._written[0] != state or now_ns - self._written[1] >= _REFRESH_NS:
+            self._written = (state, now_ns)
+            self._state.write(state, now_ns)
+
+    def _period_s(self, *, resting: bool) -> float:
+        rate_hz = min(self._config.rate_hz, self._config.rest_hz) if resting else self._config.rate_hz
+        return 1 / rate_hz
+
+    def _stamp_ns(self, drive: BoardReader[Setpoint], now_ns: int) -> int:
+        """Instant of the newest set-point on the clock of this computer."""
+        meta, module = drive.meta, self.module
+        if meta is None or module is None:
+            return now_ns
+        if meta.sender_hw == module.node.hardware:
+            return meta.stamp_ns
+        age_s = drive.age_s
+        return now_ns if age_s is None else now_ns - round(age_s * 1e9)

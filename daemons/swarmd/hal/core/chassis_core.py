@@ -1,0 +1,125 @@
+"""The decisions of a chassis driver: which orders are open, which set-point is in force, what is unsafe."""
+
+from typing import Final
+
+import msgspec
+
+from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.vehicle import Setpoint
+
+REPEAT_NS: Final = 50_000_000
+"""Period at which an order is repeated until it is answered: twice within the 100 ms of a kill."""
+SILENT_NS: Final = 3_000_000_000
+"""Age of the newest report above which the chassis is lost: three of its periods."""
+STOP: Final = Setpoint(0.0)
+"""Set-point of the fail-safe: a ground or surface vehicle stops, an air vehicle hovers."""
+
+_STOPS: Final = frozenset({ChassisAction.DISARM, ChassisAction.KILL})
+_MOTORS: Final = _STOPS | {ChassisAction.ARM}
+
+
+class DriveOutput(msgspec.Struct, frozen=True, gc=False):
+    """Set-point for the device."""
+
+    setpoint: Setpoint
+    stamp_ns: int
+    """Instant for which it was computed."""
+
+
+class ChassisCore:
+    """Orders to one chassis until they are answered, and its set-point, guarded by a watchdog.
+
+    `watchdog_s`: age of the newest set-point above which an armed chassis gets the one of the fail-safe.
+    """
+
+    def __init__(self, watchdog_s: float) -> None:
+        self._watchdog_ns = round(watchdog_s * 1e9)
+        self._orders: dict[int, tuple[ChassisOrder, int]] = {}
+        """Open orders, each with the instant at which it is repeated."""
+        self._last_number = 0
+        self._drive: DriveOutput | None = None
+        self._forwarded: DriveOutput | None = None
+        self._report: ChassisReport | None = None
+        self._reported_ns = 0
+        """Instant of the newest report, or of the opening."""
+
+    @property
+    def report(self) -> ChassisReport | None:
+        """The newest report of the chassis since it was opened."""
+        return self._report
+
+    def on_opened(self, now_ns: int) -> None:
+        """Takes that the device was opened: nothing about it is known, and no order is open."""
+        self._reported_ns = now_ns
+        self._report = self._drive = self._forwarded = None
+        self._orders.clear()
+
+    def on_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        """Takes a set-point, with the instant for which it was computed."""
+        self._drive = DriveOutput(setpoint, stamp_ns)
+
+    def on_order(
+        self, action: ChassisAction, now_ns: int, gains: dict[str, float] | None = None
+    ) -> ChassisOrder:
+        """Makes an order to be sent now. An order to the motors replaces an open one to them."""
+        self._last_number = max(now_ns, self._last_number + 1)
+        order = ChassisOrder(self._last_number, action, gains or {})
+        if action in _MOTORS:
+            for number in [n for n, (former, _) in self._orders.items() if former.action in _MOTORS]:
+                del self._orders[number]
+        self._orders[order.number] = (order, now_ns + REPEAT_NS)
+        return order
+
+    def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
+        """Takes a report with its instant; it closes the order that it answers.
+
+        One from before the opening is of a device that may have ended.
+        """
+        if stamp_ns < self._reported_ns - SILENT_NS:
+            return
+        self._report, self._reported_ns = report, stamp_ns
+        self._orders.pop(report.answered, None)
+
+    def answer(self, order: ChassisOrder) -> ChassisReport | None:
+        """The report that answers an order; None: not yet.
+
+        When the chassis answered a later order instead, this one counts as refused, unless both were to stop
+        the motors.
+        """
+        report = self._report
+        if report is None or report.answered < order.number:
+            return None
+        if report.answered == order.number or (order.action in _STOPS and not report.armed):
+            return report
+        return msgspec.structs.replace(report, refused=f"{order.action}: a later order replaced it")
+
+    def forget(self, order: ChassisOrder) -> None:
+        """Closes an order whose requester no longer waits."""
+        self._orders.pop(order.number, None)
+
+    def repeated(self, now_ns: int) -> list[ChassisOrder]:
+        """The open orders that are to be sent again."""
+        due = [order for order, due_ns in self._orders.values() if now_ns >= due_ns]
+        for order in due:
+            self._orders[order.number] = (order, now_ns + REPEAT_NS)
+        return due
+
+    def silent(self, now_ns: int) -> bool:
+        """Whether the chassis has not reported for too long."""
+        return now_ns - self._reported_ns > SILENT_NS
+
+    def failsafe(self, now_ns: int) -> bool:
+        """Whether the chassis is armed and no set-point is fresh."""
+        if self._report is None or not self._report.armed:
+            return False
+        return self._drive is None or now_ns - self._drive.stamp_ns > self._watchdog_ns
+
+    def output(self, now_ns: int) -> DriveOutput | None:
+        """The set-point for the device; None: it has the newest."""
+        if self.failsafe(now_ns):
+            self._forwarded = None
+            return DriveOutput(STOP, now_ns)
+        if self._drive is self._forwarded:
+            return None
+        self._forwarded = self._drive
+        return self._drive

@@ -1,0 +1,53 @@
+"""Orders to a chassis and its reports: what the hardware abstraction exchanges with motors and steering."""
+
+import msgspec
+
+from swarmware.model.open_enum import OpenEnum
+from swarmware.types.bounds import Finite
+from swarmware.types.registry import register
+
+
+class ChassisAction(OpenEnum):
+    """Action of an order to a chassis."""
+
+    ARM = "arm"
+    DISARM = "disarm"
+    KILL = "kill"
+    """Motors off at once, also in the air."""
+    GAINS = "gains"
+    """Change gains of its controllers."""
+    CALIBRATE = "calibrate"
+    """Teach the motor controllers the range of the throttle; the motors may turn."""
+
+
+@register
+class ChassisOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Order to a chassis, which executes each once and states its number in its next report."""
+
+    number: int
+    """Number of the order, which rises; an order that is repeated has the same."""
+    action: ChassisAction
+    gains: dict[str, Finite] = {}
+    """Gains by name; of others the chassis keeps its values."""
+
+
+@register
+class ChassisReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Report of a chassis."""
+
+    armed: bool
+    landed: bool
+    answered: int = 0
+    """Number of the newest order that was executed or refused."""
+    refused: str = ""
+    """Reason of the refusal of that order; empty when it was executed."""
+    calibrating: bool = False
+    """Whether its motor controllers are being calibrated."""
+
+
+@register
+class CalibrationRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Calibrate the motor controllers of a disarmed vehicle (`sys/vehicle/calibrate`)."""
+
+    platform: str
+    """Name of the vehicle; a request with another name is refused."""

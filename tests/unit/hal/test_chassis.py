@@ -1,0 +1,158 @@
+"""A chassis behind its driver: set-points in, state out, orders that are answered, refused or lost."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from swarmd.hal.chassis import Chassis
+from swarmd.hal.config import ChassisConfig
+from swarmd.hal.driver import DeviceError
+from swarmd.hal.motors import Motors
+from swarmware.errors import Denied, NoAnswer
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.chassis import CalibrationRequest, ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, Setpoint, VehicleState
+
+REST = ChassisReport(armed=False, landed=True)
+
+
+class Bench(Chassis):
+    """A chassis on the bench, which answers each order unless it loses some or is deaf."""
+
+    def __init__(self, **config: float) -> None:
+        super().__init__("bench", ChassisConfig(**config))  # type: ignore[arg-type]  # numbers only
+        self.report = REST
+        self.setpoints: list[Setpoint] = []
+        self.orders: list[ChassisOrder] = []
+        self.loses = 0
+        self.refuses = ""
+
+    def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        self.setpoints.append(setpoint)
+
+    def send_order(self, order: ChassisOrder) -> None:
+        self.orders.append(order)
+        if self.loses:
+            self.loses -= 1
+            return
+        armed = self.report.armed
+        if not self.refuses:
+            armed = order.action is ChassisAction.ARM or (armed and order.action is ChassisAction.GAINS)
+        self.report_as(
+            msgspec.structs.replace(self.report, armed=armed, answered=order.number, refused=self.refuses)
+        )
+
+    def report_as(self, report: ChassisReport) -> None:
+        assert self.module is not None
+        self.report = report
+        self.on_report(report, self.module.now_ns())
+
+
+@asynccontextmanager
+async def bench(root: Path, **config: float) -> AsyncIterator[tuple[Bench, Module, Module]]:
+    async with tmp_node(root) as node, Module("hal", node=node) as module, Module("test", node=node) as other:
+        chassis = Bench(**config)
+        await chassis.open(module)
+        chassis.report_as(REST)
+        Motors(module, chassis).serve()
+        yield chassis, module, other
+        await chassis.close()
+
+
+async def test_the_vehicle_is_armed_through_its_chassis_and_each_request_is_audited(
+    tmp_path: Path,
+) -> None:
+    async with bench(tmp_path) as (chassis, _, other):
+        audit = other.stream_reader("vehicle/orders", MotorOrder)
+        state = other.reader("vehicle/state", VehicleState)
+        assert state.value == VehicleState(armed=False, landed=True)
+        assert (await other.request("sys/vehicle/arm", ArmRequest(True), VehicleState)).armed
+        assert state.value == VehicleState(armed=True, landed=True)
+        chassis.refuses = "the door is open"
+        with pytest.raises(Denied, match="the door is open"):
+            await other.request("sys/vehicle/arm", ArmRequest(False), VehicleState)
+        chassis.refuses = ""
+        with pytest.raises(Denied, match="this is uav1; expected its own name"):
+            await other.request("sys/vehicle/kill", KillRequest("uav2"), VehicleState)
+        killed = await other.request("sys/vehicle/kill", KillRequest("uav1", "smoke"), VehicleState)
+        assert not killed.armed
+        entries = [await audit.next(timeout_s=5.0) for _ in range(4)]
+        assert [(entry.what, bool(entry.refused), entry.reason) for entry in entries] == [
+            ("arm", False, ""),
+            ("disarm", True, ""),
+            ("kill", True, ""),
+            ("kill", False, "smoke"),
+        ]
+
+
+async def test_lost_orders_are_repeated_and_a_deaf_chassis_is_reported(tmp_path: Path) -> None:
+    async with bench(tmp_path, answer_s=0.3) as (chassis, _, _):
+        chassis.loses = 2
+        assert (await chassis.execute(ChassisAction.ARM)).armed
+        assert [order.number for order in chassis.orders] == [chassis.orders[0].number] * 3
+        chassis.loses = 1000
+        with pytest.raises(NoAnswer, match=r"chassis bench: disarm: not answered within 0.3 s"):
+            await chassis.execute(ChassisAction.DISARM)
+        sent = len(chassis.orders)
+        await chassis.write(0)
+        assert len(chassis.orders) == sent, "nobody waits for it any more"
+
+
+async def test_a_kill_waits_for_no_other_order(tmp_path: Path) -> None:
+    async with bench(tmp_path, answer_s=20.0) as (chassis, _, _):
+        chassis.loses = 1
+        arming = asyncio.create_task(chassis.execute(ChassisAction.ARM))
+        await asyncio.sleep(0)
+        assert not (await chassis.execute(ChassisAction.KILL)).armed
+        with pytest.raises(Denied, match="a later order replaced it"):
+            await arming
+        assert [order.action for order in chassis.orders] == ["arm", "kill"]
+
+
+async def test_only_a_vehicle_that_is_named_and_at_rest_is_calibrated(tmp_path: Path) -> None:
+    path = "sys/vehicle/calibrate"
+    async with bench(tmp_path) as (chassis, _, other):
+        with pytest.raises(Denied, match="this is uav1"):
+            await other.request(path, CalibrationRequest("uav7"), VehicleState)
+        await chassis.execute(ChassisAction.ARM)
+        with pytest.raises(Denied, match="disarmed and on the ground"):
+            await other.request(path, CalibrationRequest("uav1"), VehicleState)
+        assert [order.action for order in chassis.orders] == ["arm"]
+        await chassis.execute(ChassisAction.DISARM)
+        await other.request(path, CalibrationRequest("uav1"), VehicleState)
+        assert chassis.orders[-1].action is ChassisAction.CALIBRATE
+
+
+async def test_set_points_go_out_once_and_are_replaced_when_they_end(tmp_path: Path) -> None:
+    async with bench(tmp_path, watchdog_s=0.5) as (chassis, module, other):
+        drive = other.writer("act/setpoint", Setpoint)
+        assert not await chassis.write(module.now_ns())
+        assert chassis.period_s == pytest.approx(1 / 5), "at rest"
+        await chassis.execute(ChassisAction.ARM)
+        drive.write(Setpoint(1.5))
+        now_ns = module.now_ns()
+        assert await chassis.write(now_ns)
+        assert chassis.period_s == pytest.approx(1 / 20)
+        assert not await chassis.write(now_ns)
+        assert chassis.failsafe(now_ns) == ""
+        later_ns = now_ns + 600_000_000
+        assert await chassis.write(later_ns)
+        assert chassis.failsafe(later_ns) == "no set-point in act/setpoint for more than 0.5 s"
+        assert chassis.setpoints == [Setpoint(1.5), Setpoint(0.0)]
+
+
+async def test_a_chassis_that_falls_silent_is_an_error_and_its_state_is_withdrawn(tmp_path: Path) -> None:
+    async with bench(tmp_path) as (chassis, module, other):
+        state = other.reader("vehicle/state", VehicleState)
+        assert state.value is not None
+        with pytest.raises(DeviceError, match="no report for more than 3 s"):
+            await chassis.write(module.now_ns() + 3_100_000_000)
+        await chassis.close()
+        assert not state.alive
+        with pytest.raises(NoAnswer, match="the device is not open"):
+            await chassis.execute(ChassisAction.KILL)
