@@ -11,13 +11,15 @@ from struct_tables import cell, field_docs
 
 from swarmctl.commands.fleet.hosts import FleetFile, HostDefaults, HostEntry
 from swarmctl.terminal import documents
+from swarmd.control.core.modes import DECISIONS, TRANSITIONS, Source
 from swarmware import errors
 from swarmware.model import resource, template
 from swarmware.model.acl import AclConfig
 from swarmware.model.config import NodeConfig
 from swarmware.service.config_keys import KeyDescription, described_keys, permitted, toml_type, without_none
 from swarmware.service.installed import find, installed
-from swarmware.types import registry
+from swarmware.types import control, registry
+from swarmware.types.control import DriveEvent, DriveMode
 from swarmware.types.units import UNITS
 
 HERE = Path(__file__).parent / "reference"
@@ -168,6 +170,30 @@ def units() -> str:
     return "".join(["\n", head("end of the name", "unit"), *(row(f"`{end}`", unit) for end, unit in UNITS)])
 
 
+DRIVERS = {
+    DriveMode.AUTO: "navigator, by its goal",
+    DriveMode.MANUAL: "the operator who has the stick",
+    DriveMode.HOLD: "nobody: the vehicle holds",
+    DriveMode.PILOT: "the safety pilot; without its set-points the vehicle holds",
+}
+
+
+def modes() -> str:
+    """Who drives in each mode, and the mode after each event: the tables of the control daemon."""
+    out = ["\n", head("mode", "who drives", *(f"set-points of the {source}" for source in Source))]
+    for mode in DriveMode:
+        decisions = [DECISIONS[mode, source].value for source in Source]
+        out.append(row(f"`{mode}`", DRIVERS[mode], *decisions))
+    out += ["\nThe mode after each event; `refused`: the event changes nothing.\n\n"]
+    out.append(head("event", *(f"in `{mode}`" for mode in DriveMode), "meaning"))
+    meanings = field_docs(control)
+    for event in DriveEvent:
+        after = [TRANSITIONS[mode, event] for mode in DriveMode]
+        cells = ["refused" if mode is None else f"`{mode}`" for mode in after]
+        out.append(row(f"`{event}`", *cells, meanings["DriveEvent", event.name]))
+    return "".join(out)
+
+
 _GENERATED = re.compile(
     r"(<!-- from the code: [^>]*-->\n)(.*?)(<!-- end of what is from the code -->)", re.DOTALL
 )
@@ -182,6 +208,7 @@ REFERENCE = {
     HERE / "configuration.md": configuration,
     HERE / "settings.md": settings,
     HERE / "hosts.md": hosts,
+    HERE / "modes.md": modes,
     HERE / "templates.md": templates,
     HERE / "documents.md": schemas,
     HERE / "exit-codes.md": exit_codes,

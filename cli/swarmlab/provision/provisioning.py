@@ -32,8 +32,8 @@ ENDING: Final = "ending"
 """File in the lab's folder: its end has begun."""
 
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
-"""A ground station has neither simulation nor navigator."""
-VEHICLE: Final = (*STATION, "sim", "navigator")
+"""A ground station has neither simulation nor control nor navigator."""
+VEHICLE: Final = (*STATION, "sim", "control", "navigator")
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
 """Radius of the sphere around a vehicle: configured in the simulation, used by the report."""
 LIDAR: Final = "ugv1"

@@ -1,7 +1,11 @@
 """The built-in missions: available without network, with priority over every user mission (S2.37)."""
 
+from collections.abc import Mapping
 from typing import Final
 
+import msgspec
+
+from swarmware.errors import InvalidInput
 from swarmware.mission.binding import Binding
 from swarmware.mission.loader import load
 from swarmware.mission.model import MissionDefinition
@@ -40,3 +44,39 @@ def built_in(platform: str, kind: PlatformKind) -> dict[str, MissionDefinition]:
         return {}
     binding = Binding(platform, kind)
     return {name: load(text, f"built-in {name}", binding) for name, text in TEXTS.items()}
+
+
+MANOEUVRES: Final[dict[str, tuple[frozenset[str], frozenset[str]]]] = {
+    "takeoff": (frozenset({"altitude_m"}), frozenset({"speed_m_s"})),
+    "goto": (frozenset({"x_m", "y_m"}), frozenset({"z_m", "speed_m_s"})),
+}
+"""Manoeuvres that an operator orders, with the parameters that each needs, and those that it may have."""
+
+
+def manoeuvre(name: str, params: Mapping[str, float], platform: str, kind: PlatformKind) -> MissionDefinition:
+    """The mission of a manoeuvre with its parameters.
+
+    Raises: InvalidInput for an unknown one, a vehicle that cannot do it, or other parameters; MissionError.
+    """
+    if name not in MANOEUVRES:
+        raise InvalidInput(f"manoeuvre {name!r}: unknown; expected one of {', '.join(MANOEUVRES)}")
+    needed, others = MANOEUVRES[name]
+    if not needed <= set(params) <= needed | others:
+        expected = ", ".join([*sorted(needed), *(f"{other} (optional)" for other in sorted(others))])
+        raise InvalidInput(f"{name}: parameters {', '.join(sorted(params)) or 'none'}; expected {expected}")
+    if name == "takeoff" and kind != PlatformKind.UAV:
+        raise InvalidInput(f"takeoff: {platform} ({kind}) does not fly")
+    end = {"end": {"type": "End"}}
+    if name == "takeoff":
+        blocks = {
+            "start": {"type": "Start", "next": "arm"},
+            "arm": {"type": "Arm", "next": "takeoff"},
+            "takeoff": {"type": "Takeoff", "next": "end", **params},
+        }
+    else:
+        blocks = {
+            "start": {"type": "Start", "next": "goto"},
+            "goto": {"type": "Goto", "next": "end", **params},
+        }
+    text = msgspec.json.encode({"mission": blocks | end}).decode()
+    return load(text, f"built-in {name}", Binding(platform, kind))

@@ -1,6 +1,6 @@
 """Settings of the mission daemon (services/mission.toml)."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -28,3 +28,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Time without a position after which the motion fails."""
     leader_patience_s: Seconds = 5.0
     """Time without the pose of the formation's leader after which the motion fails."""
+    link_loss: Literal["continue", "hold", "return", "land"] = "continue"
+    """What a vehicle does when it has lost the link to every ground station; `on_link_loss` of a mission
+    precedes it."""
+    link_loss_s: Annotated[float, msgspec.Meta(ge=1, le=86_400)] = 30.0
+    """Time without a ground station after which the link is lost."""

@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 import msgspec
 
 from swarmd.mission.blocks.plugins import installed
-from swarmd.mission.builtin import built_in
+from swarmd.mission.builtin import built_in, manoeuvre
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.admission import OrderAdmission, drained_text
@@ -17,7 +17,8 @@ from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
-from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock
+from swarmd.mission.core.link_loss import LinkLoss
+from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock, TakeVehicle
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain
 from swarmd.mission.member_states import MemberStates
@@ -27,7 +28,7 @@ from swarmd.mission.runner import BlockRunner
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
-from swarmware.errors import Conflict, SwarmError
+from swarmware.errors import Conflict, InvalidInput, SwarmError
 from swarmware.mission.assignment import Platform
 from swarmware.mission.outcome import BlockOutcome
 from swarmware.model import paths
@@ -42,6 +43,7 @@ from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.requester import requester, requesting_platform
 from swarmware.module.writer import BoardWriter
+from swarmware.service.live_config import LiveConfig
 from swarmware.service.service import Service
 from swarmware.types.mission import (
     INACTIVE,
@@ -49,6 +51,7 @@ from swarmware.types.mission import (
     BarrierResult,
     DrainOrder,
     LeftOut,
+    ManoeuvreRequest,
     MissionAbort,
     MissionList,
     MissionOrder,
@@ -88,6 +91,7 @@ class Mission(Service):
 
     name: ClassVar[str] = "mission"
     Config: ClassVar[type[msgspec.Struct]] = Settings
+    live_settings: ClassVar = {"link_loss": "mission/link_loss", "link_loss_s": "mission/link_loss_s"}
 
     module: Module
     config: Settings
@@ -111,6 +115,9 @@ class Mission(Service):
         )
         self._driver = self.drive(self._core, self._perform)
         vehicle = VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
+        self._vehicle = vehicle
+        self._link_loss = LinkLoss()
+        self._live = LiveConfig(module, config, self.live_settings)
         self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
         self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
@@ -148,6 +155,8 @@ class Mission(Service):
                 group.create_task(self._take_aborts(), name="mission:aborts")
                 group.create_task(self._watch_links(), name="mission:links")
                 group.create_task(self._prepare(), name="mission:store")
+                if self._vehicle is not None:
+                    group.create_task(self._watch_control(self._vehicle), name="mission:control")
                 self._restarted()
         finally:
             await self._runner.close()
@@ -178,6 +187,13 @@ class Mission(Service):
             self._on_abort,
             reply=AbortAnswer,
             description="Stop the mission at all its members",
+        )
+        module.serve(
+            "sys/mission/manoeuvre",
+            ManoeuvreRequest,
+            self._on_manoeuvre,
+            reply=MissionStatus,
+            description="A manoeuvre of this vehicle: takeoff, goto",
         )
         module.serve(
             "sys/mission/status",
@@ -271,6 +287,22 @@ class Mission(Service):
         silent = await self._dispatcher.abort(ordered, order, meta.sender)
         return AbortAnswer(tuple(name for name in ordered if name not in silent), silent)
 
+    def _on_manoeuvre(self, request: ManoeuvreRequest, meta: Meta) -> MissionStatus:
+        vehicle = self._vehicle
+        if vehicle is None:
+            raise InvalidInput(f"{request.name}: {self.module.platform} is not a vehicle")
+        mission = manoeuvre(request.name, request.params, self.module.platform, self._kind)
+        if request.name == "goto" and not vehicle.armed:
+            raise Conflict(f"goto: {self.module.platform} is disarmed; arm it, or `takeoff`, first")
+        if request.name == "goto" and vehicle.flies and vehicle.landed:
+            raise Conflict(f"goto: {self.module.platform} is on the ground; `takeoff` first")
+        by = requester(self.module, meta)
+        log.warning("%s by %s: %s", request.name, by, request.reason)
+        reason = f"{request.name} by {by}: {request.reason}"
+        now_ns = self.module.now_ns()
+        self._driver.defer(self._core.on_manoeuvre(request.name, mission, reason, now_ns))
+        return self._on_status(Empty(), meta)
+
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
         core = self._core
         return MissionStatus(
@@ -351,6 +383,30 @@ class Mission(Service):
                 for route in routes.routes:
                     self._core.on_alive(route.platform, now_ns)
                     self._census.on_reachable(route.platform, now_ns)
+                    if self._census.is_station(route.platform):
+                        self._link_loss.on_station(now_ns)
+            self._check_link()
+
+    def _check_link(self) -> None:
+        """Applies the policy for a lost link, to a vehicle that is armed."""
+        self.config = self._live.take() or self.config
+        now_ns = self.module.now_ns()
+        lost_s = self._link_loss.lost_s(self.config.link_loss_s, now_ns)
+        if lost_s is None or self._vehicle is None or not self._vehicle.armed:
+            return
+        reason = f"no ground station in reach for {lost_s:.0f} s"
+        log.warning("link lost: %s", reason)
+        self._driver.feed(self._core.on_link_loss(reason, self.config.link_loss, now_ns))
+
+    async def _watch_control(self, vehicle: VehicleClient) -> None:
+        async for control in vehicle.control:
+            self._driver.feed(self._core.on_control(control, self.module.now_ns()))
+
+    async def _take_vehicle(self, vehicle: VehicleClient, ordered: bool) -> None:
+        try:
+            await vehicle.take(ordered=ordered)
+        except SwarmError as error:
+            log.warning("the mission manager does not drive: %s", error)
 
     async def _prepare(self) -> None:
         """Checks stored missions and reads their parts before the first instruction, which then needs no
@@ -373,7 +429,7 @@ class Mission(Service):
         if state is not None and state.armed:
             reason = "the mission daemon was restarted while the vehicle was armed"
             log.warning("%s: %s", SAFE, reason)
-            self._driver.feed(self._core.on_abort(reason, SAFE, self.module.now_ns()))
+            self._driver.feed(self._core.on_abort(reason, SAFE, self.module.now_ns(), ordered=False))
 
     # -- output
 
@@ -388,6 +444,9 @@ class Mission(Service):
                 self._runner.cancel(token)
             case ProgressStep():
                 self._record.add(self._progress(action))
+            case TakeVehicle(ordered):
+                if self._vehicle is not None:
+                    self.module.start(self._take_vehicle(self._vehicle, ordered), "take the vehicle")
             case Announce(state):
                 if state.state not in INACTIVE:
                     self._member_states.on_mission()

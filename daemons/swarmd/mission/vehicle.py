@@ -12,6 +12,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
+from swarmware.types.control import ControlState, DriveEvent, DriveMode, DriveRequest
 from swarmware.types.vehicle import (
     ArmRequest,
     Goal,
@@ -27,6 +28,8 @@ Settled = Callable[[NavStatus], bool]
 Progress = Callable[[NavStatus], None]
 
 ARM_PATH = "sys/vehicle/arm"
+CONTROL_PATH = "control/state"
+DRIVE_PATH = "sys/vehicle/drive"
 
 
 class VehicleClient:
@@ -41,6 +44,7 @@ class VehicleClient:
         state: BoardReader[VehicleState],
         pose: BoardReader[Pose],
         home: Home,
+        control: BoardReader[ControlState],
     ) -> None:
         self._module = module
         self._config = config
@@ -49,6 +53,8 @@ class VehicleClient:
         self._state = state
         self._pose = pose
         self._home = home
+        self.control = control
+        """Who drives the vehicle."""
         self._limits_s = {
             NavError.NONE: config.blocked_patience_s,
             NavError.NO_WAY: config.blocked_patience_s,
@@ -69,7 +75,8 @@ class VehicleClient:
         pose = module.reader("nav/pose", Pose)
         home = Home.open(module, pose)
         module.start(home.follow(), "home")
-        return cls(module, config, goal, status, state, pose, home)
+        control = module.reader(CONTROL_PATH, ControlState)
+        return cls(module, config, goal, status, state, pose, home, control)
 
     @property
     def flies(self) -> bool:
@@ -105,6 +112,26 @@ class VehicleClient:
         """Whether the vehicle is on the ground, as last received."""
         state = self._state.value
         return state is not None and state.landed
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors are armed, as last received."""
+        state = self._state.value
+        return state is not None and state.armed
+
+    @property
+    def held(self) -> bool:
+        """Whether somebody drives by hand: the navigator does not move the vehicle."""
+        control = self.control.value
+        return control is not None and control.mode is not DriveMode.AUTO
+
+    async def take(self, *, ordered: bool) -> None:
+        """Asks for the vehicle, which is driven by hand.
+
+        Raises: Denied with the name of who drives, NoAnswer, NotFound.
+        """
+        event = DriveEvent.ORDER if ordered else DriveEvent.RECOVERY
+        await self._module.request(DRIVE_PATH, DriveRequest(event), ControlState)
 
     async def arm(self, armed: bool) -> None:
         """Arms or disarms the motors, and waits until the vehicle reports it.
@@ -188,6 +215,10 @@ class VehicleClient:
                 wait_s = max(0.0, self._config.navigator_timeout_s - (now_ns - received_ns) / 1e9)
                 continue
             received_ns, wait_s = now_ns, self._config.navigator_timeout_s
+            if self.held:
+                timeouts.reset()
+                there_ns = None
+                continue
             progress(status)
             if (lost := timeouts.lost(status, now_ns)) is not None:
                 raise BlockError(*lost)

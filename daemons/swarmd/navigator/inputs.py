@@ -8,6 +8,7 @@ from swarmd.navigator.core.navigator import NavigatorCore
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.module import Module
+from swarmware.types.control import ControlState
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Goal, Imu, Pose, Range, VehicleState
 
@@ -46,6 +47,7 @@ class Inputs:
         self._scan = Fresh(m.reader("sensor/range", Range))
         self._height = Fresh(m.reader("sensor/height", Float))
         self._vehicle = Fresh(m.reader("vehicle/state", VehicleState))
+        self._control = Fresh(m.reader("control/state", ControlState))
         self._goal = Fresh(m.reader("nav/goal", Goal))
         self._poses: BoardSet[Pose] = m.readers("/*/nav/pose", Pose)
 
@@ -61,6 +63,8 @@ class Inputs:
             navigator.on_height(height.value)
         if (vehicle := self._vehicle.take()) is not None:
             navigator.on_vehicle(vehicle)
+        if (control := self._control.take()) is not None:
+            navigator.on_control(control)
         if (goal := self._goal.take()) is not None:
             navigator.on_goal(goal, now_ns)
         if navigator.resting:

@@ -8,6 +8,7 @@ from swarmd.sim import config as settings
 from swarmd.sim.chassis import ChassisPort
 from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
+from swarmd.sim.switch import Switch
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load
@@ -53,6 +54,7 @@ class Sim(Service):
         self._driver = self.drive(self._core, self._perform)
         self._outputs = Outputs(module, config, simulation)
         self._port = ChassisPort(module, self._core, self._driver.feed)
+        self._switch = Switch(module)
         self._setpoint = module.reader(paths.SIM_SETPOINT, Setpoint)
         self._taken: Setpoint | None = None
         """The set-point that the simulation has."""
@@ -65,6 +67,7 @@ class Sim(Service):
     async def run(self) -> None:
         """Samples until the service ends."""
         self._port.serve()
+        self._switch.serve()
         await self._driver.run()
 
     def _last(self, start: Pose) -> tuple[Pose, bool]:
@@ -94,10 +97,10 @@ class Sim(Service):
 
     def _read(self, neighbours: bool, now_ns: int) -> None:
         core, feed = self._core, self._driver.feed
-        setpoint = self._setpoint.value
-        if setpoint is not None and setpoint is not self._taken:
-            self._taken = setpoint
-            feed(core.on_setpoint(setpoint, self._setpoint.stamp_ns or now_ns, now_ns))
+        drive = self._drive.value
+        if drive is not None and drive is not self._taken:
+            self._taken = drive
+            feed(core.on_setpoint(drive.setpoint, self._drive.stamp_ns or now_ns, now_ns))
         if neighbours:
             if now_ns >= self._look_ns:
                 self._look_ns = now_ns + round(_LOOK_S * 1e9)

@@ -30,6 +30,13 @@ MISSION_KEYS: Final = (
         "Conditions that must hold before the start; evaluated again every second during the mission.",
     ),
     FileKey("on_failure", "string", '`"land"`', "Built-in mission that runs when this one fails."),
+    FileKey(
+        "on_link_loss",
+        "string",
+        "setting `mission/link_loss` of the platform",
+        "What the vehicle does when it has lost the link to every ground station: `continue`, or the built-in "
+        "mission `hold`, `return` or `land`, which ends this one.",
+    ),
     FileKey("title", "string", "", "For readers: what the mission does."),
     FileKey("comment", "string", "", "For readers."),
     FileKey("$schema", "string", "", "For editors: address of the JSON Schema."),

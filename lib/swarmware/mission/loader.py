@@ -14,7 +14,7 @@ from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.file_keys import MISSION_KEYS
 from swarmware.mission.finding import Finding
-from swarmware.mission.model import ON_FAILURE, Block, MissionDefinition
+from swarmware.mission.model import LINK_LOSS, ON_FAILURE, Block, MissionDefinition
 from swarmware.mission.source import JsonSource, SourceError, escape
 from swarmware.mission.source import parse as parse_source
 from swarmware.model.similar import similar
@@ -108,6 +108,7 @@ class _Loader:
             blocks,
             starts[0] if starts else "",
             self._on_failure(bound.get("on_failure", "land")),
+            self._on_link_loss(bound.get("on_link_loss", "")),
             self._requires(bound.get("requires", [])),
         )
         return Reading(mission if starts else None, tuple(self._findings), tuple(self._declared))
@@ -190,6 +191,12 @@ class _Loader:
             self._report("/on_failure", "on-failure", f"{raw!r}: expected one of {', '.join(ON_FAILURE)}")
             return "land"
         return str(raw)
+
+    def _on_link_loss(self, raw: Any) -> str:
+        if raw == "" or raw in LINK_LOSS:
+            return str(raw)
+        self._report("/on_link_loss", "on-link-loss", f"{raw!r}: expected one of {', '.join(LINK_LOSS)}")
+        return ""
 
     def _requires(self, raw: Any) -> tuple[ConditionExpression, ...]:
         if not isinstance(raw, list) or not all(isinstance(item, str) for item in raw):

@@ -15,6 +15,10 @@ STEPS_LIMIT: Final = 1_000
 ON_FAILURE: Final = ("land", "hold", "return")
 """Built-in missions that may follow a failed mission."""
 
+CONTINUE: Final = "continue"
+LINK_LOSS: Final = (CONTINUE, *ON_FAILURE)
+"""What a vehicle may do when it loses the link to every ground station: continue, or a built-in mission."""
+
 
 class Edge(msgspec.Struct, frozen=True):
     """The successor of a block for one outcome."""
@@ -68,6 +72,8 @@ class MissionDefinition(msgspec.Struct, frozen=True):
     blocks: dict[str, Block]
     start: str
     on_failure: str = "land"
+    on_link_loss: str = ""
+    """One of LINK_LOSS; empty: by the setting of the platform."""
     requires: tuple[ConditionExpression, ...] = ()
     """Conditions that are checked before the start and every second."""
 

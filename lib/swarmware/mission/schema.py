@@ -7,7 +7,7 @@ import msgspec
 
 from swarmware.mission.block_reader import TIMEOUT_LIMIT_S, TIMEOUT_MIN_MS
 from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Wait, built_in
-from swarmware.mission.model import ON_FAILURE
+from swarmware.mission.model import LINK_LOSS, ON_FAILURE
 from swarmware.mission.outcome import OutcomeKind
 
 _TIMEOUT: Final = OutcomeKind.TIMEOUT.value
@@ -49,6 +49,7 @@ def mission_schema(catalogue: Catalogue | None = None) -> str:
                 "additionalProperties": {"type": ["number", "string", "boolean", "array"]},
             },
             "on_failure": {"anyOf": [{"enum": list(ON_FAILURE)}, _REFERENCE]},
+            "on_link_loss": {"anyOf": [{"enum": ["", *LINK_LOSS]}, _REFERENCE]},
             "requires": {"type": "array", "items": {"type": "string"}},
             "mission": {
                 "type": "object",

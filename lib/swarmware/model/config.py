@@ -53,6 +53,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         "logger",
         "hal",
         "sim",
+        "control",
         "navigator",
     )
     """Services of this node, in the order in which they start."""

@@ -189,6 +189,17 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class ManoeuvreRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Start a manoeuvre of one vehicle, which ends its mission (`sys/mission/manoeuvre`)."""
+
+    name: str
+    """takeoff | goto."""
+    params: dict[str, float]
+    """takeoff: altitude_m, speed_m_s; goto: x_m, y_m, z_m, speed_m_s; z_m left out: its present height."""
+    reason: str = ""
+
+
+@register
 class AbortAnswer(msgspec.Struct, frozen=True):
     """Which platforms were ordered to abort."""
 
@@ -245,12 +256,14 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     """Kind of the platform, for the assignment of roles."""
     drained_by: str = ""
     """Operator who drained the platform: it takes no role in a new mission; empty: none."""
+    held_by: str = ""
+    """Who drives the vehicle by hand, which holds its mission; empty: nobody."""
 
     forms: ClassVar[tuple[Form, ...]] = (
         Form(
             "always",
             _HEAD_PARTS,
-            "MessagePack array of active, arrivals, meetings, text, mission and, if drained, drained_by",
+            "MessagePack array of active, arrivals, meetings, text, mission and, if drained or held, drained_by and held_by",
         ),
     )
 
@@ -264,6 +277,8 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
             round(min(max(self.progress_ratio, 0.0), 1.0) * 255),
         )
         tail = (self.active, self.arrivals, self.meetings, self.text, self.mission)
+        if self.held_by:
+            return head + _tail_encoder.encode(_HeldTail(*tail, self.drained_by, self.held_by))
         return head + _tail_encoder.encode(
             _DrainedTail(*tail, self.drained_by) if self.drained_by else _Tail(*tail)
         )
@@ -295,6 +310,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
             tail.mission,
             KINDS[kind],
             tail.drained_by,
+            tail.held_by,
         )
 
 
@@ -310,8 +326,12 @@ class _DrainedTail(_Tail, frozen=True, array_like=True, gc=False):
     drained_by: str = ""
 
 
+class _HeldTail(_DrainedTail, frozen=True, array_like=True, gc=False):
+    held_by: str = ""
+
+
 _tail_encoder = msgspec.msgpack.Encoder()
-_tail_decoder = msgspec.msgpack.Decoder(_DrainedTail)
+_tail_decoder = msgspec.msgpack.Decoder(_HeldTail)
 
 
 @register

@@ -32,7 +32,7 @@ from swarmware.types.system import AppStatus
 
 SERVICES: Final = (
     *("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger"),
-    *("hal", "sim", "navigator"),
+    *("hal", "sim", "control", "navigator"),
 )
 LIMIT_S: Final = 5.0
 PATIENCE_S: Final = 60.0

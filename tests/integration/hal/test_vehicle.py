@@ -33,7 +33,7 @@ from swarmware.types.vehicle import (
     VehicleState,
 )
 
-VEHICLE = ("sim", "hal", "navigator")
+VEHICLE = ("sim", "hal", "control", "navigator")
 ARM = "sys/vehicle/arm"
 
 

@@ -13,7 +13,7 @@ from swarmware.transport.appfile.table import scan
 
 SERVICES: Final = (
     *("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal", "sim"),
-    "navigator",
+    *("control", "navigator"),
 )
 HEAVY: Final = {
     *("click", "cryptography", "jsonschema", "matplotlib", "mcap", "numpy", "psutil", "pymongo", "rich"),

@@ -31,7 +31,7 @@ from swarmware.types.vehicle import Pose
 
 SERVICES = (
     *("broker", "tree", "register", "timesync", "health", "mission", "logger"),
-    *("hal", "sim", "navigator"),
+    *("hal", "sim", "control", "navigator"),
     "guard",  # the last: from another guard nobody learns how a process ended that it did not start
 )
 BOARDS = ("nav/pose", "sim/truth")

@@ -51,7 +51,7 @@ def _show(session: Session, found: MissionStatus) -> None:
             f"{state.progress_ratio * 100:.0f} %",
             ", ".join(state.active),
             ", ".join(arrival.barrier for arrival in state.arrivals),
-            state.text or (f"drained by {state.drained_by}" if state.drained_by else ""),
+            _remark(state),
         )
         for platform, state in _rows(found)
     ]
@@ -65,3 +65,10 @@ def _show(session: Session, found: MissionStatus) -> None:
         Column("SAYS"),
     ]
     session.out.table(columns, rows)
+
+
+def _remark(state: MissionState) -> str:
+    """What the platform says about itself, and who keeps it from its mission."""
+    if state.held_by:
+        return f"held: driven by {state.held_by}"
+    return state.text or (f"drained by {state.drained_by}" if state.drained_by else "")

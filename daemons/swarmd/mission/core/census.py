@@ -3,6 +3,7 @@
 import msgspec
 
 from swarmd.mission.core.admission import drained_text
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import LeftOut, MissionState
 
 
@@ -38,6 +39,11 @@ class Census:
             for name, received in self._received.items()
             if max(received.at_ns, self._reached.get(name, received.at_ns)) >= oldest_ns
         }
+
+    def is_station(self, platform: str) -> bool:
+        """Whether a platform is known to be a ground station."""
+        received = self._received.get(platform)
+        return received is not None and received.state.kind == PlatformKind.GCS
 
     def in_run(self, epoch: int) -> list[str]:
         """Platforms whose newest state is of this run."""

@@ -26,6 +26,7 @@ from swarmd.mission.core.run import (
     ProgressStep,
     Run,
     StartBlock,
+    TakeVehicle,
     follow,
 )
 from swarmware.errors import Conflict
@@ -34,6 +35,7 @@ from swarmware.mission.condition import Lookup
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.runtime.core import AT_ONCE
+from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
 START: Final = "@start"
@@ -64,6 +66,11 @@ class MissionExecutor:
         self._platform = platform
         self._built_in = built_in
         """Built-in missions of this kind of vehicle, such as land and hold; empty at a ground station."""
+        self._playable = dict(built_in)
+        """The same with the newest manoeuvres that an operator ordered, such as goto."""
+        self._held_by = ""
+        self._ordered = False
+        """Whether an operator ordered the built-in mission: it takes the vehicle from another operator."""
         self._lookup = lookup
         self._chance = chance
         self._config = config
@@ -139,6 +146,7 @@ class MissionExecutor:
             progress_ratio=1.0 if self._phase is MissionPhase.DONE else round(ratio, 3),
             text=self._text,
             mission=self._playing,
+            held_by=self._held_by,
         )
 
     def on_order(self, run: Run, now_ns: int) -> list[Action]:
@@ -148,6 +156,8 @@ class MissionExecutor:
         """
         if self._phase not in INACTIVE:
             raise Conflict(f"{self._platform} is busy: {self._playing or START} is {self._phase}")
+        if self._held_by:
+            raise Conflict(f"{self._platform} is driven by hand by {self._held_by}")
         unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
         if unmet:
             raise Conflict(f"{self._platform}: requirement {unmet[0]!r} is not met")
@@ -195,14 +205,48 @@ class MissionExecutor:
         self._ratios[token] = min(max(ratio, 0.0), 1.0)
         self._text = text
 
-    def on_abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
+    def on_abort(self, reason: str, then: str, now_ns: int, *, ordered: bool = True) -> list[Action]:
         """Stops the mission, then plays the built-in mission `then`, or the one that the mission defines.
 
+        `ordered`: by an operator, not by this platform itself.
         Raises: Conflict when this platform has no such built-in mission.
         """
         if then and self._built_in and then not in self._built_in:
             raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
-        self._stop(PlayResult.ABORTED, reason, then, now_ns)
+        self._stop(PlayResult.ABORTED, reason, then, now_ns, ordered=ordered)
+        return self._settle(now_ns)
+
+    def on_manoeuvre(self, name: str, mission: MissionDefinition, reason: str, now_ns: int) -> list[Action]:
+        """Stops the mission, then plays a manoeuvre that an operator orders."""
+        self._playable[name] = mission
+        self._stop(PlayResult.ABORTED, reason, name, now_ns, ordered=True, again=True)
+        return self._settle(now_ns)
+
+    def on_control(self, control: ControlState, now_ns: int) -> list[Action]:
+        """Takes who drives: a vehicle that is driven by hand holds its mission."""
+        manual = control.mode is not DriveMode.AUTO
+        held_by = (control.holder or control.mode.value) if manual else ""
+        if held_by != self._held_by:
+            self._held_by = held_by
+            if self._phase in PLAYING:
+                event = "held" if held_by else "resumed"
+                text = f"driven by {held_by}" if held_by else ""
+                self._actions.append(ProgressStep("", "Mission", event, text, self._playing))
+        if control.mode is DriveMode.HOLD and self._phase is MissionPhase.RECOVERING:
+            # nobody drives any more: the vehicle is brought to safety after all
+            self._actions.append(TakeVehicle(ordered=False))
+        return self._settle(now_ns)
+
+    def on_link_loss(self, reason: str, policy: str, now_ns: int) -> list[Action]:
+        """No ground station is in reach: continues, or plays a built-in mission.
+
+        `policy`: that of the platform; the mission's own one precedes it.
+        """
+        if self._run is not None and self._phase is MissionPhase.RUNNING:
+            policy = self._run.mission.on_link_loss or policy
+        if policy not in self._built_in or self._phase in {MissionPhase.RECOVERING, MissionPhase.ENDING}:
+            return []
+        self._stop(PlayResult.ABORTED, reason, policy, now_ns)
         return self._settle(now_ns)
 
     def on_timer(self, now_ns: int) -> list[Action]:
@@ -307,9 +351,20 @@ class MissionExecutor:
             token, BarrierSpec(params.id, visit, quorum, params.roles, block.timeout_s), now_ns
         )
 
-    def _stop(self, result: PlayResult, reason: str, then: str, now_ns: int) -> None:
+    def _stop(
+        self,
+        result: PlayResult,
+        reason: str,
+        then: str,
+        now_ns: int,
+        *,
+        ordered: bool = False,
+        again: bool = False,
+    ) -> None:
         """Ends what is played, then plays a built-in mission or becomes inactive."""
-        if self._phase is MissionPhase.RECOVERING and then in {"", self._playing}:
+        self._ordered = ordered
+        if self._phase is MissionPhase.RECOVERING and then in {"", self._playing} and not again:
+            self._take_vehicle()
             return  # it already plays that one
         if self._phase in PLAYING and self._player is not None:
             self._recovery = then
@@ -320,7 +375,7 @@ class MissionExecutor:
             return
         if self._phase is MissionPhase.READY:
             self._withdraw(reason, now_ns)
-        if then in self._built_in:
+        if then in self._playable:
             # no mission runs: only the built-in one is played
             self._verdict, self._reason, self._title = PhaseEvent.DONE, reason, then
             self._recover(then, reason, now_ns)
@@ -343,7 +398,7 @@ class MissionExecutor:
             recovery = recovery or (
                 self._run.mission.on_failure if self._run and result is not PlayResult.DONE else ""
             )
-        if recovery in self._built_in:
+        if recovery in self._playable:
             self._recover(recovery, reason, now_ns)
             return
         if recovering and result is not PlayResult.DONE:
@@ -359,7 +414,13 @@ class MissionExecutor:
     def _recover(self, name: str, reason: str, now_ns: int) -> None:
         self._move(PhaseEvent.RECOVER, now_ns, f"{name}: {reason}")
         self._recovering = True
-        self._play(self._built_in[name], name, now_ns)
+        self._take_vehicle()
+        self._play(self._playable[name], name, now_ns)
+
+    def _take_vehicle(self) -> None:
+        """Asks for the vehicle, if it is driven by hand."""
+        if self._held_by:
+            self._actions.append(TakeVehicle(self._ordered))
 
     def _check(self, now_ns: int) -> None:
         if self._run is None:

@@ -30,6 +30,10 @@ class NavFaultTimeouts:
         self._limits_s = {**DEFAULT_S, **limits_s}
         self._since: tuple[NavError, int] | None = None
 
+    def reset(self) -> None:
+        """Begins all of them again: what the navigator reported does not count."""
+        self._since = None
+
     def lost(self, status: NavStatus, now_ns: int) -> tuple[str, str] | None:
         """Kind and text of the error when it has lasted longer than its timeout."""
         error = status.error

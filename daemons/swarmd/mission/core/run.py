@@ -143,6 +143,13 @@ class Announce(msgspec.Struct, frozen=True):
     state: MissionState
 
 
+class TakeVehicle(msgspec.Struct, frozen=True):
+    """The shell asks for the vehicle, which is driven by hand: a built-in mission is to move it."""
+
+    ordered: bool
+    """By an operator; otherwise only a vehicle that nobody drives is taken."""
+
+
 PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlayEnded
-Action = StartBlock | CancelBlock | ProgressStep | Announce
+Action = StartBlock | CancelBlock | ProgressStep | Announce | TakeVehicle
 """Actions for the shell; the executor handles barriers and ends itself."""

@@ -11,6 +11,7 @@ from swarmd.navigator.core.keeper import FormationKeeper
 from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
 from swarmware.geometry.geodesy import Origin
+from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.vehicle import (
     GnssFix,
     Goal,
@@ -36,6 +37,8 @@ _FINAL_M: Final = 1.5
 _DEEP_M: Final = 10.0
 """The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
 _SCAN_AGE_S: Final = 0.5
+_ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
+"""Kinds of goals that driving by hand ends, when they were reached before: the vehicle then stays where it is."""
 
 
 class Controller(Protocol):
@@ -83,6 +86,8 @@ class NavigatorCore:
         self._controller = controller
         self._estimator = Estimator(config.estimator, origin)
         self._vehicle: VehicleState | None = None
+        self._driven_by = ""
+        """Who drives the vehicle instead of the navigator; empty: the navigator."""
         self._neighbours: dict[str, tuple[Pose, int]] = {}
         self._points: tuple[tuple[float, float], ...] = ()
         self._scan: Range | None = None
@@ -119,6 +124,16 @@ class NavigatorCore:
     def on_vehicle(self, state: VehicleState) -> None:
         """Takes the state of the vehicle: armed, landed."""
         self._vehicle = state
+
+    def on_control(self, control: ControlState) -> None:
+        """Takes who drives. Afterwards a goal that was reached before does not draw the vehicle back to it."""
+        if control.mode is DriveMode.AUTO:
+            self._driven_by = ""
+            return
+        self._driven_by = control.holder or control.mode.value
+        goal = self._goal
+        if goal is not None and goal.kind in _ENDED_BY_HAND and self._status.state is NavState.ARRIVED:
+            self._goal = msgspec.structs.replace(goal, kind=GoalKind.HOLD)
 
     def on_scan(self, scan: Range, stamp_ns: int) -> None:
         """Takes a scan; its first beam is at `angle_min_rad` in the body frame."""
@@ -163,7 +178,8 @@ class NavigatorCore:
         vehicle = self._vehicle
         landed = vehicle is not None and vehicle.landed
         armed = vehicle is not None and vehicle.armed
-        self._estimator.on_driven(not landed or (armed and self._setpoint != _STOP))
+        moved = self._setpoint != _STOP or self._driven_by != ""
+        self._estimator.on_driven(not landed or (armed and moved))
         self._estimator.predict(now_ns)
         if landed and armed and self._controller.flies:
             self._estimator.on_landed()
@@ -183,6 +199,9 @@ class NavigatorCore:
 
     def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
         goal = self._goal
+        if self._driven_by:
+            self._anchor = None  # where the vehicle is when it is given back
+            return _Plan(NavState.HOLDING, note=f"driven by {self._driven_by}")
         if self._goal_error:
             return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
         if pose is None:

@@ -1,0 +1,1 @@
+"""The decisions of control: the table of modes, and the core that applies it."""

@@ -1,0 +1,186 @@
+"""The core of control: set-points, requests and the switch in; commands to the chassis and the mode out."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from swarmd.control.config import Config
+from swarmd.control.core.modes import DECISIONS, TRANSITIONS, Decision, Source
+from swarmware.errors import Denied, InvalidInput
+from swarmware.runtime.core import AT_ONCE
+from swarmware.types.control import ControlState, Drive, DriveEvent, DriveMode, DriveRequest
+from swarmware.types.vehicle import Setpoint, VehicleMode
+
+HOLD_NS: Final = 200_000_000
+"""Period of commands to a vehicle that holds: the chassis stops listening after more than twice of it."""
+NOBODY: Final = ""
+_REQUESTED: Final = (DriveEvent.DRIVE, DriveEvent.RELEASE, DriveEvent.ORDER, DriveEvent.RECOVERY)
+
+
+class Operator(msgspec.Struct, frozen=True):
+    """An operator's application: its id, and its name for others."""
+
+    id: int
+    name: str
+
+
+class WriteDrive(msgspec.Struct, frozen=True, gc=False):
+    """Action: command the chassis; the stamp is that of the set-point on which the command is based."""
+
+    drive: Drive
+    stamp_ns: int
+
+
+class PublishState(msgspec.Struct, frozen=True):
+    """Action: publish who drives."""
+
+    state: ControlState
+
+
+Action = WriteDrive | PublishState
+
+
+class ControlCore:
+    """Decides whose set-points reach the chassis.
+
+    In mode auto a silent navigator is followed by silence: the chassis has its own time-out.
+    """
+
+    def __init__(self, config: Config, former: ControlState | None = None) -> None:
+        """`former`: state that an earlier run of the daemon published; a vehicle driven by hand holds."""
+        self._timeout_ns = round(config.manual_timeout_s * 1e9)
+        self._config = config
+        self._state = ControlState(DriveMode.AUTO)
+        if former is not None and former.mode.known:
+            manual = former.mode is DriveMode.MANUAL
+            self._state = msgspec.structs.replace(former, mode=DriveMode.HOLD) if manual else former
+        self._manual_ns = 0
+        """Stamp of the newest manual set-point, or when the stick was given."""
+        self._hold_ns = AT_ONCE
+        self.expired = 0
+        """Manual set-points that were too old when they arrived."""
+        self.refused = 0
+        """Manual set-points of applications that did not have the stick."""
+
+    @property
+    def state(self) -> ControlState:
+        """Who drives now."""
+        return self._state
+
+    def on_setpoint(self, setpoint: Setpoint, stamp_ns: int, now_ns: int) -> list[Action]:
+        """Takes a set-point of the navigator."""
+        if DECISIONS[self._state.mode, Source.NAVIGATOR] is not Decision.PASS:
+            return []
+        drive = Drive(
+            setpoint.vx_m_s,
+            setpoint.vy_m_s,
+            setpoint.vz_m_s,
+            setpoint.wz_rad_s,
+            self._state.mode,
+            Source.NAVIGATOR.value,
+        )
+        return [WriteDrive(drive, stamp_ns)]
+
+    def on_manual(self, setpoint: Setpoint, sender_id: int, stamp_ns: int, now_ns: int) -> list[Action]:
+        """Takes a manual set-point, stamped by its sender, in the own clock."""
+        state = self._state
+        if sender_id != state.holder_id or DECISIONS[state.mode, Source.OPERATOR] is not Decision.PASS:
+            self.refused += 1
+            return []
+        stamp_ns = min(stamp_ns, now_ns)
+        if now_ns - stamp_ns > self._timeout_ns:
+            self.expired += 1
+            return []
+        if stamp_ns <= self._manual_ns:
+            return []  # overtaken by a newer one
+        self._manual_ns = stamp_ns
+        actions = self._move(DriveEvent.SETPOINT, state.holder, state.holder_id, now_ns)
+        drive = self._limited(setpoint)
+        return [*actions, WriteDrive(drive, stamp_ns)]
+
+    def on_request(self, request: DriveRequest, operator: Operator, now_ns: int) -> list[Action]:
+        """Takes a request for the stick, or for the navigator.
+
+        Raises: Denied with the name of who drives, InvalidInput for an event that nobody may request.
+        """
+        event, state = request.event, self._state
+        if event not in _REQUESTED:
+            raise InvalidInput(f"event {str(event)!r}: expected one of {', '.join(_REQUESTED)}")
+        mine = state.holder_id == operator.id
+        if event is DriveEvent.RELEASE and state.holder_id and not mine:
+            raise Denied(f"release: {state.holder} has the stick; expected its own request")
+        if TRANSITIONS[state.mode, event] is None:
+            raise Denied(f"{event}: {self._who()}")
+        if event is DriveEvent.DRIVE:
+            if state.holder_id and not mine and not request.take:
+                raise Denied(f"drive: {self._who()}; --take takes the stick")
+            self._manual_ns = now_ns
+            actions = self._move(event, operator.name, operator.id, now_ns)
+            return [*actions, WriteDrive(self._limited(Setpoint(0.0)), now_ns)]
+        return self._move(event, NOBODY, 0, now_ns)
+
+    def on_switch(self, position: VehicleMode, now_ns: int) -> list[Action]:
+        """Takes the position of the safety pilot's switch; an unknown one is that of the pilot."""
+        auto = position is VehicleMode.AUTO
+        event = DriveEvent.SWITCH_AUTO if auto else DriveEvent.SWITCH_MANUAL
+        if TRANSITIONS[self._state.mode, event] is self._state.mode:
+            return []
+        return [*self._move(event, NOBODY, 0, now_ns), *self.on_timer(now_ns)]
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """Ends manual driving whose set-points have expired, and repeats the command to hold."""
+        state, actions = self._state, list[Action]()
+        if state.mode is DriveMode.MANUAL and now_ns - self._manual_ns >= self._timeout_ns:
+            actions += self._move(DriveEvent.EXPIRED, state.holder, state.holder_id, now_ns)
+        if self._holds and now_ns >= self._hold_ns:
+            self._hold_ns = now_ns + HOLD_NS
+            actions.append(WriteDrive(Drive(0.0, mode=self._state.mode), now_ns))
+        return actions
+
+    def deadline_ns(self) -> int | None:
+        """When manual set-points expire, or the vehicle is commanded to hold again; None in mode auto."""
+        if self._state.mode is DriveMode.MANUAL:
+            return self._manual_ns + self._timeout_ns
+        return self._hold_ns if self._holds else None
+
+    @property
+    def _holds(self) -> bool:
+        return self._state.mode in (DriveMode.HOLD, DriveMode.PILOT)
+
+    def _move(self, event: DriveEvent, holder: str, holder_id: int, now_ns: int) -> list[Action]:
+        mode = TRANSITIONS[self._state.mode, event]
+        if mode is None:
+            raise Denied(f"{event}: {self._who()}")
+        if mode is self._state.mode and holder_id == self._state.holder_id:
+            return []
+        if mode is not self._state.mode:
+            self._hold_ns = AT_ONCE
+        self._state = ControlState(mode, holder, holder_id, now_ns, event.value)
+        return [PublishState(self._state)]
+
+    def _who(self) -> str:
+        match self._state.mode:
+            case DriveMode.PILOT:
+                return "the safety pilot drives, the switch of the vehicle is at manual"
+            case DriveMode.AUTO:
+                return "the navigator drives"
+            case _:
+                return f"{self._state.holder} has the stick"
+
+    def _limited(self, setpoint: Setpoint) -> Drive:
+        config = self._config
+        speed = math.hypot(setpoint.vx_m_s, setpoint.vy_m_s)
+        ratio = min(1.0, config.speed_max_m_s / speed) if speed > 0.0 else 1.0
+        return Drive(
+            setpoint.vx_m_s * ratio,
+            setpoint.vy_m_s * ratio,
+            _clipped(setpoint.vz_m_s, config.climb_max_m_s),
+            _clipped(setpoint.wz_rad_s, config.turn_max_rad_s),
+            DriveMode.MANUAL,
+            self._state.holder,
+        )
+
+
+def _clipped(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

@@ -1,0 +1,73 @@
+"""The table of modes: whose set-points reach the chassis in each mode, and which event leads where."""
+
+from enum import StrEnum
+from typing import Final
+
+from swarmware.types.control import DriveEvent, DriveMode
+
+
+class Source(StrEnum):
+    """Source of set-points."""
+
+    NAVIGATOR = "navigator"
+    OPERATOR = "operator"
+
+
+class Decision(StrEnum):
+    """What happens to a set-point."""
+
+    PASS = "passed on"
+    IGNORE = "ignored"
+    REFUSE = "refused"
+
+
+DECISIONS: Final[dict[tuple[DriveMode, Source], Decision]] = {
+    (DriveMode.AUTO, Source.NAVIGATOR): Decision.PASS,
+    (DriveMode.AUTO, Source.OPERATOR): Decision.REFUSE,
+    (DriveMode.MANUAL, Source.NAVIGATOR): Decision.IGNORE,
+    (DriveMode.MANUAL, Source.OPERATOR): Decision.PASS,
+    (DriveMode.HOLD, Source.NAVIGATOR): Decision.IGNORE,
+    (DriveMode.HOLD, Source.OPERATOR): Decision.PASS,
+    (DriveMode.PILOT, Source.NAVIGATOR): Decision.IGNORE,
+    (DriveMode.PILOT, Source.OPERATOR): Decision.REFUSE,
+}
+"""What happens to a set-point of each source in each mode; an operator is the one who has the stick."""
+
+_AUTO, _MANUAL, _HOLD, _PILOT = DriveMode.AUTO, DriveMode.MANUAL, DriveMode.HOLD, DriveMode.PILOT
+
+TRANSITIONS: Final[dict[tuple[DriveMode, DriveEvent], DriveMode | None]] = {
+    (_AUTO, DriveEvent.DRIVE): _MANUAL,
+    (_AUTO, DriveEvent.SETPOINT): None,
+    (_AUTO, DriveEvent.EXPIRED): _AUTO,
+    (_AUTO, DriveEvent.RELEASE): _AUTO,
+    (_AUTO, DriveEvent.ORDER): _AUTO,
+    (_AUTO, DriveEvent.RECOVERY): _AUTO,
+    (_AUTO, DriveEvent.SWITCH_MANUAL): _PILOT,
+    (_AUTO, DriveEvent.SWITCH_AUTO): _AUTO,
+    (_MANUAL, DriveEvent.DRIVE): _MANUAL,
+    (_MANUAL, DriveEvent.SETPOINT): _MANUAL,
+    (_MANUAL, DriveEvent.EXPIRED): _HOLD,
+    (_MANUAL, DriveEvent.RELEASE): _AUTO,
+    (_MANUAL, DriveEvent.ORDER): _AUTO,
+    # a person flies: the failed mission takes the vehicle when the set-points stop
+    (_MANUAL, DriveEvent.RECOVERY): None,
+    (_MANUAL, DriveEvent.SWITCH_MANUAL): _PILOT,
+    (_MANUAL, DriveEvent.SWITCH_AUTO): _MANUAL,
+    (_HOLD, DriveEvent.DRIVE): _MANUAL,
+    (_HOLD, DriveEvent.SETPOINT): _MANUAL,
+    (_HOLD, DriveEvent.EXPIRED): _HOLD,
+    (_HOLD, DriveEvent.RELEASE): _AUTO,
+    (_HOLD, DriveEvent.ORDER): _AUTO,
+    (_HOLD, DriveEvent.RECOVERY): _AUTO,
+    (_HOLD, DriveEvent.SWITCH_MANUAL): _PILOT,
+    (_HOLD, DriveEvent.SWITCH_AUTO): _HOLD,
+    (_PILOT, DriveEvent.DRIVE): None,
+    (_PILOT, DriveEvent.SETPOINT): None,
+    (_PILOT, DriveEvent.EXPIRED): _PILOT,
+    (_PILOT, DriveEvent.RELEASE): _PILOT,
+    (_PILOT, DriveEvent.ORDER): None,
+    (_PILOT, DriveEvent.RECOVERY): None,
+    (_PILOT, DriveEvent.SWITCH_MANUAL): _PILOT,
+    (_PILOT, DriveEvent.SWITCH_AUTO): _AUTO,
+}
+"""Mode after each event in each mode; None: the event is refused and changes nothing."""

@@ -1,0 +1,105 @@
+"""The shell of control: boards, manual set-points and requests in, commands to the chassis out."""
+
+import asyncio
+from typing import ClassVar, Final
+
+from swarmd.control import config as settings
+from swarmd.control.core.control import Action, ControlCore, Operator, PublishState, WriteDrive
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.requester import requester
+from swarmware.service.service import Service
+from swarmware.types.control import ControlState, Drive, DriveRequest, SafetySwitch
+from swarmware.types.vehicle import Setpoint
+
+MANUAL: Final = "cmd/manual"
+_RATE_HZ: Final = 20.0
+"""Rate of the navigator's set-points."""
+
+
+class Control(Service):
+    """Passes the set-points of navigator or operator on to the chassis, by the table of modes."""
+
+    name = "control"
+    Config: ClassVar = settings.Config
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        former = module.reader("control/state", ControlState)
+        self._core = ControlCore(config, former.value)
+        former.close()
+        self._driver = self.drive(self._core, self._perform)
+        self._drives = module.writer(
+            "act/drive", Drive, rate_hz=_RATE_HZ, description="Command to the chassis, and who gives it"
+        )
+        self._states = module.writer(
+            "control/state", ControlState, log="all", link="notify", description="Who drives the vehicle"
+        )
+        self._setpoints = module.reader("act/setpoint", Setpoint)
+        self._switch = module.reader("vehicle/switch", SafetySwitch)
+        self._manual = module.inbox(MANUAL, Setpoint, limit=4, description="Manual set-point, by its stamp")
+        module.serve(
+            "sys/vehicle/drive",
+            DriveRequest,
+            self._on_request,
+            reply=ControlState,
+            description="Ask for the stick of the vehicle, or give it back",
+        )
+
+    async def run(self) -> None:
+        """Passes set-points on until the service ends."""
+        self._states.write(self._core.state)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._driver.run(), name="control:driver")
+            group.create_task(self._take_setpoints(), name="control:setpoints")
+            group.create_task(self._take_switch(), name="control:switch")
+            group.create_task(self._take_manual(), name="control:manual")
+
+    async def stop(self) -> None:
+        """Writes a last command that stops the vehicle."""
+        self._drives.write(Drive(0.0, mode=self._core.state.mode))
+
+    async def _take_setpoints(self) -> None:
+        reader, core, module = self._setpoints, self._core, self.module
+        async for setpoint in reader:
+            now_ns = module.now_ns()
+            self._driver.feed(core.on_setpoint(setpoint, reader.stamp_ns or now_ns, now_ns))
+
+    async def _take_switch(self) -> None:
+        async for switch in self._switch:
+            self._driver.feed(self._core.on_switch(switch.mode, self.module.now_ns()))
+
+    async def _take_manual(self) -> None:
+        async for setpoint in self._manual:
+            meta = self._manual.meta
+            if meta is None:
+                continue
+            now_ns = self.module.now_ns()
+            stamp_ns = self._local_ns(meta, now_ns)
+            self._driver.feed(self._core.on_manual(setpoint, _sender_id(meta), stamp_ns, now_ns))
+
+    def _local_ns(self, meta: Meta, now_ns: int) -> int:
+        """Stamp of a message in the own clock; until the sender's clock is known, of its arrival."""
+        if meta.sender_hw == self.module.node.hardware:
+            return meta.stamp_ns
+        stamp_ns = self.module.remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
+        return (meta.arrived_ns or now_ns) if stamp_ns is None else stamp_ns
+
+    def _on_request(self, request: DriveRequest, meta: Meta) -> ControlState:
+        operator = Operator(_sender_id(meta), requester(self.module, meta))
+        self._driver.feed(self._core.on_request(request, operator, self.module.now_ns()))
+        return self._core.state
+
+    def _perform(self, action: Action) -> None:
+        match action:
+            case WriteDrive(drive, stamp_ns):
+                self._drives.write(drive, stamp_ns)
+            case PublishState(state):
+                self._states.write(state)
+                self.module.log.info("mode %s by %s %s", state.mode, state.event, state.holder)
+
+
+def _sender_id(meta: Meta) -> int:
+    """The application that sent a request or message."""
+    return meta.sender_hw << 32 | meta.sender_app

@@ -1,0 +1,227 @@
+"""The table of modes, every cell, and the core that applies it."""
+
+import itertools
+import math
+from pathlib import Path
+
+import pytest
+
+from swarmd.control.config import Config
+from swarmd.control.core.control import HOLD_NS, Action, ControlCore, Operator, PublishState, WriteDrive
+from swarmd.control.core.modes import DECISIONS, TRANSITIONS, Decision, Source
+from swarmware.errors import Denied, InvalidInput
+from swarmware.model.config import load
+from swarmware.types.control import ControlState, Drive, DriveEvent, DriveMode, DriveRequest
+from swarmware.types.vehicle import Setpoint, VehicleMode
+
+ANNA = Operator(7, "anna@gcs")
+BERT = Operator(8, "bert@gcs")
+FORWARD = Setpoint(1.0)
+S = 1_000_000_000
+NOW = 100 * S
+
+AUTO, MANUAL, HOLD, PILOT = DriveMode.AUTO, DriveMode.MANUAL, DriveMode.HOLD, DriveMode.PILOT
+
+
+def core_in(mode: DriveMode, config: Config | None = None) -> ControlCore:
+    """A core in this mode; in manual and hold anna has the stick."""
+    core = ControlCore(config or Config())
+    if mode in (MANUAL, HOLD):
+        core.on_request(DriveRequest(DriveEvent.DRIVE), ANNA, NOW - S)
+        core.on_manual(FORWARD, ANNA.id, NOW - 1000, NOW - 1000)
+    if mode is HOLD:
+        core.on_timer(NOW + S)
+    if mode is PILOT:
+        core.on_switch(VehicleMode.MANUAL, NOW)
+    assert core.state.mode is mode
+    return core
+
+
+def drives(actions: list[Action]) -> list[Drive]:
+    return [action.drive for action in actions if isinstance(action, WriteDrive)]
+
+
+def states(actions: list[Action]) -> list[ControlState]:
+    return [action.state for action in actions if isinstance(action, PublishState)]
+
+
+def test_the_tables_have_every_cell() -> None:
+    assert set(TRANSITIONS) == set(itertools.product(DriveMode, DriveEvent))
+    assert set(DECISIONS) == set(itertools.product(DriveMode, Source))
+
+
+@pytest.mark.parametrize(("mode", "source"), DECISIONS, ids=lambda value: str(value))
+def test_a_set_point_of_each_source_is_passed_on_or_not_as_the_table_says(
+    mode: DriveMode, source: Source
+) -> None:
+    core = core_in(mode)
+    if source is Source.NAVIGATOR:
+        found = drives(core.on_setpoint(FORWARD, NOW + 2 * S, NOW + 2 * S))
+    else:
+        found = drives(core.on_manual(FORWARD, ANNA.id, NOW + 2 * S, NOW + 2 * S))
+    passed = DECISIONS[mode, source] is Decision.PASS
+    assert bool(found) is passed
+    assert all(drive.setpoint == FORWARD for drive in found)
+    if passed:
+        assert found[0].source == (ANNA.name if source is Source.OPERATOR else "navigator")
+    assert core.refused == (DECISIONS[mode, source] is Decision.REFUSE)
+
+
+@pytest.mark.parametrize(("mode", "event"), TRANSITIONS, ids=lambda value: str(value))
+def test_each_event_leads_from_each_mode_where_the_table_says(mode: DriveMode, event: DriveEvent) -> None:
+    core = core_in(mode)
+    expected = TRANSITIONS[mode, event]
+    now = NOW + 2 * S
+    match event:
+        case DriveEvent.SWITCH_MANUAL | DriveEvent.SWITCH_AUTO:
+            position = VehicleMode.MANUAL if event is DriveEvent.SWITCH_MANUAL else VehicleMode.AUTO
+            core.on_switch(position, now)
+        case DriveEvent.SETPOINT:
+            core.on_manual(FORWARD, ANNA.id, now, now)
+        case DriveEvent.EXPIRED:
+            core.on_timer(now)
+        case _ if expected is None:
+            with pytest.raises(Denied):
+                core.on_request(DriveRequest(event), ANNA, now)
+        case _:
+            core.on_request(DriveRequest(event), ANNA, now)
+    assert core.state.mode is (mode if expected is None else expected)
+    assert bool(core.state.holder) is (core.state.mode in (MANUAL, HOLD))
+
+
+def test_the_set_point_of_the_navigator_keeps_its_stamp() -> None:
+    core = ControlCore(Config())
+    assert core.on_setpoint(FORWARD, NOW - 5, NOW) == [
+        WriteDrive(Drive(1.0, mode=AUTO, source="navigator"), NOW - 5)
+    ]
+    assert core.deadline_ns() is None
+
+
+def test_manual_set_points_that_stop_arriving_let_the_vehicle_hold_after_their_time_out() -> None:
+    core = core_in(MANUAL)
+    core.on_manual(FORWARD, ANNA.id, NOW, NOW + 50)
+    due = core.deadline_ns()
+    assert due == NOW + round(0.3 * S)
+    assert core.on_timer(due - 1) == []
+    actions = core.on_timer(due)
+    assert drives(actions) == [Drive(0.0, mode=HOLD)]
+    assert states(actions) == [ControlState(HOLD, ANNA.name, ANNA.id, due, "expired")]
+    assert core.deadline_ns() == due + HOLD_NS
+    assert drives(core.on_timer(due + HOLD_NS)) == [Drive(0.0, mode=HOLD)]
+
+
+def test_the_stick_without_any_set_point_lets_the_vehicle_stop_at_once_and_hold_later() -> None:
+    core = ControlCore(Config())
+    actions = core.on_request(DriveRequest(DriveEvent.DRIVE), ANNA, NOW)
+    assert drives(actions) == [Drive(0.0, mode=MANUAL, source=ANNA.name)]
+    core.on_timer(NOW + S)
+    assert core.state.mode is HOLD
+
+
+def test_a_set_point_that_was_too_long_under_way_is_counted_and_not_carried_out() -> None:
+    core = core_in(MANUAL)
+    assert core.on_manual(FORWARD, ANNA.id, NOW, NOW + round(0.31 * S)) == []
+    assert (core.expired, core.refused) == (1, 0)
+
+
+def test_a_set_point_that_a_newer_one_has_overtaken_is_not_carried_out() -> None:
+    core = core_in(MANUAL)
+    core.on_manual(Setpoint(0.0), ANNA.id, NOW + 200, NOW + 300)
+    assert core.on_manual(FORWARD, ANNA.id, NOW + 100, NOW + 300) == []
+
+
+def test_a_stamp_of_the_future_does_not_hold_the_stick_longer() -> None:
+    core = core_in(MANUAL)
+    core.on_manual(FORWARD, ANNA.id, NOW + 60 * S, NOW)
+    assert core.deadline_ns() == NOW + round(0.3 * S)
+
+
+def test_the_first_operator_holds_the_stick_and_the_other_learns_its_name() -> None:
+    core = core_in(MANUAL)
+    with pytest.raises(Denied, match="anna@gcs has the stick; --take takes the stick"):
+        core.on_request(DriveRequest(DriveEvent.DRIVE), BERT, NOW)
+    assert core.on_manual(FORWARD, BERT.id, NOW, NOW) == []
+    assert core.state.holder == ANNA.name
+    with pytest.raises(Denied, match="anna@gcs has the stick"):
+        core.on_request(DriveRequest(DriveEvent.RELEASE), BERT, NOW)
+
+
+def test_the_stick_of_an_operator_who_is_out_of_reach_is_taken_only_explicitly() -> None:
+    core = core_in(HOLD)
+    with pytest.raises(Denied, match="anna@gcs has the stick"):
+        core.on_request(DriveRequest(DriveEvent.DRIVE), BERT, NOW + 9 * S)
+
+
+def test_an_operator_who_takes_the_stick_drives_and_the_former_one_does_not() -> None:
+    core = core_in(MANUAL)
+    actions = core.on_request(DriveRequest(DriveEvent.DRIVE, take=True), BERT, NOW)
+    assert states(actions) == [ControlState(MANUAL, BERT.name, BERT.id, NOW, "drive")]
+    assert core.on_manual(FORWARD, ANNA.id, NOW + 1, NOW + 1) == []
+    assert drives(core.on_manual(FORWARD, BERT.id, NOW + 1, NOW + 1))[0].source == BERT.name
+
+
+def test_the_operator_who_has_the_stick_may_ask_again() -> None:
+    core = core_in(MANUAL)
+    core.on_request(DriveRequest(DriveEvent.DRIVE), ANNA, NOW)
+    assert core.state.holder == ANNA.name
+
+
+def test_an_order_takes_the_stick_from_its_holder_whose_set_points_are_refused_from_then_on() -> None:
+    core = core_in(MANUAL)
+    core.on_request(DriveRequest(DriveEvent.ORDER), BERT, NOW)
+    assert core.state == ControlState(AUTO, "", 0, NOW, "order")
+    assert core.on_manual(FORWARD, ANNA.id, NOW + 1, NOW + 1) == []
+    assert core.refused == 1
+
+
+def test_the_safety_pilot_takes_the_stick_and_the_vehicle_holds_until_the_switch_is_back() -> None:
+    core = core_in(MANUAL)
+    actions = core.on_switch(VehicleMode.MANUAL, NOW)
+    assert drives(actions) == [Drive(0.0, mode=PILOT)]
+    with pytest.raises(Denied, match="the safety pilot drives, the switch of the vehicle is at manual"):
+        core.on_request(DriveRequest(DriveEvent.DRIVE, take=True), BERT, NOW)
+    core.on_switch(VehicleMode.AUTO, NOW + S)
+    assert core.state == ControlState(AUTO, "", 0, NOW + S, "switch_auto")
+
+
+def test_a_switch_at_an_unknown_position_gives_the_vehicle_to_the_pilot() -> None:
+    core = ControlCore(Config())
+    core.on_switch(VehicleMode("sport"), NOW)
+    assert core.state.mode is PILOT
+
+
+def test_a_switch_that_reports_its_position_again_changes_nothing() -> None:
+    core = ControlCore(Config())
+    assert core.on_switch(VehicleMode.AUTO, NOW) == []
+    core.on_switch(VehicleMode.MANUAL, NOW)
+    assert core.on_switch(VehicleMode.MANUAL, NOW + S) == []
+
+
+@pytest.mark.parametrize("event", ["setpoint", "expired", "switch_auto", "switch_manual", "later"])
+def test_events_of_the_vehicle_itself_cannot_be_requested(event: str) -> None:
+    with pytest.raises(InvalidInput, match="expected one of drive, release, order, recovery"):
+        core_in(PILOT).on_request(DriveRequest(DriveEvent(event)), ANNA, NOW)
+
+
+def test_manual_set_points_are_limited_and_keep_their_direction() -> None:
+    core = core_in(MANUAL)
+    drive = drives(core.on_manual(Setpoint(30.0, 40.0, -9.0, 9.0), ANNA.id, NOW, NOW))[0]
+    assert math.hypot(drive.vx_m_s, drive.vy_m_s) == pytest.approx(3.0)
+    assert (drive.vx_m_s, drive.vz_m_s, drive.wz_rad_s) == (pytest.approx(1.8), -1.5, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("former", "mode"), [(AUTO, AUTO), (MANUAL, HOLD), (HOLD, HOLD), (PILOT, PILOT), (DriveMode("x"), AUTO)]
+)
+def test_a_restarted_daemon_continues_in_its_mode_and_a_vehicle_driven_by_hand_holds(
+    former: DriveMode, mode: DriveMode
+) -> None:
+    core = ControlCore(Config(), ControlState(former, ANNA.name, ANNA.id, 1, "drive"))
+    assert core.state.mode is mode
+    if mode is HOLD:
+        assert drives(core.on_timer(NOW)) == [Drive(0.0, mode=HOLD)]
+        assert drives(core.on_manual(FORWARD, ANNA.id, NOW, NOW))  # the operator still has the stick
+
+
+def test_the_shipped_file_has_the_defaults() -> None:
+    assert load(Path(__file__).parents[3] / "etc/swarm/services/control.toml", Config) == Config()

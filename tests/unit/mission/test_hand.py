@@ -1,0 +1,233 @@
+"""A vehicle that is driven by hand: its mission is held, ended by orders and by a lost link."""
+
+from typing import Any
+
+import msgspec
+import pytest
+from tests.unit.mission.nets import net
+from tests.unit.mission.results import result
+from tests.unit.mission.test_executor import ARM, HOLD, A, Member1, S, words
+
+from swarmd.mission.builtin import MANOEUVRES, manoeuvre
+from swarmd.mission.core.link_loss import LinkLoss
+from swarmd.mission.core.nav_fault import NavFaultTimeouts
+from swarmd.mission.core.run import Action, Announce, ProgressStep, Run, TakeVehicle
+from swarmware.errors import Conflict, InvalidInput, MissionError
+from swarmware.mission.binding import Binding
+from swarmware.mission.loader import load
+from swarmware.model.platform_kind import PlatformKind
+from swarmware.types.control import ControlState, DriveMode
+from swarmware.types.mission import MissionPhase, MissionState
+from swarmware.types.vehicle import NavError, NavState, NavStatus
+
+MANUAL = ControlState(DriveMode.MANUAL, "anna@gcs", 7)
+HELD = ControlState(DriveMode.HOLD, "anna@gcs", 7)
+AUTO = ControlState(DriveMode.AUTO)
+PILOT = ControlState(DriveMode.PILOT)
+
+
+def taken(actions: list[Action]) -> list[bool]:
+    return [action.ordered for action in actions if isinstance(action, TakeVehicle)]
+
+
+def texts(actions: list[Action]) -> list[tuple[str, str]]:
+    return [(a.event, a.text) for a in actions if isinstance(a, ProgressStep)]
+
+
+def announced(actions: list[Action]) -> list[str]:
+    return [action.state.held_by for action in actions if isinstance(action, Announce)]
+
+
+def with_key(**top: Any) -> str:
+    return msgspec.json.encode(msgspec.json.decode(ARM) | top).decode()
+
+
+def test_a_running_mission_is_held_while_its_vehicle_is_driven_by_hand_and_continues_afterwards() -> None:
+    m = Member1()
+    m.order()
+    actions = m.core.on_control(MANUAL, S)
+    assert texts(actions) == [("held", "driven by anna@gcs")]
+    assert announced(actions) == ["anna@gcs"]
+    assert (m.phase, m.core.state().held_by) == ("running", "anna@gcs")
+    assert texts(m.core.on_control(HELD, 2 * S)) == []  # still held by the same operator
+    assert texts(m.core.on_control(AUTO, 3 * S)) == [("resumed", "")]
+    assert words(m.core.on_ended(1, result("ok"), "", 4 * S)) == ["state:ending", "state:done"]
+
+
+def test_the_safety_pilot_holds_the_mission_too() -> None:
+    m = Member1()
+    m.order()
+    m.core.on_control(PILOT, S)
+    assert m.core.state().held_by == "pilot"
+
+
+def test_no_mission_begins_at_a_vehicle_that_is_driven_by_hand() -> None:
+    m = Member1()
+    m.core.on_control(MANUAL, 0)
+    with pytest.raises(Conflict, match="a is driven by hand by anna@gcs"):
+        m.order()
+    m.core.on_control(AUTO, S)
+    assert "state:running" in m.order()
+
+
+def test_an_order_takes_the_vehicle_from_the_operator_who_drives() -> None:
+    m = Member1()
+    m.core.on_control(MANUAL, 0)
+    assert taken(m.core.on_abort("test", "land", S)) == [True]
+    assert m.phase == "recovering"
+
+
+def test_the_same_order_again_asks_for_the_vehicle_again() -> None:
+    m = Member1()
+    m.core.on_abort("test", "land", S)
+    m.core.on_control(MANUAL, 2 * S)
+    assert taken(m.core.on_abort("test", "land", 3 * S)) == [True]
+
+
+def test_an_order_at_a_vehicle_that_nobody_drives_by_hand_asks_for_nothing() -> None:
+    m = Member1()
+    assert taken(m.core.on_abort("test", "land", S)) == []
+
+
+def test_a_failed_mission_takes_only_a_vehicle_that_nobody_drives() -> None:
+    m = Member1()
+    m.order()
+    m.core.on_control(MANUAL, S)
+    assert taken(m.core.on_ended(1, result("error:refused"), "", 2 * S)) == [False]
+    assert m.phase == "recovering"
+    # the request was refused while the operator drove; it is repeated when the set-points stop
+    assert taken(m.core.on_control(HELD, 3 * S)) == [False]
+
+
+def test_a_manoeuvre_is_played_and_a_newer_one_replaces_it() -> None:
+    m = Member1()
+    first = manoeuvre("goto", {"x_m": 1.0, "y_m": 2.0}, "a", PlatformKind.UAV)
+    second = manoeuvre("goto", {"x_m": 5.0, "y_m": 2.0}, "a", PlatformKind.UAV)
+    assert "start goto 1" in words(m.core.on_manoeuvre("goto", first, "test", S))
+    assert (m.phase, m.core.state().mission) == ("recovering", "goto")
+    assert "cancel 1" in words(m.core.on_manoeuvre("goto", second, "test", 2 * S))
+    assert "start goto 2" in words(m.core.on_ended(1, result("cancelled"), "", 3 * S))
+    m.core.on_ended(2, result("ok"), "", 4 * S)
+    assert m.phase == "done"
+
+
+def test_a_manoeuvre_ends_the_running_mission() -> None:
+    m = Member1()
+    m.order()
+    up = manoeuvre("takeoff", {"altitude_m": 4.0}, "a", PlatformKind.UAV)
+    m.core.on_manoeuvre("takeoff", up, "test", S)
+    assert "start arm 2" in words(m.core.on_ended(1, result("cancelled"), "", 2 * S))
+    m.core.on_ended(2, result("ok"), "", 3 * S)
+    m.core.on_ended(3, result("ok"), "", 4 * S)
+    assert m.phase == "aborted"
+
+
+def test_a_manoeuvre_of_the_past_is_no_built_in_mission() -> None:
+    m = Member1()
+    up = manoeuvre("takeoff", {"altitude_m": 4.0}, "a", PlatformKind.UAV)
+    m.core.on_manoeuvre("takeoff", up, "test", S)
+    with pytest.raises(Conflict, match="'takeoff': unknown; expected land, hold"):
+        m.core.on_abort("test", "takeoff", 2 * S)
+
+
+@pytest.mark.parametrize(
+    ("name", "params", "kind", "text"),
+    [
+        ("dance", {}, "uav", "unknown; expected one of takeoff, goto"),
+        ("takeoff", {}, "uav", "expected altitude_m, speed_m_s"),
+        ("takeoff", {"altitude_m": 3.0}, "ugv", "does not fly"),
+        ("goto", {"x_m": 3.0}, "uav", "parameters x_m; expected x_m, y_m"),
+        ("goto", {"x_m": 3.0, "y_m": 1.0, "yaw_rad": 1.0}, "uav", "expected x_m, y_m"),
+    ],
+)
+def test_a_manoeuvre_with_other_parameters_is_refused(
+    name: str, params: dict[str, float], kind: str, text: str
+) -> None:
+    with pytest.raises(InvalidInput, match=text):
+        manoeuvre(name, params, "a", PlatformKind(kind))
+
+
+def test_a_manoeuvre_out_of_range_is_refused_by_its_block() -> None:
+    with pytest.raises(MissionError, match="altitude_m"):
+        manoeuvre("takeoff", {"altitude_m": -3.0}, "a", PlatformKind.UAV)
+
+
+def test_every_manoeuvre_loads_with_all_its_parameters() -> None:
+    for name, (needed, others) in MANOEUVRES.items():
+        manoeuvre(name, dict.fromkeys(needed | others, 2.0), "a", PlatformKind.UAV)
+
+
+@pytest.mark.parametrize(
+    ("mission", "platform", "phase"),
+    [
+        ("", "continue", "running"),
+        ("", "land", "recovering"),
+        ("continue", "land", "running"),
+        ("hold", "continue", "recovering"),
+        ("hold", "land", "recovering"),
+    ],
+)
+def test_the_policy_of_the_mission_precedes_that_of_the_platform(
+    mission: str, platform: str, phase: str
+) -> None:
+    m = Member1()
+    m.order(with_key(on_link_loss=mission) if mission else ARM)
+    m.core.on_link_loss("gone", platform, S)
+    if phase == "recovering":
+        m.core.on_ended(1, result("cancelled"), "", S)
+        assert m.core.state().mission == (mission or platform)
+    assert m.phase == phase
+
+
+def test_a_vehicle_without_a_mission_has_the_policy_of_the_platform() -> None:
+    m = Member1()
+    m.core.on_control(HELD, 0)
+    assert taken(m.core.on_link_loss("gone", "land", S)) == [False]
+    assert (m.phase, m.core.state().mission) == ("recovering", "land")
+
+
+def test_a_landing_is_not_replaced_by_the_policy_for_a_lost_link() -> None:
+    m = Member1()
+    m.core.on_abort("test", "land", 0)
+    assert m.core.on_link_loss("gone", "hold", S) == []
+    assert m.core.state().mission == "land"
+
+
+def test_the_link_is_lost_once_after_its_time_and_again_after_it_was_back() -> None:
+    link = LinkLoss()
+    assert link.lost_s(30.0, 1000 * S) is None  # there never was one
+    link.on_station(0)
+    assert link.lost_s(30.0, 30 * S) is None
+    assert link.lost_s(30.0, 31 * S) == 31.0
+    assert link.lost_s(30.0, 99 * S) is None
+    link.on_station(100 * S)
+    assert link.lost_s(30.0, 131 * S) == 31.0
+
+
+def test_an_unknown_policy_in_a_mission_is_refused_with_its_place() -> None:
+    with pytest.raises(MissionError, match=r"/on_link_loss.*expected one of continue, land, hold, return"):
+        load(with_key(on_link_loss="dance"), "m.json", Binding())
+    assert load(with_key(on_link_loss="hold"), "m.json", Binding()).on_link_loss == "hold"
+
+
+def test_what_the_navigator_reports_while_the_vehicle_is_driven_by_hand_does_not_count() -> None:
+    timeouts = NavFaultTimeouts({NavError.NONE: 10.0, NavError.NO_WAY: 10.0})
+    blocked = NavStatus(1, NavState.BLOCKED, error=NavError.NO_WAY)
+    assert timeouts.lost(blocked, 0) is None
+    timeouts.reset()
+    assert timeouts.lost(blocked, 11 * S) is None
+    assert timeouts.lost(blocked, 22 * S) is not None
+
+
+def test_the_beacon_carries_who_drives_by_hand_only_while_somebody_does() -> None:
+    state = MissionState(1, "00000001", MissionPhase.RUNNING)
+    held = msgspec.structs.replace(state, held_by="anna@gcs")
+    assert MissionState.unpack(held.pack()) == held
+    assert MissionState.unpack(state.pack()) == state
+    assert len(held.pack()) == len(state.pack()) + len("anna@gcs") + 2
+
+
+def test_a_run_of_a_mission_has_the_policy_of_its_role() -> None:
+    mission = load(net(s="Start>e", e="End"), "m.json", Binding())
+    assert Run(mission, "hop", "00", 1, "x", (A,)).mission.on_link_loss == ""
+    assert HOLD.on_link_loss == ""
