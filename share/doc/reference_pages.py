@@ -173,13 +173,13 @@ def units() -> str:
 DRIVERS = {
     DriveMode.AUTO: "navigator, by its goal",
     DriveMode.MANUAL: "the operator who has the stick",
-    DriveMode.HOLD: "nobody: the vehicle holds",
+    DriveMode.HOLD: "no source: the vehicle holds",
     DriveMode.PILOT: "the safety pilot; without its set-points the vehicle holds",
 }
 
 
 def modes() -> str:
-    """Who drives in each mode, and the mode after each event: the tables of the control daemon."""
+    """The driver in each mode, and the mode after each event: the tables of the control daemon."""
     out = ["\n", head("mode", "who drives", *(f"set-points of the {source}" for source in Source))]
     for mode in DriveMode:
         decisions = [DECISIONS[mode, source].value for source in Source]

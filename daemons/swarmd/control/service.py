@@ -4,7 +4,7 @@ import asyncio
 from typing import ClassVar, Final
 
 from swarmd.control import config as settings
-from swarmd.control.core.control import Action, ControlCore, Operator, PublishState, WriteDrive
+from swarmd.control.core.control import Action, ControlCore, Operator, PublishMode, WriteDrive
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.requester import requester
@@ -31,10 +31,14 @@ class Control(Service):
         former.close()
         self._driver = self.drive(self._core, self._perform)
         self._drives = module.writer(
-            "act/drive", Drive, rate_hz=_RATE_HZ, description="Command to the chassis, and who gives it"
+            "act/drive", Drive, rate_hz=_RATE_HZ, description="Command to the chassis, with its source"
         )
         self._states = module.writer(
-            "control/state", ControlState, log="all", link="notify", description="Who drives the vehicle"
+            "control/state",
+            ControlState,
+            log="all",
+            link="notify",
+            description="Mode, and holder of the stick",
         )
         self._setpoints = module.reader("act/setpoint", Setpoint)
         self._switch = module.reader("vehicle/switch", SafetySwitch)
@@ -44,7 +48,7 @@ class Control(Service):
             DriveRequest,
             self._on_request,
             reply=ControlState,
-            description="Ask for the stick of the vehicle, or give it back",
+            description="Request the stick of the vehicle, or release it",
         )
 
     async def run(self) -> None:
@@ -95,7 +99,7 @@ class Control(Service):
         match action:
             case WriteDrive(drive, stamp_ns):
                 self._drives.write(drive, stamp_ns)
-            case PublishState(state):
+            case PublishMode(state):
                 self._states.write(state)
                 self.module.log.info("mode %s by %s %s", state.mode, state.event, state.holder)
 

@@ -429,7 +429,7 @@ class Mission(Service):
         if state is not None and state.armed:
             reason = "the mission daemon was restarted while the vehicle was armed"
             log.warning("%s: %s", SAFE, reason)
-            self._driver.feed(self._core.on_abort(reason, SAFE, self.module.now_ns(), ordered=False))
+            self._driver.feed(self._core.on_danger(reason, SAFE, self.module.now_ns()))
 
     # -- output
 

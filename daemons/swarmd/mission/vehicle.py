@@ -54,7 +54,7 @@ class VehicleClient:
         self._pose = pose
         self._home = home
         self.control = control
-        """Who drives the vehicle."""
+        """Mode of the vehicle, and its driver."""
         self._limits_s = {
             NavError.NONE: config.blocked_patience_s,
             NavError.NO_WAY: config.blocked_patience_s,
@@ -121,14 +121,14 @@ class VehicleClient:
 
     @property
     def held(self) -> bool:
-        """Whether somebody drives by hand: the navigator does not move the vehicle."""
+        """Whether a person drives by hand: the navigator does not move the vehicle."""
         control = self.control.value
         return control is not None and control.mode is not DriveMode.AUTO
 
     async def take(self, *, ordered: bool) -> None:
         """Asks for the vehicle, which is driven by hand.
 
-        Raises: Denied with the name of who drives, NoAnswer, NotFound.
+        Raises: Denied with the name of the driver, NoAnswer, NotFound.
         """
         event = DriveEvent.ORDER if ordered else DriveEvent.RECOVERY
         await self._module.request(DRIVE_PATH, DriveRequest(event), ControlState)

@@ -34,8 +34,8 @@ MISSION_KEYS: Final = (
         "on_link_loss",
         "string",
         "setting `mission/link_loss` of the platform",
-        "What the vehicle does when it has lost the link to every ground station: `continue`, or the built-in "
-        "mission `hold`, `return` or `land`, which ends this one.",
+        "What the vehicle does when it has lost the link to every ground station: `continue`, or the "
+        "built-in mission `hold`, `return` or `land`, which ends this one.",
     ),
     FileKey("title", "string", "", "For readers: what the mission does."),
     FileKey("comment", "string", "", "For readers."),

@@ -1,4 +1,4 @@
-"""Who drives a vehicle: modes, the commands that reach its chassis, requests for the stick."""
+"""Control of a vehicle: modes, the commands that reach its chassis, requests for the stick."""
 
 import msgspec
 
@@ -9,20 +9,20 @@ from swarmware.types.vehicle import Setpoint, VehicleMode
 
 
 class DriveMode(OpenEnum):
-    """Who drives the vehicle."""
+    """Mode: the source of set-points that drives the vehicle."""
 
     AUTO = "auto"
     """The navigator, by its goal."""
     MANUAL = "manual"
     """An operator, by manual set-points."""
     HOLD = "hold"
-    """Nobody: the manual set-points stopped, and the vehicle holds."""
+    """No source: the manual set-points stopped, and the vehicle holds."""
     PILOT = "pilot"
     """The safety pilot: the switch of the vehicle is at manual."""
 
 
 class DriveEvent(OpenEnum):
-    """Event that changes who drives."""
+    """Event that changes the mode."""
 
     DRIVE = "drive"
     """An operator asks for the stick."""
@@ -31,7 +31,7 @@ class DriveEvent(OpenEnum):
     EXPIRED = "expired"
     """The last manual set-point is older than its time-out."""
     RELEASE = "release"
-    """The operator gives the stick back."""
+    """The operator releases the stick."""
     ORDER = "order"
     """An operator orders a manoeuvre: takeoff, goto, hold, land or return."""
     RECOVERY = "recovery"
@@ -44,7 +44,7 @@ class DriveEvent(OpenEnum):
 
 @register
 class Drive(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Command to the chassis (board `act/drive`): velocity in the body frame, and who gives it."""
+    """Command to the chassis (board `act/drive`): velocity in the body frame, mode and source."""
 
     vx_m_s: Finite
     vy_m_s: Finite = 0.0
@@ -52,23 +52,23 @@ class Drive(msgspec.Struct, frozen=True, array_like=True, gc=False):
     wz_rad_s: Finite = 0.0
     mode: DriveMode = DriveMode.AUTO
     source: str = ""
-    """navigator, the operator who has the stick, or empty: nobody, the vehicle holds."""
+    """navigator, the operator who has the stick, or empty: none, the vehicle holds."""
 
     @property
     def setpoint(self) -> Setpoint:
-        """The velocity alone."""
+        """The velocity without mode and source."""
         return Setpoint(self.vx_m_s, self.vy_m_s, self.vz_m_s, self.wz_rad_s)
 
 
 @register
 class ControlState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Who drives the vehicle, since when and why (board `control/state`)."""
+    """The mode of a vehicle, with its holder, since when and why (board `control/state`)."""
 
     mode: DriveMode
     holder: str = ""
-    """Operator who has the stick, `operator@gcs`; empty: nobody."""
+    """Operator who has the stick, `operator@gcs`; empty: none."""
     holder_id: int = 0
-    """Application of the holder: hardware id · 2³² + application id; 0: nobody."""
+    """Application of the holder: hardware id · 2³² + application id; 0: none."""
     since_ns: int = 0
     """Own hardware clock when this mode began."""
     event: str = ""
@@ -77,7 +77,7 @@ class ControlState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class DriveRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Ask for the stick, give it back, or give the vehicle to the navigator (`sys/vehicle/drive`)."""
+    """Request the stick, release it, or pass the vehicle to the navigator (`sys/vehicle/drive`)."""
 
     event: DriveEvent
     """drive, release, order or recovery."""

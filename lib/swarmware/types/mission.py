@@ -257,13 +257,14 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     drained_by: str = ""
     """Operator who drained the platform: it takes no role in a new mission; empty: none."""
     held_by: str = ""
-    """Who drives the vehicle by hand, which holds its mission; empty: nobody."""
+    """Operator or pilot that drives the vehicle by hand, which holds its mission; empty: none."""
 
     forms: ClassVar[tuple[Form, ...]] = (
         Form(
             "always",
             _HEAD_PARTS,
-            "MessagePack array of active, arrivals, meetings, text, mission and, if drained or held, drained_by and held_by",
+            "MessagePack array of active, arrivals, meetings, text, mission and, if drained or held,"
+            " drained_by and held_by",
         ),
     )
 

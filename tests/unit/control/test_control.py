@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.control.config import Config
-from swarmd.control.core.control import HOLD_NS, Action, ControlCore, Operator, PublishState, WriteDrive
+from swarmd.control.core.control import HOLD_NS, Action, ControlCore, Operator, PublishMode, WriteDrive
 from swarmd.control.core.modes import DECISIONS, TRANSITIONS, Decision, Source
 from swarmware.errors import Denied, InvalidInput
 from swarmware.model.config import load
@@ -42,7 +42,7 @@ def drives(actions: list[Action]) -> list[Drive]:
 
 
 def states(actions: list[Action]) -> list[ControlState]:
-    return [action.state for action in actions if isinstance(action, PublishState)]
+    return [action.state for action in actions if isinstance(action, PublishMode)]
 
 
 def test_the_tables_have_every_cell() -> None:
@@ -50,7 +50,7 @@ def test_the_tables_have_every_cell() -> None:
     assert set(DECISIONS) == set(itertools.product(DriveMode, Source))
 
 
-@pytest.mark.parametrize(("mode", "source"), DECISIONS, ids=lambda value: str(value))
+@pytest.mark.parametrize(("mode", "source"), DECISIONS, ids=str)
 def test_a_set_point_of_each_source_is_passed_on_or_not_as_the_table_says(
     mode: DriveMode, source: Source
 ) -> None:
@@ -67,7 +67,7 @@ def test_a_set_point_of_each_source_is_passed_on_or_not_as_the_table_says(
     assert core.refused == (DECISIONS[mode, source] is Decision.REFUSE)
 
 
-@pytest.mark.parametrize(("mode", "event"), TRANSITIONS, ids=lambda value: str(value))
+@pytest.mark.parametrize(("mode", "event"), TRANSITIONS, ids=str)
 def test_each_event_leads_from_each_mode_where_the_table_says(mode: DriveMode, event: DriveEvent) -> None:
     core = core_in(mode)
     expected = TRANSITIONS[mode, event]

@@ -14,7 +14,7 @@ from swarmware.types.vehicle import Setpoint, VehicleMode
 
 HOLD_NS: Final = 200_000_000
 """Period of commands to a vehicle that holds: the chassis stops listening after more than twice of it."""
-NOBODY: Final = ""
+NO_HOLDER: Final = ""
 _REQUESTED: Final = (DriveEvent.DRIVE, DriveEvent.RELEASE, DriveEvent.ORDER, DriveEvent.RECOVERY)
 
 
@@ -32,13 +32,13 @@ class WriteDrive(msgspec.Struct, frozen=True, gc=False):
     stamp_ns: int
 
 
-class PublishState(msgspec.Struct, frozen=True):
-    """Action: publish who drives."""
+class PublishMode(msgspec.Struct, frozen=True):
+    """Action: publish the mode and the holder of the stick."""
 
     state: ControlState
 
 
-Action = WriteDrive | PublishState
+Action = WriteDrive | PublishMode
 
 
 class ControlCore:
@@ -65,7 +65,7 @@ class ControlCore:
 
     @property
     def state(self) -> ControlState:
-        """Who drives now."""
+        """The mode and the holder of the stick."""
         return self._state
 
     def on_setpoint(self, setpoint: Setpoint, stamp_ns: int, now_ns: int) -> list[Action]:
@@ -102,7 +102,7 @@ class ControlCore:
     def on_request(self, request: DriveRequest, operator: Operator, now_ns: int) -> list[Action]:
         """Takes a request for the stick, or for the navigator.
 
-        Raises: Denied with the name of who drives, InvalidInput for an event that nobody may request.
+        Raises: Denied with the name of the source that drives, InvalidInput for an event that cannot be requested.
         """
         event, state = request.event, self._state
         if event not in _REQUESTED:
@@ -118,7 +118,7 @@ class ControlCore:
             self._manual_ns = now_ns
             actions = self._move(event, operator.name, operator.id, now_ns)
             return [*actions, WriteDrive(self._limited(Setpoint(0.0)), now_ns)]
-        return self._move(event, NOBODY, 0, now_ns)
+        return self._move(event, NO_HOLDER, 0, now_ns)
 
     def on_switch(self, position: VehicleMode, now_ns: int) -> list[Action]:
         """Takes the position of the safety pilot's switch; an unknown one is that of the pilot."""
@@ -126,7 +126,7 @@ class ControlCore:
         event = DriveEvent.SWITCH_AUTO if auto else DriveEvent.SWITCH_MANUAL
         if TRANSITIONS[self._state.mode, event] is self._state.mode:
             return []
-        return [*self._move(event, NOBODY, 0, now_ns), *self.on_timer(now_ns)]
+        return [*self._move(event, NO_HOLDER, 0, now_ns), *self.on_timer(now_ns)]
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Ends manual driving whose set-points have expired, and repeats the command to hold."""
@@ -157,7 +157,7 @@ class ControlCore:
         if mode is not self._state.mode:
             self._hold_ns = AT_ONCE
         self._state = ControlState(mode, holder, holder_id, now_ns, event.value)
-        return [PublishState(self._state)]
+        return [PublishMode(self._state)]
 
     def _who(self) -> str:
         match self._state.mode:

@@ -7,7 +7,7 @@ from swarmware.types.control import DriveEvent, DriveMode
 
 
 class Source(StrEnum):
-    """Source of set-points."""
+    """Sender of a set-point."""
 
     NAVIGATOR = "navigator"
     OPERATOR = "operator"

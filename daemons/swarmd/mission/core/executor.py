@@ -205,15 +205,19 @@ class MissionExecutor:
         self._ratios[token] = min(max(ratio, 0.0), 1.0)
         self._text = text
 
-    def on_abort(self, reason: str, then: str, now_ns: int, *, ordered: bool = True) -> list[Action]:
+    def on_abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
         """Stops the mission, then plays the built-in mission `then`, or the one that the mission defines.
 
-        `ordered`: by an operator, not by this platform itself.
         Raises: Conflict when this platform has no such built-in mission.
         """
         if then and self._built_in and then not in self._built_in:
             raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
-        self._stop(PlayResult.ABORTED, reason, then, now_ns, ordered=ordered)
+        self._stop(PlayResult.ABORTED, reason, then, now_ns, ordered=True)
+        return self._settle(now_ns)
+
+    def on_danger(self, reason: str, then: str, now_ns: int) -> list[Action]:
+        """Plays a built-in mission that no operator ordered: the platform itself is not safe."""
+        self._stop(PlayResult.ABORTED, reason, then, now_ns)
         return self._settle(now_ns)
 
     def on_manoeuvre(self, name: str, mission: MissionDefinition, reason: str, now_ns: int) -> list[Action]:
@@ -233,7 +237,7 @@ class MissionExecutor:
                 text = f"driven by {held_by}" if held_by else ""
                 self._actions.append(ProgressStep("", "Mission", event, text, self._playing))
         if control.mode is DriveMode.HOLD and self._phase is MissionPhase.RECOVERING:
-            # nobody drives any more: the vehicle is brought to safety after all
+            # no operator drives any longer: the vehicle is brought to safety after all
             self._actions.append(TakeVehicle(ordered=False))
         return self._settle(now_ns)
 

@@ -147,7 +147,7 @@ class TakeVehicle(msgspec.Struct, frozen=True):
     """The shell asks for the vehicle, which is driven by hand: a built-in mission is to move it."""
 
     ordered: bool
-    """By an operator; otherwise only a vehicle that nobody drives is taken."""
+    """By an operator; otherwise only a vehicle that no operator drives is taken."""
 
 
 PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlayEnded

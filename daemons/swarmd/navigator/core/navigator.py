@@ -38,7 +38,7 @@ _DEEP_M: Final = 10.0
 """The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
 _SCAN_AGE_S: Final = 0.5
 _ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
-"""Kinds of goals that driving by hand ends, when they were reached before: the vehicle then stays where it is."""
+"""Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
 
 
 class Controller(Protocol):
@@ -87,7 +87,7 @@ class NavigatorCore:
         self._estimator = Estimator(config.estimator, origin)
         self._vehicle: VehicleState | None = None
         self._driven_by = ""
-        """Who drives the vehicle instead of the navigator; empty: the navigator."""
+        """The operator or pilot that drives instead of the navigator; empty: the navigator."""
         self._neighbours: dict[str, tuple[Pose, int]] = {}
         self._points: tuple[tuple[float, float], ...] = ()
         self._scan: Range | None = None
@@ -126,7 +126,7 @@ class NavigatorCore:
         self._vehicle = state
 
     def on_control(self, control: ControlState) -> None:
-        """Takes who drives. Afterwards a goal that was reached before does not draw the vehicle back to it."""
+        """Takes who drives. A goal that was reached before does not draw the vehicle back later."""
         if control.mode is DriveMode.AUTO:
             self._driven_by = ""
             return
@@ -200,7 +200,7 @@ class NavigatorCore:
     def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
         goal = self._goal
         if self._driven_by:
-            self._anchor = None  # where the vehicle is when it is given back
+            self._anchor = None  # where the vehicle is when it is released
             return _Plan(NavState.HOLDING, note=f"driven by {self._driven_by}")
         if self._goal_error:
             return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
