@@ -14,6 +14,7 @@ from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.module.writer import BoardWriter
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.control import Drive
 from swarmware.types.vehicle import Setpoint, VehicleState
 
 _REFRESH_NS: Final = 1_000_000_000
@@ -34,8 +35,8 @@ class Chassis(Actuator):
         self._answers: Wakeup | None = None
         self._one_by_one = asyncio.Lock()
         """Held by an order until it is answered; a kill does not wait for it."""
-        self._drive: BoardReader[Setpoint] | None = None
-        self._taken: Setpoint | None = None
+        self._drive: BoardReader[Drive] | None = None
+        self._taken: Drive | None = None
         self._state: BoardWriter[VehicleState] | None = None
         self._written: tuple[VehicleState, int] | None = None
         """The state that was published last, and when."""
@@ -62,7 +63,7 @@ class Chassis(Actuator):
         self.module = module
         self._core.on_opened(module.now_ns())
         self._answers = Wakeup()
-        self._drive, self._taken = module.reader(self._config.drive, Setpoint), None
+        self._drive, self._taken = module.reader(self._config.drive, Drive), None
         self._state, self._written = module.writer("vehicle/state", VehicleState), None
 
     def start(self, following: Coroutine[Any, Any, None]) -> None:
@@ -92,10 +93,10 @@ class Chassis(Actuator):
             return False
         if self._core.silent(now_ns):
             raise DeviceError(f"no report for more than {SILENT_NS / 1e9:g} s")
-        setpoint = drive.value
-        if setpoint is not None and setpoint is not self._taken:
-            self._taken = setpoint
-            self._core.on_setpoint(setpoint, self._stamp_ns(drive, now_ns))
+        command = drive.value
+        if command is not None and command is not self._taken:
+            self._taken = command
+            self._core.on_setpoint(command.setpoint, self._stamp_ns(drive, now_ns))
         for order in self._core.repeated(now_ns):
             self.send_order(order)
         self._publish(now_ns)
@@ -164,7 +165,7 @@ class Chassis(Actuator):
         rate_hz = min(self._config.rate_hz, self._config.rest_hz) if resting else self._config.rate_hz
         return 1 / rate_hz
 
-    def _stamp_ns(self, drive: BoardReader[Setpoint], now_ns: int) -> int:
+    def _stamp_ns(self, drive: BoardReader[Drive], now_ns: int) -> int:
         """Instant of the newest set-point on the clock of this computer."""
         meta, module = drive.meta, self.module
         if meta is None or module is None:

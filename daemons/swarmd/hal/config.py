@@ -36,7 +36,7 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class ChassisConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The chassis of the vehicle, whichever driver reaches it."""
 
-    drive: str = "act/setpoint"
+    drive: str = "act/drive"
     """Board of the set-points that the chassis follows."""
     rate_hz: Rate = 20.0
     """Rate at which set-points are carried to the chassis."""

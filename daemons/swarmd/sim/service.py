@@ -97,10 +97,10 @@ class Sim(Service):
 
     def _read(self, neighbours: bool, now_ns: int) -> None:
         core, feed = self._core, self._driver.feed
-        drive = self._drive.value
-        if drive is not None and drive is not self._taken:
-            self._taken = drive
-            feed(core.on_setpoint(drive.setpoint, self._drive.stamp_ns or now_ns, now_ns))
+        setpoint = self._setpoint.value
+        if setpoint is not None and setpoint is not self._taken:
+            self._taken = setpoint
+            feed(core.on_setpoint(setpoint, self._setpoint.stamp_ns or now_ns, now_ns))
         if neighbours:
             if now_ns >= self._look_ns:
                 self._look_ns = now_ns + round(_LOOK_S * 1e9)

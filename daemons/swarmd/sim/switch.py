@@ -7,17 +7,20 @@ from swarmware.types.vehicle import VehicleMode
 
 
 class Switch:
-    """Publishes the position of the switch; at the start it is at auto."""
+    """Publishes the position of the switch: at first auto, after a restart the former one."""
 
     def __init__(self, module: Module) -> None:
         self._module = module
+        former = module.reader("vehicle/switch", SafetySwitch)
+        self._former = former.value or SafetySwitch(VehicleMode.AUTO)
+        former.close()
         self._board = module.writer(
             "vehicle/switch", SafetySwitch, description="Position of the safety pilot's switch"
         )
 
     def serve(self) -> None:
         """Publish the position, and register the handler that changes it."""
-        self._board.write(SafetySwitch(VehicleMode.AUTO))
+        self._board.write(self._former)
         self._module.serve(
             "sys/sim/switch",
             SwitchRequest,

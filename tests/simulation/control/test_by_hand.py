@@ -17,7 +17,7 @@ from swarmd.sim.core.simulation import Simulation
 from swarmware.errors import Denied
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.control import DriveEvent, DriveMode, DriveRequest
-from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint, VehicleMode
+from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint, VehicleMode, VehicleState
 
 STEP_NS = 5_000_000
 S = 1_000_000_000
@@ -76,8 +76,8 @@ class Flight:
             self.navigator.on_imu(sample.imu, sample.stamp_ns)
         if sample.gnss is not None:
             self.navigator.on_gnss(sample.gnss, sample.stamp_ns)
-        if sample.vehicle is not None:
-            self.navigator.on_vehicle(sample.vehicle)
+        if sample.report is not None:
+            self.navigator.on_vehicle(VehicleState(sample.report.armed, sample.report.landed))
 
     def request(self, event: DriveEvent, operator: Operator = OPERATORS[0], *, take: bool = False) -> None:
         self.feed(self.control.on_request(DriveRequest(event, take), operator, self.now_ns))

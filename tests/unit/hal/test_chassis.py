@@ -16,6 +16,7 @@ from swarmware.errors import Denied, NoAnswer
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.chassis import CalibrationRequest, ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.control import Drive
 from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, Setpoint, VehicleState
 
 REST = ChassisReport(armed=False, landed=True)
@@ -130,11 +131,11 @@ async def test_only_a_vehicle_that_is_named_and_at_rest_is_calibrated(tmp_path: 
 
 async def test_set_points_go_out_once_and_are_replaced_when_they_end(tmp_path: Path) -> None:
     async with bench(tmp_path, watchdog_s=0.5) as (chassis, module, other):
-        drive = other.writer("act/setpoint", Setpoint)
+        drive = other.writer("act/drive", Drive)
         assert not await chassis.write(module.now_ns())
         assert chassis.period_s == pytest.approx(1 / 5), "at rest"
         await chassis.execute(ChassisAction.ARM)
-        drive.write(Setpoint(1.5))
+        drive.write(Drive(1.5))
         now_ns = module.now_ns()
         assert await chassis.write(now_ns)
         assert chassis.period_s == pytest.approx(1 / 20)
@@ -142,7 +143,7 @@ async def test_set_points_go_out_once_and_are_replaced_when_they_end(tmp_path: P
         assert chassis.failsafe(now_ns) == ""
         later_ns = now_ns + 600_000_000
         assert await chassis.write(later_ns)
-        assert chassis.failsafe(later_ns) == "no set-point in act/setpoint for more than 0.5 s"
+        assert chassis.failsafe(later_ns) == "no set-point in act/drive for more than 0.5 s"
         assert chassis.setpoints == [Setpoint(1.5), Setpoint(0.0)]
 
 

@@ -102,7 +102,7 @@ class ControlCore:
     def on_request(self, request: DriveRequest, operator: Operator, now_ns: int) -> list[Action]:
         """Takes a request for the stick, or for the navigator.
 
-        Raises: Denied with the name of the source that drives, InvalidInput for an event that cannot be requested.
+        Raises: Denied with the name of the source that drives, InvalidInput for any other event.
         """
         event, state = request.event, self._state
         if event not in _REQUESTED:
