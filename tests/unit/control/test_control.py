@@ -207,7 +207,8 @@ def test_manual_set_points_are_limited_and_keep_their_direction() -> None:
     core = core_in(MANUAL)
     drive = drives(core.on_manual(Setpoint(30.0, 40.0, -9.0, 9.0), ANNA.id, NOW, NOW))[0]
     assert math.hypot(drive.vx_m_s, drive.vy_m_s) == pytest.approx(3.0)
-    assert (drive.vx_m_s, drive.vz_m_s, drive.wz_rad_s) == (pytest.approx(1.8), -1.5, 1.0)
+    assert drive.vx_m_s == pytest.approx(1.8)
+    assert (drive.vz_m_s, drive.wz_rad_s) == (-1.5, 1.0)
 
 
 @pytest.mark.parametrize(
