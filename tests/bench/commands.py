@@ -36,7 +36,7 @@ COMMANDS: Final = (
     "tree get /uav1/nav/pose",
     "tree type Pose",
     "tree log -n uav1",
-    "tree diff uav1 uav2",
+    "tree diff uav1 ugv1",
     "tree dump /uav1/nav",
     "tree lint --templates",
     "call /uav1/sys/node/info",
