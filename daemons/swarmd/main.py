@@ -98,7 +98,7 @@ def _import_event_loop() -> None:
     from swarmware.runtime.event_loop import import_without_tls
 
     if none_is_foreign():
-        import_without_tls()
+        import_without_tls("uvloop")
 
 
 def _run(config_dir: Path, names: list[str]) -> int:

@@ -10,6 +10,7 @@ import click
 
 from swarmctl.commandline.settings import Nodes, settings
 from swarmctl.commandline.shared_options import shared_options
+from swarmware.runtime.event_loop import import_without_tls
 
 EXTERNAL: Final = "swarmctl-"
 """Programs on PATH with this prefix are commands as well, as in git."""
@@ -43,6 +44,8 @@ class Command(click.Command):
             raise click.UsageError(
                 f"--node {selected!r}: this command acts through one node; expected its name", ctx
             )
+        if self.nodes is not Nodes.NONE:
+            import_without_tls("asyncio")
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

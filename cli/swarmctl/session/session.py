@@ -16,7 +16,7 @@ from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
-from swarmware.module.module import Module
+from swarmware.module.client import Client
 from swarmware.transport.appfile.table import populated
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
@@ -32,7 +32,7 @@ NAME: Final = "swarmctl"
 class Session:
     """Access of a command to the swarm: the joined node, the addressed platform, the output."""
 
-    def __init__(self, module: Module, settings: CliSettings, out: Output) -> None:
+    def __init__(self, module: Client, settings: CliSettings, out: Output) -> None:
         self.module = module
         self.settings = settings
         self.out = out
@@ -121,7 +121,7 @@ class Session:
         """Sends a request to the platform of the session, or to the one in the path.
 
         `about`: resource of another platform to which the request will be forwarded.
-        Raises: as `Module.request`.
+        Raises: as `Client.request`.
         """
         wait_s = self.settings.timeout_s if timeout_s is None else timeout_s
         full = self.path(path)
@@ -144,7 +144,7 @@ class Session:
     async def routes(self) -> Routes:
         """Routes of the joined node; requested once.
 
-        Raises: as `Module.request`.
+        Raises: as `Client.request`.
         """
         if self._routes is None:
             path, wait_s = names.join(self.here, "sys/broker/routes"), self.settings.timeout_s
@@ -238,7 +238,7 @@ async def connect(settings: CliSettings, out: Output | None = None) -> AsyncIter
     node = load_node(folder)
     if not populated(node.run_path):
         raise NoAnswer(f"node {node.platform} ({folder}): its services do not run; expected them to")
-    async with Module(NAME, config_dir=folder) as module:
+    async with Client(NAME, config_dir=folder) as module:
         yield Session(module, settings, out or Output(settings))
 
 

@@ -8,7 +8,6 @@ import msgspec
 
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import document, paths
-from swarmware.model.explanation import explain
 from swarmware.model.names import check_application, check_platform, segment
 from swarmware.model.platform_kind import PlatformKind
 
@@ -193,6 +192,8 @@ def convert(raw: Any, cls: type[T], source: str, text: str = "") -> T:
     try:
         return msgspec.convert(raw, cls, strict=True)
     except msgspec.ValidationError as error:
+        from swarmware.model.explanation import explain  # valid configuration needs none
+
         found = explain(str(error), raw, cls)
         raise document.refusal(source, text, found.path, found.text) from error
     except InvalidInput as error:

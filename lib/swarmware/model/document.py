@@ -1,15 +1,19 @@
 """Reads TOML and JSON files with limits; each error is a ConfigError that names file and line."""
 
+from __future__ import annotations
+
 import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import msgspec
 
 from swarmware.errors import ConfigError
-from swarmware.model.toml_lines import KeyPath, key_text, line_of, toml_lines
+
+if TYPE_CHECKING:
+    from swarmware.model.toml_lines import KeyPath
 
 T = TypeVar("T")
 
@@ -22,9 +26,10 @@ LINES_LIMIT: Final = 1 << 18
 _INTEGER_MIN: Final = -(1 << 63)
 _GREATEST_INTEGER: Final = (1 << 64) - 1
 
-_BYTE = re.compile(r"\(byte (\d+)\)")
-_TOML_PLACE = re.compile(r"\(at line (\d+), column \d+\)")
-_DIGITS = re.compile(r"\d[\d_]{1000,}")
+# of errors only: compiled when one occurs
+_BYTE: Final = r"\(byte (\d+)\)"
+_TOML_PLACE: Final = r"\(at line (\d+), column \d+\)"
+_DIGITS: Final = r"\d[\d_]{1000,}"
 _LONG_KEY = re.compile(
     r"""(?m)(?:^|[\[{,])[ \t]*+(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
     f"{{{DEPTH_LIMIT}}}"
@@ -74,13 +79,13 @@ def toml(content: str, source: str, *, finite: bool = True) -> dict[str, Any]:
     try:
         raw = tomllib.loads(content)
     except tomllib.TOMLDecodeError as error:
-        found = _TOML_PLACE.search(str(error))
+        found = re.search(_TOML_PLACE, str(error))
         line = int(found[1]) if found else content.count("\n") + 1
         raise ConfigError(f"invalid TOML: {error}", source=source, line=line) from error
     except RecursionError as error:
         raise _too_deep(content, source) from error
     except ValueError as error:  # a number of thousands of digits
-        found = _DIGITS.search(content)
+        found = re.search(_DIGITS, content)
         line = _line(content, found.start()) if found else 0
         message = "invalid TOML: a number of more than 64 bits"
         raise ConfigError(message, source=source, line=line) from error
@@ -97,7 +102,7 @@ def json(content: str, cls: type[T], source: str) -> T:
     try:
         return msgspec.json.decode(data, type=cls)
     except msgspec.DecodeError as error:
-        found = _BYTE.search(str(error))
+        found = re.search(_BYTE, str(error))
         line = data.count(b"\n", 0, int(found[1])) + 1 if found else 0
         raise ConfigError(str(error), source=source, line=line) from error
     except RecursionError as error:
@@ -108,6 +113,8 @@ def json(content: str, cls: type[T], source: str) -> T:
 
 def refusal(source: str, content: str, path: KeyPath, message: str) -> ConfigError:
     """The error about the value at this path of a TOML text."""
+    from swarmware.model.toml_lines import line_of, toml_lines  # a valid document needs no lines
+
     lines = toml_lines(content) if len(content) <= LINES_LIMIT else {}
     return ConfigError(message, source=source, line=line_of(lines, path))
 
@@ -123,15 +130,19 @@ def _check(raw: dict[str, Any], content: str, source: str, *, finite: bool) -> N
             elif isinstance(value, list):
                 below += (((*path, index), item) for index, item in enumerate(value))
             elif isinstance(value, float) and finite and not math.isfinite(value):
-                message = f"key {key_text(path)}: {value}; expected a finite number"
-                raise refusal(source, content, path, message)
+                raise _key_refusal(source, content, path, f"{value}; expected a finite number")
             elif isinstance(value, int) and not _INTEGER_MIN <= value <= _GREATEST_INTEGER:
-                message = f"key {key_text(path)}: a number of more than 64 bits"
-                raise refusal(source, content, path, message)
+                raise _key_refusal(source, content, path, "a number of more than 64 bits")
         if not below:
             return
         level = below
     raise _too_deep(content, source)
+
+
+def _key_refusal(source: str, content: str, path: KeyPath, message: str) -> ConfigError:
+    from swarmware.model.toml_lines import key_text
+
+    return refusal(source, content, path, f"key {key_text(path)}: {message}")
 
 
 def _too_deep(content: str, source: str) -> ConfigError:

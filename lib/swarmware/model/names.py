@@ -121,7 +121,7 @@ class Pattern:
     Raises: InvalidInput when it is not a pattern, or has more wildcards or alternatives than the limits.
     """
 
-    __slots__ = ("_regex", "text")
+    __slots__ = ("_compiled", "_regex", "text")
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -132,11 +132,15 @@ class Pattern:
         wildcards = len(_STARS.findall(text))
         if wildcards > WILDCARDS_LIMIT:
             raise InvalidInput(f"pattern {text!r}: {wildcards} wildcards; expected at most {WILDCARDS_LIMIT}")
-        self._regex = re.compile(_regex(text))
+        self._regex = _regex(text)
+        self._compiled: re.Pattern[str] | None = None
+        """Made by the first match: most processes have rules that they never apply."""
 
     def matches(self, path: str) -> bool:
         """Whether the whole path matches."""
-        return self._regex.fullmatch(path) is not None
+        if self._compiled is None:
+            self._compiled = re.compile(self._regex)
+        return self._compiled.fullmatch(path) is not None
 
     @property
     def literal(self) -> bool:

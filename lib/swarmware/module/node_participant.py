@@ -34,8 +34,8 @@ class NodeParticipant:
         name: str,
         node: Node,
         *,
-        instance: int | None,
-        config: msgspec.Struct | None,
+        instance: int | None = None,
+        config: msgspec.Struct | None = None,
         live_settings: Mapping[str, str] | None = None,
     ) -> None:
         self.name = name

@@ -1,12 +1,16 @@
 """Stamps of other hardware units on the own clock, by the conversion functions on board `time/functions`."""
 
+from typing import TYPE_CHECKING
+
 from swarmware.errors import WireError
 from swarmware.model.names import data_id
-from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 from swarmware.types.time import Conversion, TimeFunctions
+
+if TYPE_CHECKING:
+    from swarmware.node.follower import RingFollower
 
 PATH = "time/functions"
 
@@ -22,6 +26,8 @@ class RemoteClocks:
     def conversion(self, hardware: int) -> Conversion | None:
         """The conversion function of one unit's clock; None when it is not known."""
         if self._follower is None:
+            from swarmware.node.follower import RingFollower
+
             self._follower = RingFollower(
                 ring_file(self._node.shm_dir, PATH),
                 name=f"board {PATH}",

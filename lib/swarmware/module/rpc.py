@@ -1,14 +1,13 @@
-"""Requests: the server runs handlers and converts errors to replies; the client raises them again."""
+"""Requests: the server runs handlers and converts their errors to replies."""
 
-import asyncio
 import inspect
 import logging
 from collections.abc import Awaitable, Callable
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import msgspec
 
-from swarmware.errors import KINDS, NotFound, SwarmError, TypeMismatch, from_kind
+from swarmware.errors import KINDS, SwarmError
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
@@ -23,8 +22,6 @@ Handler = Callable[[Any, Meta], Awaitable[msgspec.Struct] | msgspec.Struct]
 """Handler: gets the request and its metadata; returns the reply, or raises a SwarmError for the caller."""
 Start = Callable[[Any, str], object]
 """Function that runs a coroutine as a named task."""
-
-R = TypeVar("R", bound=msgspec.Struct)
 
 log = logging.getLogger("swarm.rpc")
 
@@ -82,20 +79,3 @@ class Server(Immediate):
             return Reply(False, kind=kind, error=str(error))
         log.error("request %s: the handler failed", self.path, exc_info=error)
         return Reply(False, kind="SwarmError", error=f"{self.path}: {type(error).__name__}: {error}")
-
-
-async def answer(path: str, comes: asyncio.Future[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
-    """Wait for the reply to a request that was sent.
-
-    `mismatch` returns why the address does not accept its type; empty: that is not the reason.
-    Raises: the error of the handler as its own class; NoAnswer, NotFound, TypeMismatch.
-    """
-    try:
-        reply = await comes
-    except NotFound as error:
-        if error_text := mismatch():
-            raise TypeMismatch(error_text) from error
-        raise NotFound(f"{path}: {error}") from error
-    if not reply.ok:
-        raise from_kind(reply.kind, reply.error)
-    return registry.decode(cls, reply.body)

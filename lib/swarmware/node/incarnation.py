@@ -14,7 +14,6 @@ from swarmware.model.clock import utc_ns
 from swarmware.transport.appfile.trace import DEAD_SUFFIX
 from swarmware.transport.shm.access import is_guest, make_folder, share
 from swarmware.transport.shm.lock import try_lock
-from swarmware.transport.shm.reap import reap, remove_all
 
 
 class NodeIncarnation:
@@ -52,6 +51,8 @@ class NodeIncarnation:
         self._sweep()
 
     def _sweep(self) -> None:
+        from swarmware.transport.shm.reap import reap  # in the first and last process of a node only
+
         reap(self._shm_dir, self._run_dir)
         applications, sockets = paths.applications(self._run_dir), paths.sockets(self._run_dir)
         for path in (
@@ -66,6 +67,8 @@ class NodeIncarnation:
         if self._fd < 0:
             return
         if not self.guest and try_lock(self._fd):
+            from swarmware.transport.shm.reap import remove_all
+
             self._sweep()
             remove_all(self._shm_dir, self._run_dir)
         os.close(self._fd)

@@ -7,10 +7,10 @@ import os
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import ClassVar, Final, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
 from weakref import WeakSet
 
-from swarmware.errors import SwarmError
+from swarmware.errors import InvalidInput, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import Clock, utc_ns
 from swarmware.model.config import NodeConfig, find_config_dir, load_node
@@ -18,8 +18,6 @@ from swarmware.model.names import hardware_id
 from swarmware.node.applications import Applications, Watcher
 from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
-from swarmware.node.master.master import Master
-from swarmware.node.publication import Publication
 from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import wait_s
@@ -30,6 +28,10 @@ from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
 from swarmware.transport.shm.readers import GRANULE_NS
+
+if TYPE_CHECKING:
+    from swarmware.node.master.master import Master
+    from swarmware.node.publication import Publication
 
 TEND_NS: Final = 1_000_000_000
 """Period in which a process checks that its files in shared memory are intact."""
@@ -119,13 +121,7 @@ class Node(Immediate):
         """Folders of the publications as they were at the last check of their files."""
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
         self._tending = self._tend_later()
-        self.master = Master(
-            self,
-            config.unit,
-            paths.applications_watchers(self.shm_dir),
-            candidate=not self._incarnation.guest,
-        )
-        self.watch(self.master)
+        self._master: Master | None = None
 
     @classmethod
     def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
@@ -146,6 +142,34 @@ class Node(Immediate):
         """Register one more user of this node; each user calls `close`."""
         self._users += 1
         return self
+
+    # -- the role of the master
+
+    def contend(self) -> None:
+        """Make this process a candidate for the role of the master, if it is none yet.
+
+        A client that only reads and asks is none.
+        """
+        if self._master is None:
+            from swarmware.node.master.master import Master
+
+            self._master = Master(
+                self,
+                self.config.unit,
+                paths.applications_watchers(self.shm_dir),
+                candidate=not self._incarnation.guest,
+            )
+            self.watch(self._master)
+
+    @property
+    def master(self) -> "Master":
+        """The candidature of this process.
+
+        Raises: InvalidInput when it is no candidate.
+        """
+        if self._master is None:
+            raise InvalidInput(f"{self.platform}: this process is no candidate; expected one with a Module")
+        return self._master
 
     # -- waking
 
@@ -228,11 +252,13 @@ class Node(Immediate):
 
     def publication(
         self, path: str, *, slots: int, slot_bytes: int, platform: str | None = None
-    ) -> Publication:
+    ) -> "Publication":
         """The ring of a resource, for writing; of another platform: its mirror.
 
         Raises: RingBusy when another process writes it.
         """
+        from swarmware.node.publication import Publication  # a client writes no ring
+
         ring = ring_file(self.shm_dir, path, platform)
         made = Publication(ring, self.doorbells, slots=slots, slot_bytes=slot_bytes)
         self._publications.add(made)
@@ -240,7 +266,7 @@ class Node(Immediate):
 
     def mirror_writer(
         self, platform: str, path: str, *, slots: int = MIRROR_SLOTS, slot_bytes: int = MIRROR_SLOT_BYTES
-    ) -> Publication:
+    ) -> "Publication":
         """The mirror of another platform's resource; frames are published as they were received."""
         publication = self.publication(path, slots=slots, slot_bytes=slot_bytes, platform=platform)
         now_ns = utc_ns()
@@ -255,8 +281,9 @@ class Node(Immediate):
         if self._users > 0:
             return self
         self._attached.pop((id(self._loop), self.config_dir), None)
-        self.unwatch(self.master)
-        self.master.close()
+        if self._master is not None:
+            self.unwatch(self._master)
+            self._master.close()
         for readers in list(self._listens):
             self._listens[readers] = 1
             self.unlisten(readers)

@@ -1,12 +1,14 @@
 """The import of the event loop without OpenSSL.
 
 `asyncio` and `uvloop` import `ssl` for streams with TLS, which no part of a node uses: keys of the swarm
-protect what leaves the computer. OpenSSL takes 5 MB of resident memory in each process.
+protect what leaves the computer. OpenSSL takes 5 MB of resident memory in each process, and a twentieth of
+the time of a command.
 """
 
 import sys
+from importlib import import_module
 from types import ModuleType
-from typing import Final
+from typing import Final, Literal
 
 from swarmware.errors import SwarmError
 
@@ -32,15 +34,15 @@ class _NoTls(ModuleType):
         return 0 if name.isupper() else type(name, (Exception,), {})
 
 
-def import_without_tls() -> None:
-    """Import `asyncio` and `uvloop`; streams with TLS then fail. `ssl` itself can be imported afterwards.
+def import_without_tls(loop: Literal["asyncio", "uvloop"]) -> None:
+    """Import an event loop; streams with TLS then fail. `ssl` itself can be imported afterwards.
 
-    Does nothing in a process that has imported one of them.
+    Does nothing in a process that has imported `ssl` or `asyncio`.
     """
     if _SSL in sys.modules or "asyncio" in sys.modules:
         return
     sys.modules[_SSL] = _NoTls(_SSL)
     try:
-        import uvloop  # noqa: F401  # imports asyncio
+        import_module(loop)
     finally:
         del sys.modules[_SSL]

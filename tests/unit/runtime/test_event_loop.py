@@ -9,7 +9,10 @@ def result(code: str) -> str:
     return done.stdout.strip()
 
 
-IMPORT = "import sys; from swarmware.runtime.event_loop import import_without_tls; import_without_tls()\n"
+IMPORT = (
+    "import sys; from swarmware.runtime.event_loop import import_without_tls\n"
+    "import_without_tls('uvloop')\n"
+)
 
 
 def test_the_event_loop_is_imported_without_openssl_and_runs() -> None:
@@ -51,3 +54,12 @@ def test_a_process_that_has_imported_ssl_keeps_its_tls() -> None:
         "uvloop.run(main())"
     )
     assert result(code) == "served"
+
+
+def test_asyncio_alone_is_imported_without_openssl_and_without_uvloop() -> None:
+    code = (
+        "import asyncio\n"
+        "asyncio.run(asyncio.sleep(0))\n"
+        "print('_ssl' in sys.modules, 'uvloop' in sys.modules)"
+    )
+    assert result(IMPORT.replace("uvloop", "asyncio") + code) == "False False"

@@ -8,7 +8,7 @@ import msgspec
 
 from swarmctl.session.session import NAME
 from swarmware.errors import SwarmError
-from swarmware.module.module import Module
+from swarmware.module.client import Client
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial
 
@@ -46,7 +46,7 @@ def query_node(folder: Path) -> NodeFindings:
 
 
 async def _look(folder: Path) -> NodeFindings:
-    async with Module(NAME, config_dir=folder) as module:
+    async with Client(NAME, config_dir=folder) as module:
         refusals = _refusals(module)
         try:
             found = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=ANSWER_S)
@@ -56,7 +56,7 @@ async def _look(folder: Path) -> NodeFindings:
         return NodeFindings(confirmed, refusals)
 
 
-def _refusals(module: Module) -> tuple[DeniedRequests, ...]:
+def _refusals(module: Client) -> tuple[DeniedRequests, ...]:
     reader = module.stream_reader("net/denials", Denial, from_oldest=True)
     found: dict[tuple[str, str, str], DeniedRequests] = {}
     while (denial := reader.take()) is not None:

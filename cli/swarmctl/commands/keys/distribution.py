@@ -12,7 +12,7 @@ from swarmctl.resources.fanout import read_boards
 from swarmctl.session.session import NAME, Session, connect
 from swarmctl.terminal.output import Output
 from swarmware.errors import Denied, NotFound, SwarmError
-from swarmware.module.module import Module
+from swarmware.module.client import Client
 from swarmware.transport.security.root import Root, fingerprint
 from swarmware.types.net import RosterState, SignedRoster
 
@@ -89,7 +89,7 @@ async def hand_over(out: Output, root: Root) -> bool:
         out.say(f"{node.platform} does not run: it takes roster {version} at its next start, and hands it on")
         return False
     try:
-        async with Module(NAME, config_dir=node.config_dir) as module:
+        async with Client(NAME, config_dir=node.config_dir) as module:
             await module.request(
                 "sys/broker/roster",
                 SignedRoster(root.signed),

@@ -18,7 +18,7 @@ from swarmware.model.clock import utc_ns
 from swarmware.model.config import load_node
 from swarmware.model.names import Pattern
 from swarmware.module.board import BoardReader
-from swarmware.module.module import Module
+from swarmware.module.client import Client
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.ring import segments
 from swarmware.recorder.segment import SegmentReader
@@ -63,7 +63,7 @@ class Tail:
     async def open(self) -> None:
         """Join the nodes whose logs are shown."""
         for folder, growing in self._growing.items():
-            module = await self._stack.enter_async_context(Module("swarmctl", config_dir=folder))
+            module = await self._stack.enter_async_context(Client("swarmctl", config_dir=folder))
             stats = module.reader("log/stats", LogStats)
             module.start(self._read(str(folder), stats, growing), "tail")
 

@@ -11,6 +11,7 @@ from swarmctl.session.session import NAME, Session
 from swarmware.errors import Conflict, Denied, InvalidInput, TypeMismatch
 from swarmware.model import names
 from swarmware.model.resource import Kind, Resource
+from swarmware.module.module import Module
 from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.writer import BoardWriter
 from swarmware.runtime.instant import until
@@ -65,11 +66,13 @@ async def publish(session: Session, path: str, wanted: ValuesToPublish, *, yes: 
     resource, value = await _described(session, full, entry, wanted)
     if entry is not None and entry.confirm:
         await session.confirm(yes, f"publish {full}: {entry.confirm}")
-    writer = _writer(session, resource, type(value))
-    if wanted.rate_hz is not None:
-        end = "Ctrl-C ends it" if wanted.count is None else f"{wanted.count} values"
-        session.out.say(f"{full}: {resource.kind}, {resource.type}, at {wanted.rate_hz:g} Hz; {end}")
-    await _repeat(session, full, writer, value, wanted)
+    # a session reads and asks: the resource belongs to a module
+    async with Module(NAME, node=session.module.node) as module:
+        writer = _writer(module, full, resource, type(value))
+        if wanted.rate_hz is not None:
+            end = "Ctrl-C ends it" if wanted.count is None else f"{wanted.count} values"
+            session.out.say(f"{full}: {resource.kind}, {resource.type}, at {wanted.rate_hz:g} Hz; {end}")
+        await _repeat(session, full, writer, value, wanted)
 
 
 def _check_owner(session: Session, full: str, local: str, entry: TreeEntry | None) -> None:
@@ -120,15 +123,13 @@ async def _described(
 
 
 def _writer(
-    session: Session, resource: Resource, cls: type[msgspec.Struct]
+    module: Module, full: str, resource: Resource, cls: type[msgspec.Struct]
 ) -> BoardWriter[Any] | StreamWriter[Any]:
-    open_writer = session.module.writer if resource.kind is Kind.BOARD else session.module.stream_writer
+    open_writer = module.writer if resource.kind is Kind.BOARD else module.stream_writer
     try:
         return open_writer(resource, cls)
     except Conflict as error:
-        raise Denied(
-            f"{session.path(resource.path)}: another application publishes it; expected one only"
-        ) from error
+        raise Denied(f"{full}: another application publishes it; expected one only") from error
 
 
 async def _repeat(

@@ -32,7 +32,7 @@ class Callers:
         self._platform = platform
         self._trusted = frozenset({0, node_uid, os.geteuid()})
         self._config: AclConfig | None = None
-        self._access = Access()
+        self._access: Access | None = None
         self._known: dict[int, Caller] = {}
         self._logged_ns = -LOG_NS
 
@@ -50,7 +50,8 @@ class Callers:
 
         Raises: Denied.
         """
-        self._acl()
+        if self._access is None:
+            self._access = Access(self._acl().rule)
         try:
             self._access.check(self.sender(caller), Verb.CALL, path)
         except Denied as error:
@@ -70,7 +71,6 @@ class Callers:
             except ConfigError as error:
                 log.error("users of this computer are observers only: %s", error)
                 self._config = AclConfig(operator=())
-            self._access = Access(self._config.rule)
         return self._config
 
 
