@@ -1,6 +1,7 @@
 """`swarmctl` stays fast because it imports little and collects no garbage meanwhile: counted, not timed."""
 
 import ast
+import asyncio
 import json
 import os
 import subprocess
@@ -14,6 +15,9 @@ import pytest
 
 from swarmctl.main import cli
 from swarmware.errors import ConfigError, NotFound
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.rpc import Empty
 
 HEAVY: Final = {
     *(
@@ -38,7 +42,7 @@ BUDGET: Final = 60
 READER_HEAVY: Final = {
     *("importlib.metadata", "multiprocessing", "shutil", "tempfile", "http", "email", "xml", "unittest"),
     *("jsonschema", "matplotlib", "mcap", "msgpack", "nacl", "numpy", "psutil", "pymongo", "rich", "sphinx"),
-    *("sortedcontainers", "uvloop", "yaml", "zmq", "zstandard", "swarmd"),
+    *("sortedcontainers", "uvloop", "yaml", "zmq", "zstandard", "swarmd", "ssl"),
 }
 """A command that reads a running node uses none of these: each takes milliseconds."""
 
@@ -47,6 +51,15 @@ OVERVIEW_HEAVY: Final = {
     *("json", "swarmctl.resources.classes", "swarmware.recorder", "swarmware.types.description"),
 }
 """What shows values of any type; an overview shows values of types that it names."""
+
+CLIENT_HEAVY: Final = {
+    *("swarmware.module.module", "swarmware.module.accepted", "swarmware.module.inbox"),
+    *("swarmware.module.rpc", "swarmware.module.streamwriter", "swarmware.module.writer"),
+    *("swarmware.node.master.master", "swarmware.node.master.role", "swarmware.node.publication"),
+    *("swarmware.transport.shm.reap", "swarmware.transport.shm.ring", "swarmware.recorder"),
+    *("swarmware.model.explanation", "swarmware.model.toml_lines"),
+}
+"""What serves, writes, or can become master: a client that joins and asks uses none of it."""
 
 ANSWERED: Final = {0, NotFound.exit_code, ConfigError.exit_code}
 """Exit codes with a folder that has no node: the command has got behind all its imports."""
@@ -69,6 +82,17 @@ for line in {lines}:
         code = main([*line.split(), "--config", {folder!r}])
     found[line] = sorted(set(sys.modules) - before), code
 print(json.dumps(found))
+"""
+
+_ASKS: Final = """
+import asyncio, json, sys
+from swarmware.module.client import Client
+from swarmware.types.rpc import Empty
+async def main():
+    async with Client("tool", config_dir=sys.argv[1]) as client:
+        await client.request("sys/probe/ask", Empty(), Empty, timeout_s=30)
+asyncio.run(main())
+print(json.dumps(sorted(sys.modules)))
 """
 
 _PROBE: Final = """
@@ -155,6 +179,17 @@ def test_overviews_import_no_descriptions_of_types(tmp_path: Path) -> None:
     for line, (modules_now, exit_code) in modules_of_readers(OVERVIEWS, tmp_path).items():
         assert exit_code in ANSWERED, line
         assert not modules_now & OVERVIEW_HEAVY, line
+
+
+async def test_a_client_that_joins_and_asks_loads_nothing_that_serves_or_writes(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
+        probe.serve("sys/probe/ask", Empty, lambda request, meta: request, reply=Empty)
+        child = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-c", _ASKS, str(node.config_dir)), stdout=subprocess.PIPE
+        )
+        out, _ = await child.communicate()
+    assert child.returncode == 0
+    assert not CLIENT_HEAVY & set(json.loads(out))
 
 
 def test_each_command_is_measured_or_has_a_reason_why_not() -> None:

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, Self, TypeVa
 
 import msgspec
 
-from swarmware.errors import InvalidInput, TypeMismatch
+from swarmware.errors import InvalidInput, NotFound, TypeMismatch, from_kind
 from swarmware.model import names
 from swarmware.model.access import Sender
 from swarmware.model.clock import Clock
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.module.addressing import Addressing
-from swarmware.module.answer import answer
 from swarmware.module.node_participant import NodeParticipant
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.ticker import Lateness, Ticker
@@ -28,6 +27,7 @@ from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.delivery.sender import Caller, with_caller
 from swarmware.types import registry
+from swarmware.types.rpc import Reply
 
 if TYPE_CHECKING:
     from swarmware.module.board import BoardReader
@@ -65,7 +65,7 @@ class Client:
     """`async with Client("tool") as c`: joins the node to read and to ask; leaves it at the end, also after
     SIGTERM or SIGINT.
 
-    It is no candidate for the role of the master. Raises: as `Module`.
+    It does not contend for the role of the master. Raises: as `Module`.
     """
 
     def __init__(
@@ -321,3 +321,20 @@ class Client:
         frame.flags = _URGENT if urgent else 0
         self._state_caller(frame, on_behalf_of)
         return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)
+
+
+async def answer(path: str, comes: asyncio.Future[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
+    """Wait for the reply to a request that was sent.
+
+    `mismatch` returns why the address does not accept its type; empty: that is not the reason.
+    Raises: the error of the handler as its own class; NoAnswer, NotFound, TypeMismatch.
+    """
+    try:
+        reply = await comes
+    except NotFound as error:
+        if error_text := mismatch():
+            raise TypeMismatch(error_text) from error
+        raise NotFound(f"{path}: {error}") from error
+    if not reply.ok:
+        raise from_kind(reply.kind, reply.error)
+    return registry.decode(cls, reply.body)

@@ -165,10 +165,12 @@ class Node(Immediate):
     def master(self) -> "Master":
         """The candidature of this process.
 
-        Raises: InvalidInput when it is no candidate.
+        Raises: InvalidInput without one.
         """
         if self._master is None:
-            raise InvalidInput(f"{self.platform}: this process is no candidate; expected one with a Module")
+            raise InvalidInput(
+                f"{self.platform}: this process does not contend for the role of the master; expected a Module in it"
+            )
         return self._master
 
     # -- waking

@@ -10,8 +10,7 @@ def result(code: str) -> str:
 
 
 IMPORT = (
-    "import sys; from swarmware.runtime.event_loop import import_without_tls\n"
-    "import_without_tls('uvloop')\n"
+    "import sys; from swarmware.runtime.event_loop import import_without_tls\nimport_without_tls('uvloop')\n"
 )
 
 
@@ -58,8 +57,6 @@ def test_a_process_that_has_imported_ssl_keeps_its_tls() -> None:
 
 def test_asyncio_alone_is_imported_without_openssl_and_without_uvloop() -> None:
     code = (
-        "import asyncio\n"
-        "asyncio.run(asyncio.sleep(0))\n"
-        "print('_ssl' in sys.modules, 'uvloop' in sys.modules)"
+        "import asyncio\nasyncio.run(asyncio.sleep(0))\nprint('_ssl' in sys.modules, 'uvloop' in sys.modules)"
     )
     assert result(IMPORT.replace("uvloop", "asyncio") + code) == "False False"
