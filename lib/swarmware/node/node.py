@@ -168,9 +168,7 @@ class Node(Immediate):
         Raises: InvalidInput without one.
         """
         if self._master is None:
-            raise InvalidInput(
-                f"{self.platform}: this process does not contend for the role of the master; expected a Module in it"
-            )
+            raise InvalidInput(f"{self.platform}: no module runs in this process; expected one")
         return self._master
 
     # -- waking
