@@ -91,6 +91,7 @@ class Applications:
     def subscribe(self, on_events: OnEvents) -> ApplicationSubscription:
         """Call `on_events` with each change from now on; `table` has the present applications."""
         if not self._subscriptions:
+            self.table.complete()
             self._waker.listen(self._readers)
             self._waker.watch(self)
             self.table.on_change = self._on_change

@@ -101,7 +101,7 @@ class Node(Immediate):
         self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._incarnation.boot_id)
         self.started_ns = self.clock.now_ns()
         self.ending = Ending()
-        self.table = AppTable(self.run_dir)
+        self.table = AppTable(self.run_dir, whole=False)
         self.applications = Applications(self.table, self, self.shm_dir, self.run_dir)
         """The applications of this node, with events for subscribers."""
         self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
@@ -148,8 +148,9 @@ class Node(Immediate):
     def contend(self) -> None:
         """Make this process a candidate for the role of the master, if it is none yet.
 
-        A client that only reads and asks is none.
+        A client that only reads and asks is none, and reads the table of applications as far as it needs it.
         """
+        self.table.complete()
         if self._master is None:
             from swarmware.node.master.master import Master
 

@@ -2,8 +2,10 @@
 
 import contextlib
 import os
+import zlib
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -102,6 +104,51 @@ def test_a_file_rewritten_in_place_is_seen(tmp_path: Path) -> None:
     assert table.serving_path("cmd/goto") == (found, served)
     assert table.application(found.app_id) is found
     app.close()
+
+
+def described(run_dir: Path, path: str) -> AppEntry:
+    """An application that runs, with a served path, a resource and a configuration."""
+    app = join(run_dir, "planner")
+    app.write(
+        msgspec.structs.replace(
+            app.entry,
+            serves=(Served(path=path, type="Goal", kind="message"),),
+            provides=(Resource(path="nav/pose", type="Pose", range=(0.0, float("inf"))),),
+            reads=("/*/nav/pose",),
+            config={"nested": {"speed": 1.5}},
+        )
+    )
+    return app.entry
+
+
+def test_a_table_for_messages_has_what_they_need_and_is_completed_on_demand(tmp_path: Path) -> None:
+    written = described(tmp_path, "cmd/goto")
+    table = AppTable(tmp_path, whole=False)
+    table.refresh()
+    assert list(table) == [msgspec.structs.replace(written, provides=(), config={})]
+    table.complete()
+    table.refresh()
+    assert list(table) == [written]
+    version = table.version
+    table.complete()
+    table.refresh()
+    assert table.version == version, "it was complete"
+
+
+def test_a_table_for_messages_reads_the_whole_file_where_its_served_paths_are_tables(tmp_path: Path) -> None:
+    written = described(tmp_path, "cmd/" + "a" * 100)
+    assert b"[[serves]]" in (tmp_path / "apps/planner#1.toml").read_bytes()
+    table = AppTable(tmp_path, whole=False)
+    table.refresh()
+    assert list(table) == [written]
+
+
+@pytest.mark.parametrize("value", ['"""\n[[a]]\n"""', "[\n[1], # ]\n[2]]", "'''\n[b]'''"])
+def test_a_line_of_a_value_is_not_taken_for_a_table(value: str) -> None:
+    whole = AppEntry(name="a", instance=1, pid=2, pid_start=3, endpoint="ipc://x", started_ns=4)
+    text = f"more = {value}\n{entry.encode(whole).decode().rpartition('# crc32')[0]}"
+    data = f"{text}# crc32 {zlib.crc32(text.encode()):08x}\n".encode()
+    assert entry.decode(data, "x", whole=False) == entry.decode(data, "x") == whole
 
 
 def test_a_file_that_is_being_written_is_read_later(tmp_path: Path) -> None:

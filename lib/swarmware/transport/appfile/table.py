@@ -16,9 +16,13 @@ _FLAGS: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class AppTable:
-    """Table of the application files, which reads only changed ones."""
+    """Table of the application files, which reads only changed ones.
 
-    def __init__(self, run_dir: Path) -> None:
+    Not `whole`: its entries have what messages need, and neither `provides` nor `config`, until `complete`.
+    """
+
+    def __init__(self, run_dir: Path, *, whole: bool = True) -> None:
+        self._whole = whole
         self._folder_name = str(paths.applications(run_dir))
         self._folder_ns = 0
         self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
@@ -36,6 +40,13 @@ class AppTable:
 
     def __len__(self) -> int:
         return len(self._by_id)
+
+    def complete(self) -> None:
+        """Read the whole files from now on."""
+        if not self._whole:
+            self._whole = True
+            self._files.clear()
+            self._folder_ns = 0
 
     def refresh(self, *, probe: bool = False) -> None:
         """Check for changes; with `probe` also for applications that died."""
@@ -84,7 +95,7 @@ class AppTable:
                 if known is not None and known[0] == stamp:
                     yield name, known
                     continue
-                yield name, (stamp, decode(os.pread(fd, status.st_size, 0), name))
+                yield name, (stamp, decode(os.pread(fd, status.st_size, 0), name, whole=self._whole))
             except WireError:
                 # it is being written: its writer announces when it is complete
                 self._folder_ns = 0
