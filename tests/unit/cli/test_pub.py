@@ -1,6 +1,8 @@
 """`swarmctl pub`: what is written, as which resource, and what is refused."""
 
 import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -9,11 +11,13 @@ import msgspec
 import pytest
 from tests.unit.cli.test_commands import LIST, ScriptedSession
 
+from swarmctl.commands.pub import publishing
 from swarmctl.commands.pub.publishing import ValuesToPublish, publish
+from swarmctl.session.session import NAME
 from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.clock import Clock
 from swarmware.model.resource import Kind, Resource
-from swarmware.module.module import Module
+from swarmware.module.client import Client
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import TreeEntry, TreeListing
@@ -22,8 +26,20 @@ from swarmware.types.vehicle import Goal, GoalKind
 PATH = "/gcs/test/height"
 
 
+@asynccontextmanager
+async def joined(name: str, *, node: Any) -> AsyncIterator[Any]:
+    """The module of the command, on the node of its session."""
+    assert name == NAME
+    yield node.writing
+
+
+@pytest.fixture(autouse=True)
+def module_of_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(publishing, "Module", joined)
+
+
 class Publishing(ScriptedSession):
-    """A session whose module keeps what is written."""
+    """A session on a node that keeps what is written."""
 
     def __init__(self, entry: TreeEntry | None = None, *, busy: bool = False, **options: Any) -> None:
         super().__init__({LIST: TreeListing(() if entry is None else (entry,))}, **options)
@@ -32,13 +48,9 @@ class Publishing(ScriptedSession):
         self.busy = busy
         self.wrote = asyncio.Event()
         table = SimpleNamespace(refresh=lambda probe: None, serving_path=lambda path: None)
-        module = SimpleNamespace(
-            node=SimpleNamespace(table=table),
-            clock=Clock(),
-            writer=self._open,
-            stream_writer=self._open,
-        )
-        self.module = cast(Module, module)
+        writing = SimpleNamespace(writer=self._open, stream_writer=self._open)
+        module = SimpleNamespace(node=SimpleNamespace(table=table, writing=writing), clock=Clock())
+        self.module = cast(Client, module)
 
     def _open(self, resource: Resource, cls: type[msgspec.Struct]) -> Any:
         if self.busy:
