@@ -33,6 +33,9 @@ COMMANDS: Final[dict[str, Lazy]] = {
         "swarmctl.commands.traffic.command:cmd", "Bytes and frames per channel; set a channel's rate."
     ),
     "mission": Lazy("swarmctl.commands.mission.command:cmd", "Check, start, watch and abort missions."),
+    "takeoff": Lazy("swarmctl.commands.manoeuvre.command:takeoff", "Arm vehicles, climb and hold."),
+    "goto": Lazy("swarmctl.commands.manoeuvre.command:goto", "Move vehicles to a place."),
+    "drive": Lazy("swarmctl.commands.drive.command:drive", "Drive one vehicle by hand."),
     "hold": Lazy("swarmctl.commands.manoeuvre.command:hold", "Stop vehicles and hold their positions."),
     "land": Lazy("swarmctl.commands.manoeuvre.command:land", "Land vehicles at their positions."),
     "return": Lazy(

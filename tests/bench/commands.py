@@ -66,7 +66,8 @@ COMMANDS: Final = (
 NOT_MEASURED: Final = {
     "acts": "node restart, node drain, node undrain, app restart, app start, app stop, tree set, tree undo,"
     " tree rule, tree load, pub,"
-    " traffic set, mission start, mission abort, hold, land, return, arm, disarm, kill, health clear,"
+    " traffic set, mission start, mission abort, takeoff, goto, drive,"
+    " hold, land, return, arm, disarm, kill, health clear,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
     " fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
     " lab up, lab down, lab run,"

@@ -21,6 +21,8 @@ STANDING: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
 """States of a navigator that holds its position."""
 STILL_M_S: Final = 0.5
 """Speed below which a vehicle counts as holding: wind and noise cause small motions."""
+NEAR_M: Final = 1.0
+"""Distance from a commanded place within which a vehicle has arrived."""
 HOME_M: Final = 3.0
 """Distance from the place of arming within which a vehicle has returned: the drift of GNSS."""
 POLL_S: Final = 0.5
@@ -48,6 +50,11 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         """Speed over the ground and vertically; infinite without a pose."""
         pose = self.pose
         return math.inf if pose is None else math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s)
+
+    @property
+    def held_by(self) -> str:
+        """Operator or pilot that drives it by hand; empty: none."""
+        return self.mission.held_by if self.mission else ""
 
     @property
     def from_home_m(self) -> float | None:
@@ -223,6 +230,30 @@ def returned(snapshot: VehicleSnapshot) -> bool:
     """Whether the vehicle has landed where it was armed."""
     away_m = snapshot.from_home_m
     return snapshot.grounded and (away_m is None or away_m <= HOME_M)
+
+
+def risen_to(altitude_m: float) -> Done:
+    """Whether the vehicle holds at this altitude, or above it."""
+
+    def done(snapshot: VehicleSnapshot) -> bool:
+        vehicle, pose = snapshot.vehicle, snapshot.pose
+        if vehicle is None or pose is None or vehicle.landed or not vehicle.armed:
+            return False
+        return pose.z_m >= altitude_m - NEAR_M and snapshot.speed_m_s < STILL_M_S
+
+    return done
+
+
+def arrived_at(x_m: float, y_m: float, z_m: float | None) -> Done:
+    """Whether the vehicle stands at this place; without a height at any."""
+
+    def done(snapshot: VehicleSnapshot) -> bool:
+        pose = snapshot.pose
+        if pose is None or snapshot.speed_m_s >= STILL_M_S:
+            return False
+        return math.hypot(pose.x_m - x_m, pose.y_m - y_m, 0.0 if z_m is None else pose.z_m - z_m) < NEAR_M
+
+    return done
 
 
 BUILT_IN: Final[dict[str, Done]] = {

@@ -1,6 +1,9 @@
 """The operator's hand on single vehicles, answered with what was seen of them."""
 
 import json
+import os
+import pty
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -103,6 +106,64 @@ def test_arming_asks_shows_and_is_audited(ctl: Ctl) -> None:
     while [order["what"] for order in orders] != ["arm", "disarm", "disarm"]:
         orders = [line["value"] for line in ctl("log query /uav1/vehicle/orders --json").lines[-3:]]
     assert all(order["by"].endswith("gcs") and order["refused"] == "" for order in orders)
+
+
+class Hand:
+    """`swarmctl drive` at a terminal of its own."""
+
+    def __init__(self, lab: Lab, command: str) -> None:
+        self._own, other = pty.openpty()
+        with open(other, "rb", buffering=0) as terminal:  # noqa: PTH123 - a descriptor
+            self._process = subprocess.Popen(
+                lab.words(command),
+                stdin=terminal,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=lab.env,
+            )
+        assert self._process.stdout is not None
+        self._out = self._process.stdout
+
+    def press(self, key: str, seen: str) -> None:
+        """Holds a key until a line on the screen has this text."""
+        line = b""
+        while seen.encode() not in line:
+            os.write(self._own, key.encode())
+            line = self._out.readline()
+            assert line, self._process.communicate()[1].decode()
+
+    def end(self, key: str = "x") -> tuple[int, str]:
+        """Presses the key that releases the vehicle; exit code and messages."""
+        os.write(self._own, key.encode())
+        out, err = self._process.communicate(timeout=30)
+        os.close(self._own)
+        return self._process.returncode, out.decode().splitlines()[-1] + err.decode()
+
+
+def test_a_vehicle_takes_off_is_driven_loses_its_operator_and_lands(lab: Lab, ctl: Ctl) -> None:
+    up = ctl("takeoff uav1 --altitude 3 --json")
+    assert up.code == 0, up.err
+    (one,) = up.document["vehicles"]
+    assert (one["ok"], one["armed"], one["height_m"] > 2.4, one["state"][:7]) == (True, True, True, "holding")
+    assert (ctl("takeoff ugv1").code, ctl("drive uav1").code) == (7, 2)
+
+    hand = Hand(lab, "drive uav1")
+    hand.press("w", "flying")
+    with lab.killed("gcs"):
+        mode = f"--config {lab.node('uav1')['folder']}/etc tree get /uav1/control/state.mode"
+        while ctl(mode).out != "hold\n":
+            pass
+    while ctl("node ls").code:
+        pass
+    hand.press("j", "manual · answered")
+    code, said = hand.end("\x03")
+    assert (code, "mode auto" in said) == (0, True), said
+
+    moved = ctl("goto uav1 --by 2,0 --json")
+    assert (moved.code, moved.document["vehicles"][0]["ok"]) == (0, True), moved.err
+    down = ctl("land uav1")
+    assert down.code == 0, down.err
+    assert down.out.startswith("uav1 landed ")
 
 
 def test_who_is_not_named_or_not_there_or_no_vehicle_is_refused(ctl: Ctl) -> None:

@@ -155,6 +155,7 @@ WITHOUT_NODES = {
         ("fleet ls", "fleet push", "fleet up", "fleet down", "fleet upgrade", "fleet exec"),
         "hosts of a file, selected by --host",
     ),
+    "drive": "one vehicle, by one keyboard",
     "kill": "one vehicle, named twice",
     "lab down": "of a lab",
     "lab env": "one node, named once",

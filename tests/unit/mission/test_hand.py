@@ -186,10 +186,29 @@ def test_a_vehicle_without_a_mission_has_the_policy_of_the_platform() -> None:
     assert (m.phase, m.core.state().mission) == ("recovering", "land")
 
 
+def test_a_manoeuvre_of_an_operator_does_not_take_a_vehicle_whose_set_points_stop() -> None:
+    m = Member1()
+    m.core.on_abort("test", "land", 0)
+    m.core.on_control(MANUAL, S)
+    assert taken(m.core.on_control(HELD, 2 * S)) == []
+    # but the policy for a lost link lets it continue
+    assert taken(m.core.on_link_loss("gone", "continue", 3 * S)) == []
+    assert taken(m.core.on_link_loss("gone", "land", 4 * S)) == [False]
+
+
+def test_a_goto_is_replaced_by_the_policy_for_a_lost_link() -> None:
+    m = Member1()
+    away = manoeuvre("goto", {"x_m": 1.0, "y_m": 2.0}, "a", PlatformKind.UAV)
+    m.core.on_manoeuvre("goto", away, "test", 0)
+    m.core.on_link_loss("gone", "land", S)
+    m.core.on_ended(1, result("cancelled"), "", S)
+    assert m.core.state().mission == "land"
+
+
 def test_a_landing_is_not_replaced_by_the_policy_for_a_lost_link() -> None:
     m = Member1()
     m.core.on_abort("test", "land", 0)
-    assert m.core.on_link_loss("gone", "hold", S) == []
+    assert taken(m.core.on_link_loss("gone", "hold", S)) == []
     assert m.core.state().mission == "land"
 
 

@@ -40,6 +40,8 @@ from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member
 
 START: Final = "@start"
 """The barrier before Start: no member begins unless all have accepted the order."""
+_SAFE: Final = frozenset({"land", "return"})
+"""Built-in missions that end on the ground: a lost link does not replace them."""
 CHECK_NS: Final = 1_000_000_000
 """Period of evaluating the requirements (S2.35)."""
 REQUIREMENT_MISSES: Final = 3
@@ -236,7 +238,7 @@ class MissionExecutor:
                 event = "held" if held_by else "resumed"
                 text = f"driven by {held_by}" if held_by else ""
                 self._actions.append(ProgressStep("", "Mission", event, text, self._playing))
-        if control.mode is DriveMode.HOLD and self._phase is MissionPhase.RECOVERING:
+        if control.mode is DriveMode.HOLD and self._phase is MissionPhase.RECOVERING and not self._ordered:
             # no operator drives any longer: the vehicle is brought to safety after all
             self._actions.append(TakeVehicle(ordered=False))
         return self._settle(now_ns)
@@ -248,8 +250,12 @@ class MissionExecutor:
         """
         if self._run is not None and self._phase is MissionPhase.RUNNING:
             policy = self._run.mission.on_link_loss or policy
-        if policy not in self._built_in or self._phase in {MissionPhase.RECOVERING, MissionPhase.ENDING}:
+        if policy not in self._built_in or self._phase is MissionPhase.ENDING:
             return []
+        if self._phase is MissionPhase.RECOVERING and self._playing in _SAFE:
+            self._ordered = False
+            self._take_vehicle()  # a landing that is held continues
+            return self._settle(now_ns)
         self._stop(PlayResult.ABORTED, reason, policy, now_ns)
         return self._settle(now_ns)
 
