@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 from swarmctl.resources.values import brief
 from swarmctl.terminal.wrapping import wrapped
 from swarmware.types.json_form import json_form
-from swarmware.types.units import unit_of
+from swarmware.types.units import unit_of, unit_suffix
 
 QUATERNION: Final = ("x", "y", "z", "w")
 VERTICAL: Final = 1 - 1e-9
@@ -81,7 +81,7 @@ def shown_fields(value: Any, unit: str = "") -> list[tuple[str, str]]:
 def with_unit(value: Any, unit: str) -> str:
     """A plain value as text, radians also in degrees."""
     text = ", ".join(map(brief, value)) if value and isinstance(value, list) else brief(json_form(value, ""))
-    if unit in {"", "1"} or value is None or value == []:
+    if not unit_suffix(unit) or value is None or value == []:
         return text or "''"
     degrees = ""
     if unit == "rad" and isinstance(value, float) and math.isfinite(value):

@@ -10,6 +10,7 @@ from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmware.errors import InvalidInput, Partial, SwarmError
 from swarmware.types.tree import TreeEntry
+from swarmware.types.units import unit_suffix
 
 PYTHON_TYPES: Final[Mapping[str, tuple[type, ...]]] = {
     "Float": (int, float),
@@ -40,9 +41,8 @@ def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
         raise InvalidInput(f"{file}: {key}: {value!r}; expected a value of type {entry.type}")
     if entry.range is not None and not entry.range[0] <= value <= entry.range[1]:
         low, high = entry.range
-        raise InvalidInput(
-            f"{file}: {key}: {brief(value)}; expected {low:g} to {high:g} {entry.unit}".rstrip()
-        )
+        unit = unit_suffix(entry.unit)
+        raise InvalidInput(f"{file}: {key}: {brief(value)}; expected {low:g} to {high:g}{unit}")
     if entry.choices and value not in entry.choices:
         raise InvalidInput(f"{file}: {key}: {value!r}; expected one of {', '.join(entry.choices)}")
 

@@ -47,6 +47,8 @@ class NodeOutput(Output):
         self._platform = platform
         self._shown = shown
         self.results: list[ResultTable | str] = []
+        self.empty: list[str] = []
+        """Messages in the place of tables without rows."""
         self.result: msgspec.Struct | None = None
 
     @property
@@ -95,9 +97,9 @@ class NodeOutput(Output):
         *,
         empty: str = "nothing to list",
     ) -> None:
-        """Keep a result that is a table; without rows print the message `empty`."""
+        """Keep a result that is a table; without rows keep the message `empty`."""
         if not rows:
-            self.say(empty)
+            self.empty.append(empty)
             return
         self.results.append(ResultTable(tuple(columns), tuple(tuple(row) for row in rows), title))
 
@@ -130,6 +132,8 @@ def print_results(out: Output, outputs: Mapping[str, NodeOutput], errors: Mappin
         _print_table(out, columns, found, failed)
         failed = {}  # in the first table
     for name, one in outputs.items():
+        for text in one.empty:
+            one.say(text)
         for result in one.results:
             if isinstance(result, str) and result:
                 out.text("\n".join(one.named(line) for line in result.splitlines()))

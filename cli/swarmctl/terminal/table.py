@@ -11,6 +11,8 @@ Cell = str | int | float | bool | None
 
 GAP: Final = "  "
 """Between two columns."""
+WRAPPED: Final = 16
+"""Width of a column of texts that is still readable."""
 
 
 class Column(msgspec.Struct, frozen=True):
@@ -23,6 +25,8 @@ class Column(msgspec.Struct, frozen=True):
     """Shown with `-o wide` only."""
     drop: int = 0
     """Hidden where the terminal is too narrow for the table: the highest number first; 0: never."""
+    wraps: bool = False
+    """Its texts are wrapped before another column is hidden."""
 
 
 class FittedTable(msgspec.Struct, frozen=True):
@@ -61,7 +65,11 @@ def fitted_table(
     """
     places = list(range(len(columns)))
     widths = _unwrapped(columns, cells, places, width)
-    while width is not None and _total(widths) > width and any(columns[place].drop for place in places):
+    while (
+        width is not None
+        and _required(columns, cells, places, widths) > width
+        and any(columns[place].drop for place in places)
+    ):
         places.remove(max(places, key=lambda place: columns[place].drop))
         widths = _unwrapped(columns, cells, places, width)
     if width is not None:
@@ -91,6 +99,21 @@ def _records(columns: Sequence[Column], cells: Sequence[Sequence[str]], width: i
             head = f"{column.name:<{label}}{GAP}"
             lines += wrapped(text, width, head, " " * (label + len(GAP)))
     return FittedTable([], lines, [])
+
+
+def _required(
+    columns: Sequence[Column], cells: Sequence[Sequence[str]], places: Sequence[int], widths: Sequence[int]
+) -> int:
+    """Width of the table when only the cells of columns that wrap are wrapped."""
+    floors = _widest(
+        columns, cells, places, lambda text: [part for word in words(text) for part in atoms(word)]
+    )
+    return _total(
+        [
+            min(one, max(floor, WRAPPED)) if columns[place].wraps else one
+            for one, floor, place in zip(widths, floors, places, strict=True)
+        ]
+    )
 
 
 def _unwrapped(

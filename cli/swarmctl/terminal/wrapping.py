@@ -3,10 +3,17 @@
 import re
 from typing import Final, TextIO
 
+from swarmware.types.units import UNITS
+
 _LABEL: Final = re.compile(r"\s*\S.*?\s{2,}(?=\S)")
 """Begin of a line up to its first column: a label and at least two blanks."""
 _BREAK: Final = re.compile(r"(?<=[/,=])(?![/,:=])|(?<=:)(?<!\d:)(?![/,:=])|(?<=:)(?![/,:=\d])")
 _INDENT: Final = "  "
+_UNITS: Final = frozenset(
+    {unit for _, unit in UNITS} | {"%", "B", "kB", "MB", "MiB", "GiB", "B/s", "kB/s", "min", "h", "d"}
+)
+"""Texts that stay behind their number."""
+_NUMBER: Final = re.compile(r"[(+-]*\d[\d.,e+-]*")
 
 
 def terminal_width(stream: TextIO) -> int | None:
@@ -83,8 +90,14 @@ def wrapped(text: str, width: int | None, head: str = "", indent: str = "") -> l
 
 
 def words(text: str) -> list[str]:
-    """Parts of a text between blanks."""
-    return text.split() or [""]
+    """Parts of a text between blanks; a number and its unit are one part."""
+    found: list[str] = []
+    for word in text.split():
+        if found and word.rstrip(",.;:)") in _UNITS and _NUMBER.fullmatch(found[-1]):
+            found[-1] += f" {word}"
+        else:
+            found.append(word)
+    return found or [""]
 
 
 def atoms(text: str) -> list[str]:

@@ -84,7 +84,8 @@ def make(spec: LabSpec) -> LabState:
         )
         labs.save(lab)
         keys = folder / "keys"
-        make_swarm(keys, {m.platform: "maintainer" if m.kind == PlatformKind.GCS else "node" for m in who})
+        roles = {m.platform: "maintainer" if m.kind == PlatformKind.GCS else "node" for m in who}
+        make_swarm(keys, roles, lab.name)
         for node in lab.nodes:
             _write(lab, node, keys)
     except BaseException:

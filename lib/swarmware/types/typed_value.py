@@ -5,6 +5,7 @@ from typing import Any, Protocol
 import msgspec
 
 from swarmware.errors import OutOfRange, TypeMismatch
+from swarmware.types.units import unit_suffix
 
 
 class Limits(Protocol):
@@ -83,7 +84,7 @@ def check_limits(limits: Limits, value: msgspec.Struct, path: str) -> None:
     if limits.range is not None and isinstance(number, int | float):
         low, high = limits.range
         if not low <= number <= high:
-            unit = f" {limits.unit}" if limits.unit else ""
+            unit = unit_suffix(limits.unit)
             raise OutOfRange(f"{path}: {number:g}{unit}; expected {low:g} to {high:g}{unit}")
     if limits.choices and number not in limits.choices:
         raise OutOfRange(f"{path}: {number!r}; expected one of {', '.join(limits.choices)}")

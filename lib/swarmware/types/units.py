@@ -46,3 +46,8 @@ def unit_of(name: str, *, whole: bool = False) -> str:
     """Unit of a field; empty: none. A `whole` number with a short name is a count, not metres or seconds."""
     ending, unit = next(((e, u) for e, u in UNITS if name.endswith(e)), ("", ""))
     return "" if whole and ending in _SHORT else unit
+
+
+def unit_suffix(unit: str) -> str:
+    """The unit behind a value, after a blank; nothing for a ratio or a count."""
+    return "" if unit in {"", "1"} else f" {unit}"

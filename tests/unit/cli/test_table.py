@@ -62,6 +62,14 @@ def test_a_path_is_broken_after_its_slashes_only_when_nothing_else_helps() -> No
     assert narrow == ["/uav1/sensor/", "a_rather_long_name/", "range"], "a name stays whole"
 
 
+def test_a_column_of_texts_is_wrapped_before_another_is_hidden() -> None:
+    cells = (("tree/services", "a long list of names that has no place", "node.toml:4"),)
+    for wraps in (True, False):
+        columns = (Column("KEY"), Column("VALUE", wraps=wraps), Column("FROM", drop=1))
+        assert fitted_table(columns, cells, 50).hidden == ([] if wraps else ["FROM"])
+        assert fitted_table(columns, cells, 40).hidden == ["FROM"], "it has to stay readable"
+
+
 def test_an_empty_table_is_its_header() -> None:
     assert fitted_table(COLUMNS, (), 80).rows == []
     assert fitted_table((Column("A"), Column("B")), ()).text == "A  B"
@@ -75,6 +83,9 @@ def test_an_empty_table_is_its_header() -> None:
         ('{"x_m":-34.41,"y_m":-0.4}', 14, ['{"x_m":-34.41,', '"y_m":-0.4}']),
         ("see /a/very/long/path now", 12, ["see /a/very/", "long/path", "now"]),
         ("unbreakable", 4, ["unbreakable"]),
+        ("0.5 s old, 5 Hz, live", 13, ["0.5 s old,", "5 Hz, live"]),
+        ("used 100 % of 2.0 GiB", 8, ["used", "100 % of", "2.0 GiB"]),
+        ("roster 3 members", 9, ["roster 3", "members"]),
     ],
 )
 def test_text_is_wrapped_between_words_or_after_punctuation(text: str, width: int, lines: list[str]) -> None:

@@ -23,6 +23,7 @@ from swarmware.model.resource import Kind
 from swarmware.model.similar import similar
 from swarmware.model.stored_setting import FILE, LiveValue, read_settings
 from swarmware.types.config import ConfigKey, ConfigOrigin, ConfigQuery, EffectiveConfig
+from swarmware.types.units import unit_suffix
 
 _LISTED: Final = re.compile(r"[\w.-]+(, [\w.-]+)+")
 """Permitted values that are listed: no interval, and no pattern."""
@@ -128,7 +129,7 @@ def _remember_values(way: str, platform: str, keys: list[ConfiguredKey]) -> None
         listed = isinstance(key.value, str | bool) and _LISTED.fullmatch(key.range)
         known = key.range.split(", ") if listed else dict.fromkeys([brief(key.value), brief(key.default)])
         values[path] = {"value": list(known)}
-        unit = f" {key.unit}" if key.unit else ""
+        unit = unit_suffix(key.unit)
         allowed = f"{key.range}{unit}, " if key.range and not listed else ""
         hints[path] = f"{allowed}default {brief(key.default)}{unit}"
     if values:
@@ -242,10 +243,10 @@ def print_table(out: Output, found: ConfiguredKeys, *, changed: bool) -> None:
         return
     columns = [
         Column("KEY"),
-        Column("VALUE"),
+        Column("VALUE", wraps=True),
         Column("UNIT"),
-        Column("FROM"),
-        Column("CHANGE"),
+        Column("FROM", drop=1),
+        Column("CHANGE", drop=2),
         Column("DEFAULT", wide=True),
         Column("RANGE", wide=True),
         Column("TYPE", wide=True),
@@ -256,7 +257,7 @@ def print_table(out: Output, found: ConfiguredKeys, *, changed: bool) -> None:
         (
             key.key,
             brief(key.value),
-            key.unit,
+            unit_suffix(key.unit).strip(),
             key.source,
             "live" if key.live else "restart",
             brief(key.default),
@@ -293,7 +294,7 @@ async def describe(session: Session, patterns: tuple[str, ...]) -> None:
 
 
 def _description(key: ConfiguredKey, platform: str) -> str:
-    unit = f" {key.unit}" if key.unit else ""
+    unit = unit_suffix(key.unit)
     lines = [
         ("value", f"{brief(key.value)}{unit}, {key.source}" + ("" if key.running else "; does not run")),
         ("default", f"{brief(key.default)}{unit}"),

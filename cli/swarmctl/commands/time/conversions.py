@@ -32,12 +32,12 @@ async def list_conversions(session: Session) -> None:
         Column("OFFSET s", right=True),
         Column("SKEW ppm", right=True),
         Column("BOUND us", right=True),
-        Column("SIGMA us", right=True),
-        Column("AGE s", right=True),
-        Column("HOPS", right=True, drop=1),
-        Column("VIA"),
-        Column("SAMPLES", right=True, drop=2),
+        Column("SIGMA us", right=True, drop=2),
+        Column("AGE s", right=True, drop=1),
+        Column("HOPS", right=True, drop=3),
+        Column("VIA", drop=4),
+        Column("SAMPLES", right=True, drop=5),
         Column("SUSPECT"),
     ]
     empty = f"{session.platform}: the clock of no other node is known"
-    session.out.table(columns, rows, "theirs minus that of " + session.platform, empty=empty)
+    session.out.table(columns, rows, "OFFSET: that clock minus the clock of the node", empty=empty)

@@ -9,7 +9,7 @@ from swarmctl.terminal.table import Column
 from swarmware.types.net import UNACCEPTED, Traffic
 from swarmware.types.rpc import Empty
 
-_DROP: Final = {"DUPLICATE": 3, "LATE": 2, "HELD BACK": 1}
+_DROP: Final = {"DUPLICATE": 7, "LATE": 6, "HELD BACK": 5, "MAX HZ": 4, "DROPPED": 3, "LOST": 2, "OFFERED": 1}
 """Columns that are hidden on a narrow terminal."""
 
 

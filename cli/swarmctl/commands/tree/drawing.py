@@ -7,6 +7,7 @@ from swarmctl.terminal.quantities import spoken
 from swarmware.model import names
 from swarmware.model.resource import Kind
 from swarmware.types.tree import Quality, TreeEntry
+from swarmware.types.units import unit_suffix
 
 
 class _Node:
@@ -37,7 +38,7 @@ def _lines(node: _Node, indent: str, live: bool) -> Iterator[str]:
 def _about(entry: TreeEntry | None, live: bool) -> str:
     if entry is None or entry.kind is Kind.BRANCH:
         return f"  {entry.description}" if entry is not None and entry.description else ""
-    unit = f" {entry.unit}" if entry.unit else ""
+    unit = unit_suffix(entry.unit)
     rate = f" {entry.rate_hz:g} Hz" if entry.rate_hz else ""
     quality = "" if entry.quality is Quality.NONE else f" [{entry.quality}]"
     rule = "" if entry.rule is None else f" rule {rule_text(entry.rule)}"

@@ -196,7 +196,7 @@ def show(out: Output, found: list[TreeFinding], checked: int) -> None:
     if out.settings.structured:
         out.document(TreeLint(found, checked))
     elif found:
-        columns = [Column("LEVEL"), Column("WHERE"), Column("PATH"), Column("FINDING")]
+        columns = [Column("LEVEL"), Column("WHERE"), Column("PATH"), Column("FINDING", wraps=True)]
         out.table(columns, [(one.level, one.where, one.path, one.text) for one in found])
     out.say(f"{checked} resources checked: {errors} errors, {len(found) - errors} warnings")
     if errors:

@@ -172,14 +172,15 @@ def candidate(platform: str, role: str, seed: bytes, root_public: bytes) -> Cand
     return Candidate(platform, role, key.public, proof_of(key, root_digest(root_public), platform))
 
 
-def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str]) -> Roster:
+def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str], swarm: str = "") -> Roster:
     """Makes a swarm: its root, and for each platform a folder that `Keys.load` takes.
 
-    A mapping gives each platform its role. An existing folder is overwritten.
+    A mapping gives each platform its role; the swarm has the name of the folder unless it is given. An
+    existing folder is overwritten.
     """
     roles = dict(platforms) if isinstance(platforms, Mapping) else dict.fromkeys(platforms, "node")
     seeds = {check_platform(platform): os.urandom(SEED_BYTES) for platform in roles}
-    root = Root.make(directory, directory.name, replace=True)
+    root = Root.make(directory, swarm or directory.name, replace=True)
     signed = root.admit(
         *(candidate(platform, roles[platform], seed, root.public) for platform, seed in seeds.items())
     )
