@@ -12,6 +12,8 @@ from swarmctl.commandline.settings import Nodes, settings
 from swarmctl.commandline.shared_options import shared_options
 from swarmware.runtime.event_loop import import_without_tls
 
+SENTENCE: Final = 500
+"""Maximum characters of the first sentence of a help text."""
 EXTERNAL: Final = "swarmctl-"
 """Programs on PATH with this prefix are commands as well, as in git."""
 
@@ -76,6 +78,12 @@ class Group(click.Group):
 
     command_class = Command
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The subcommands with their whole first sentences, wrapped where the terminal is narrow."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, one.get_short_help_str(SENTENCE)) for name, one in commands if one])
+
 
 Group.group_class = Group
 
@@ -128,7 +136,7 @@ class LazyGroup(Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The list of commands, from the table alone: nothing is imported for it."""
         rows = [(name, lazy.summary) for name, lazy in self._table.items()]
-        rows += [(name, cmd.get_short_help_str()) for name, cmd in self.commands.items()]
+        rows += [(name, cmd.get_short_help_str(SENTENCE)) for name, cmd in self.commands.items()]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
         if others := externals(os.environ.get("PATH", "")):

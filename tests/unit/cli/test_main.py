@@ -125,6 +125,16 @@ def test_the_list_of_commands_is_the_table(capsys: pytest.CaptureFixture[str]) -
         assert lazy.summary in shown
 
 
+@pytest.mark.parametrize("group", ["tree", "fleet", "keys", "log", "lab"])
+def test_the_list_of_subcommands_has_their_whole_first_sentences(
+    group: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert swarmctl.main([group, "--help"]) == 0
+    listed = capsys.readouterr().out.partition("Commands:")[2]
+    assert "..." not in listed
+    assert listed.count("\n  ") >= 4
+
+
 def test_the_summary_in_the_table_is_the_first_sentence_of_the_commands_help() -> None:
     from swarmlab.command import cmd
 
