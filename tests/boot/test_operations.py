@@ -14,6 +14,7 @@ from swarmware.model.config import NodeConfig
 
 PAGE = ROOT / "share/doc/operations.md"
 SERVICE = ROOT / "share/doc/tutorials/service.md"
+HOWTO = ROOT / "share/doc/howto"
 USER = "olivia"
 HEAL_S = 20.0
 
@@ -47,7 +48,8 @@ def wheel(page: dict[str, list[str]], tmp_path_factory: pytest.TempPathFactory) 
     assert done.returncode == 0, done.stderr
     folder = tmp_path_factory.mktemp("dist")
     made = max((ROOT / "dist").glob("swarmware-*.whl"), key=lambda path: path.stat().st_mtime_ns)
-    (folder / made.name).write_bytes(made.read_bytes())
+    for file in (made, made.with_name("SHA256SUMS")):
+        (folder / file.name).write_bytes(file.read_bytes())
     return folder
 
 
@@ -60,7 +62,7 @@ def node(page: dict[str, list[str]], wheel: Path) -> Iterator[Machine]:
         pytest.skip(f"no container with systemd here: {error}")
     try:
         with machine:
-            machine.must("cp /mnt/dist/*.whl .")
+            machine.must("cp /mnt/dist/* .")
             # the machine has no network: pip finds what it needs in a folder, apt that all is there
             machine.must("printf '[global]\nno-index = true\nfind-links = /mnt/wheels\n' > /etc/pip.conf")
             for heading in ("Install", "Configure", "Start"):
@@ -248,6 +250,56 @@ def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(
     node.must("\n".join(lines[stop + 1 :]))
     node.must(devices)
     assert set(states(node).values()) == {"active"}
+
+
+def followed(machine: Machine, block: str) -> None:
+    """Each line of a block; one that follows a log is ended."""
+    for line in block.splitlines():
+        machine.must(f"timeout 3 {line} || test $? = 124" if "--follow" in line else line)
+
+
+def test_services_are_restarted_and_their_logs_read_as_the_pages_say(node: Machine) -> None:
+    restart, logs = sections(HOWTO / "restart.md"), sections(HOWTO / "process-logs.md")
+    followed(node, restart["A service, from any node"][0])
+    (block,) = restart["A service or a node under systemd"]
+    followed(node, "\n".join(line for line in block.splitlines() if "swarm-node" not in line))
+    healed(node)
+    followed(node, logs["Under systemd"][0])
+    refused = node.run("swarmctl app stop logger --node uav1 --yes")
+    assert refused.returncode == 5 and "systemctl" in refused.stderr
+
+
+def test_the_pages_of_upgrade_and_uninstallation_are_followed_on_a_node(node: Machine) -> None:
+    upgrade, uninstall = sections(HOWTO / "upgrade.md"), sections(HOWTO / "uninstall.md")
+    before, after = upgrade["Before"], upgrade["After"]
+    node.must("swarmctl config set navigator/altitude_kp 1.7")
+    for block in (*before, *upgrade["A node under systemd"], *after):
+        node.must(block)
+    assert "1.7" in node.must("swarmctl config get navigator/altitude_kp")
+    healed(node)
+    node.must("cp -a /opt/swarm /mnt/swarm")
+    try:
+        node.must(uninstall["A node under systemd"][0])
+        assert left(node) == ""
+        assert states(node) == {}
+        node.must("test -f /etc/swarm/node.toml && test -d /var/lib/swarm")
+        node.must(uninstall["A node under systemd"][1])
+        found = node.must(
+            "find / -xdev -path /mnt -prune -o -path /root -prune -o -path /proc -prune -o"
+            " -name '*swarm*' -print"
+        )
+        assert found.replace("\n", " ").strip() in {"", "/home"}, found
+        assert node.run("getent passwd swarm").returncode == 2
+    finally:
+        node.must("test -d /opt/swarm || mv /mnt/swarm /opt/")
+        for block in (*node_page("Install"), *node_page("Configure"), *node_page("Start")):
+            node.must(block)
+        node.must(node_page("Operators")[0].replace("NAME", USER))
+
+
+def node_page(heading: str) -> list[str]:
+    """The blocks of a section of the page of operations."""
+    return sections(PAGE)[heading]
 
 
 def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(
