@@ -11,7 +11,6 @@ from typing import Final
 
 import numpy as np
 
-from swarmctl.terminal.table import show
 from swarmlab.report import charts, link_chart, replay, timeline_chart
 from swarmlab.report import report as figures
 from swarmlab.report.flight_map import flight_map
@@ -193,20 +192,21 @@ def _nodes(data: PlotData, exists: Callable[[str], bool]) -> str:
 
 
 def _node(node: NodeFigures, exists: Callable[[str], bool]) -> str:
-    numbers = (
-        node.egress_kbps,
-        node.ingress_kbps,
-        node.receipt_ms,
-        node.formation_error_m,
-        node.clock_error_us,
-        node.cpu_percent,
-        node.rss_mb,
-        node.offset_s,
-        node.drift_ppm,
-        node.restarts,
+    numbers = (  # with equally many decimals in a column: their points are in one line
+        (node.egress_kbps, 2),
+        (node.ingress_kbps, 1),
+        (node.receipt_ms, 1),
+        (node.formation_error_m, 3),
+        (node.clock_error_us, 1),
+        (node.cpu_percent, 2),
+        (node.rss_mb, 1),
+        (node.offset_s, 3),
+        (node.drift_ppm, 2),
+        (node.restarts, 0),
     )
     right = "".join(
-        f"<td class=n>{'' if n is None else escape(show(float(f'{n:.3g}')))}</td>" for n in numbers
+        f"<td class=n>{'' if number is None else f'{number:.{decimals}f}'}</td>"
+        for number, decimals in numbers
     )
     folder = f"{PurePosixPath(node.log).parent}/"
     places = ((folder, "MCAP"), (node.log, "output")) if node.log else ()

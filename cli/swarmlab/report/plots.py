@@ -13,11 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
 
 from swarmctl.commands.topo.picture import COLOURS, colour
 from swarmlab.report.plot_data import PlotData
 from swarmware.geometry.world import Circle, Obstacle
 from swarmware.model.names import natural
+from swarmware.model.platform_kind import PlatformKind
 
 DPI: Final = 130
 INK: Final = "#1f2933"
@@ -114,9 +116,12 @@ def _world(ax: Axes, data: PlotData) -> None:
         ax.plot(x, y, color=colour, linewidth=2.2 if leads else 1.1, alpha=0.95 if leads else 0.75)
         ax.plot(x[0], y[0], marker="o", markersize=5, markerfacecolor="white", markeredgecolor=colour)
         ax.plot(x[-1], y[-1], marker="o", markersize=5, color=colour)
+        # names of air vehicles on the left: on the right they cover the ground vehicles ahead of them
+        side, offset = ("right", -5) if data.kinds.get(name) == PlatformKind.UAV else ("left", 5)
         ax.annotate(
-            name, (x[-1], y[-1]), xytext=(4, 4), textcoords="offset points", fontsize=7.5, color=colour
-        )
+            name, (x[-1], y[-1]), xytext=(offset, 2), textcoords="offset points", ha=side, fontsize=7.5,
+            color=colour, path_effects=[withStroke(linewidth=2, foreground="white")], zorder=4,
+        )  # fmt: skip
     ax.set_aspect("equal", adjustable="box")
     ax.set_xlabel("east, m")
     ax.set_ylabel("north, m")

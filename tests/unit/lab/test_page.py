@@ -165,6 +165,16 @@ def test_nodes_have_their_natural_order_in_every_chart() -> None:
     assert [name for name in rows if name in names] == bars == table == names
 
 
+def test_the_numbers_of_a_column_have_equally_many_decimals() -> None:
+    nodes = (
+        NodeFigures(platform="uav1", kind=PlatformKind.UAV, egress_kbps=1.3, cpu_percent=6.0, restarts=0),
+        NodeFigures(platform="uav2", kind=PlatformKind.UAV, egress_kbps=12.345, cpu_percent=0.25, restarts=2),
+    )
+    table = shown(msgspec.structs.replace(scene(), nodes=nodes)).partition("Nodes</h2>")[2]
+    rows = [re.findall(r"<td class=n>([0-9.]*)</td>", row) for row in table.split("<tr>")[2:4]]
+    assert [(row[0], row[5], row[9]) for row in rows] == [("1.30", "6.00", "0"), ("12.35", "0.25", "2")]
+
+
 def vehicles(count: int, end_s: float) -> PlotData:
     rng = np.random.default_rng(7)
     names = [f"uav{i + 1}" for i in range(count)]
