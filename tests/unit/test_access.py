@@ -4,12 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.admission.access_filter import REPORT_NS, AccessFilter
+from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.sender import Caller, arrival_ns, sender_of, with_caller, with_sender
+from swarmware.transport.security.denials import REPORT_NS
 from swarmware.transport.security.roster import Roster, RosterMember
 
 GCS = Sender("gcs", Role.OPERATOR)

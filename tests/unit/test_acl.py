@@ -9,6 +9,7 @@ import pytest
 
 from swarmware.errors import ConfigError, Denied
 from swarmware.model.access import DEFAULT, Access, Role, Sender, Verb
+from swarmware.model.access_rules import AccessRules
 from swarmware.model.acl import FILE, AclConfig, OperatorEntry, load_acl
 from swarmware.transport.delivery.sender import Caller
 from swarmware.transport.messaging.callers import Callers, caller_of_user
@@ -98,13 +99,13 @@ def test_a_user_without_a_name_observes() -> None:
 
 
 def test_root_and_the_user_of_the_node_have_the_rights_of_the_platform(tmp_path: Path) -> None:
-    callers = Callers(tmp_path, "uav1", 4242)
+    callers = Callers(AccessRules(tmp_path), "uav1", 4242)
     assert [callers.caller(uid) for uid in (0, 4242, os.geteuid())] == [None, None, None]
     assert callers.caller(OTHER) == Caller("nobody", Role.OBSERVER)
 
 
 def test_with_an_invalid_file_other_users_observe(tmp_path: Path) -> None:
-    callers = Callers(write(tmp_path, "[[operator"), "uav1", 4242)
+    callers = Callers(AccessRules(write(tmp_path, "[[operator")), "uav1", 4242)
     caller = callers.caller(OTHER)
     assert caller == Caller("nobody", Role.OBSERVER)
     assert caller is not None

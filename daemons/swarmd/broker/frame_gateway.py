@@ -25,7 +25,8 @@ from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode,
 from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import answerable, expired
-from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.outcome import ABSENT, Status
+from swarmware.transport.delivery.sender import sender_of
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.keys import Keys
@@ -34,6 +35,8 @@ from swarmware.types.net import Denial, LinkTransport
 
 FORWARD: Final = "forward"
 """Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
+CONNECT: Final = "connect"
+"""Verb of a denial: a connection with a key that is not on the roster."""
 VISIT_NS: Final = 3_000_000_000
 """Time for the messages about the roster with a node that is not a neighbour."""
 
@@ -83,6 +86,7 @@ class FrameGateway:
             refused=core.counters.refused,
             on_frame=self._from_connection,
             on_roster=self._roster_from_connection,
+            on_unknown_key=self._on_unknown_key,
             on_given_up=self._gave_up,
             on_sent=self._sent,
         )
@@ -313,7 +317,7 @@ class FrameGateway:
         path = self._path_of(frame.data_id) if asks else None  # an answer needs no right
         if path is None and asks and not self._keys.is_open:
             # also when an application is about to state it: without its path no right can be checked
-            self._messaging.refuse(frame, Status.ABSENT, "no application here takes this path and type")
+            self._messaging.refuse(frame, Status.ABSENT, ABSENT)
             return False
         try:
             via = tuple(map(self._core.nodes.platform, arrival.path))
@@ -325,12 +329,26 @@ class FrameGateway:
         except Denied as error:
             self._counters.refused.denied += 1
             self._messaging.deny(frame, str(error))
-            self._report_denial(platform, Verb.CALL, path or "", str(error), arrived_ns)
+            sender = sender_of(frame.extension)
+            name = "" if sender is None else sender.caller
+            self._report_denial(platform, Verb.CALL, path or "", str(error), arrived_ns, name, via)
             return False
         return True
 
-    def _report_denial(self, platform: str, verb: str, path: str, reason: str, now_ns: int) -> None:
-        denial = self._access_filter.denied(platform, verb, path, reason, now_ns)
+    def _on_unknown_key(self, name: str, reason: str) -> None:
+        self._report_denial(name, CONNECT, "", reason, self._clock.now_ns())
+
+    def _report_denial(
+        self,
+        platform: str,
+        verb: str,
+        path: str,
+        reason: str,
+        now_ns: int,
+        caller: str = "",
+        via: tuple[str, ...] = (),
+    ) -> None:
+        denial = self._access_filter.denied(platform, verb, path, reason, now_ns, caller, via)
         if denial is not None:
             log.warning("denied: %s", reason)
             self._on_denial(denial)

@@ -21,6 +21,7 @@ from swarmd.broker.core.action import (
     WriteLimits,
     WriteMirrors,
 )
+from swarmd.broker.core.admission.refusal_log import RefusalLog
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
@@ -30,8 +31,7 @@ from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmd.broker.net_boards import NetBoards
 from swarmd.broker.own_boards import OwnBoards
-from swarmware.model.access import Access
-from swarmware.model.acl import load_acl
+from swarmware.model.acl import FILE as ACL_FILE
 from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
@@ -40,6 +40,7 @@ from swarmware.types.net import (
     ChannelLimits,
     Denial,
     Neighbours,
+    Refused,
     RosterState,
     Routes,
     SetChannel,
@@ -68,11 +69,15 @@ class BrokerShell:
     ) -> None:
         """Raises: ConfigError when an address or port cannot be used, or the access rules are invalid."""
         module, node = service.module, service.module.node
+        node.access_rules.check()
+        self._access_rules = node.access_rules
+        self._access_problem = ""
         self._module = module
         self._health = service.health
         self._clock = module.clock
         self._core = core
         self._plan_at = -1
+        self._refusals = RefusalLog()
         self._seeds = bool(config.seeds)
         self._driver = service.drive(core, self._perform)
         feed = self._driver.feed
@@ -88,7 +93,7 @@ class BrokerShell:
                 core,
                 self._on_denial,
                 lambda found: feed(core.on_roster_actions(found, module.clock.now_ns())),
-                Access(load_acl(node.config_dir).rule),
+                node.access_rules.access,
             )
             stack.callback(self._gateway.close)
             self._own = OwnBoards(node, core.published, core.counters)
@@ -110,6 +115,7 @@ class BrokerShell:
         module.serve("sys/broker/roster", SignedRoster, self._membership.serve, reply=RosterState)
         module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
         self._health.report("name", description="One computer for each name")
+        self._health.report("access", description=f"The access rules of {ACL_FILE} are in force")
         self._health.report("processor", description="Beacons are sent when they are due")
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
@@ -185,8 +191,11 @@ class BrokerShell:
 
     def _publish(self, traffic: bool) -> None:
         self._gateway.end_visits()
+        self._report_access_rules()
         if traffic:
-            self._boards.traffic.write(self._traffic())
+            present = self._traffic()
+            self._boards.traffic.write(present)
+            self._log_refusals(present.refused)
         self._boards.neighbours.write(self._neighbours())
         self._boards.routes.write(self._core.report.routes())
 
@@ -201,6 +210,22 @@ class BrokerShell:
 
     def _on_denial(self, denial: Denial) -> None:
         self._boards.denials.write(denial)
+
+    def _report_access_rules(self) -> None:
+        problem = self._access_rules.problem
+        if problem == self._access_problem:
+            return
+        self._access_problem = problem
+        if problem:
+            self._health.report(
+                "access",
+                "invalid",
+                level="warn",
+                detail=problem,
+                description=f"The access rules of {ACL_FILE} are in force",
+            )
+        else:
+            self._health.report("access")
 
     def _report_duplicate(self, found: ReportDuplicate) -> None:
         if found.first:
@@ -240,6 +265,11 @@ class BrokerShell:
     def _traffic(self) -> Traffic:
         self._gateway.update_counters()
         return self._core.report.traffic(self._clock.now_ns())
+
+    def _log_refusals(self, refused: Refused) -> None:
+        line = self._refusals.on_counters(refused, self._clock.now_ns())
+        if line is not None:
+            log.log(logging.WARNING if line.is_warning else logging.INFO, "%s", line.text)
 
     def _serve_links(self, _request: Empty, _meta: object) -> Neighbours:
         return self._neighbours()

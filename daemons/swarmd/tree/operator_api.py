@@ -11,6 +11,7 @@ from swarmd.tree.change_log import ChangeLog
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
+from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.rule_store import RuleStore
 from swarmd.tree.settings import Settings
 from swarmd.tree.tree_view import TreeView, json_text
@@ -64,6 +65,7 @@ class OperatorApi:
         changes: ChangeLog,
         rules: RuleStore,
         access: Access,
+        denials: DenialLog,
         answer_s: float,
     ) -> None:
         """`stepped`: set after each step of the tree, which may have brought a structure."""
@@ -79,6 +81,7 @@ class OperatorApi:
         self._setting_rule = asyncio.Lock()
         self._answer_s = answer_s
         self._access = access
+        self._denials = denials
 
     def serve(self) -> None:
         """Registers the handlers of the requests."""
@@ -90,6 +93,15 @@ class OperatorApi:
         serve("sys/tree/rule", TreeRule, self._rule, reply=TreeRules)
         serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
         serve("sys/tree/type", TypeRequest, self._type, reply=TypeDescription)
+
+    def _check(self, meta: Meta, verb: Verb, path: str) -> None:
+        """Check the rights of a sender, and report a denial. Raises: Denied."""
+        try:
+            self._access.check(meta.sender, verb, path)
+        except Denied as error:
+            assert meta.sender is not None
+            self._denials.record(meta.sender, verb, path, str(error))
+            raise
 
     def _split(self, path: str) -> tuple[str, str]:
         platform, local = names.split(names.check_path(path))
@@ -103,7 +115,7 @@ class OperatorApi:
         view = self._view
         platform, local = self._split(request.path)
         # also for another platform's: its answer is for this one, or comes from a mirror
-        self._access.check(meta.sender, Verb.GET, local)
+        self._check(meta, Verb.GET, local)
         if platform == self._module.platform:
             return view.own_value(view.own_leaf(local), self._settings.version(local))
         if request.fresh or meta.sender_hw != self._module.node.hardware:
@@ -181,7 +193,7 @@ class OperatorApi:
         via = () if meta.sender is None else meta.sender.via
         try:
             verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL
-            self._access.check(meta.sender, verb, resource.path)
+            self._check(meta, verb, resource.path)
             done = await change(shown, by)
         except SwarmError as error:
             await self._changes.record(TreeChange(shown, by, before, "", str(error), via))
@@ -241,15 +253,16 @@ class OperatorApi:
         if request.changes:
             shown, by = names.join(platform, request.pattern), requester(self._module, meta)
             before = _rule_text(self._rules.rules, request.pattern)
+            via = () if meta.sender is None else meta.sender.via
             try:
-                self._access.check(meta.sender, Verb.SET, request.pattern)
+                self._check(meta, Verb.SET, request.pattern)
                 async with self._setting_rule:
                     await self._set_rule(request, shown)
             except SwarmError as error:
-                await self._changes.record(TreeChange(shown, by, before, "", str(error)))
+                await self._changes.record(TreeChange(shown, by, before, "", str(error), via))
                 raise
             after = _rule_text(self._rules.rules, request.pattern)
-            await self._changes.record(TreeChange(shown, by, before, after))
+            await self._changes.record(TreeChange(shown, by, before, after, via=via))
         return TreeRules(platform, self._rules.rules)
 
     async def _set_rule(self, request: TreeRule, shown: str) -> None:

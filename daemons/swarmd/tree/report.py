@@ -2,6 +2,7 @@
 
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.tree import SwarmTree
+from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.tree_exchange import TreeExchange
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -19,7 +20,9 @@ class TreeReport:
         exchange: TreeExchange,
         mirrors: MirrorWriter,
         boundary: Boundary,
+        denials: DenialLog,
     ) -> None:
+        self._denials = denials
         self._tree = tree
         self._exchange = exchange
         self._mirrors = mirrors
@@ -61,4 +64,5 @@ class TreeReport:
             followed=sync.followed,
             structures=sync.structures,
             subscriptions=sync.subscriptions,
+            denied=self._denials.count,
         )

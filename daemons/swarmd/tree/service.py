@@ -25,6 +25,7 @@ from swarmd.tree.core.action import (
 )
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
+from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.operator_api import OperatorApi
 from swarmd.tree.report import TreeReport
 from swarmd.tree.rule_store import RuleStore
@@ -36,8 +37,6 @@ from swarmd.tree.tree_view import TreeView
 from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmware.errors import ConfigError
 from swarmware.model import template
-from swarmware.model.access import Access
-from swarmware.model.acl import load_acl
 from swarmware.model.resource import Resource
 from swarmware.model.stored_setting import FILE
 from swarmware.module.board import BoardReader
@@ -66,7 +65,9 @@ class Tree(Service):
         super().__init__(module, config)
         node = module.node
         folder = node.config.share_path / "templates"
-        access = Access(load_acl(node.config_dir).rule)
+        node.access_rules.check()
+        access = node.access_rules.access
+        self._access_version = node.access_rules.version
         self._tree = SwarmTree(
             module.platform,
             template.load(node.config.template, folder).resources,
@@ -91,6 +92,7 @@ class Tree(Service):
             "tree/changes", TreeChange, kind="event", link="request", log="all"
         )
         self._changes = ChangeLog(module, changes, node.config.data_path / change_log.FILE)
+        self._denials = DenialLog(module, self._changes)
         rules = RuleStore(node.config.data_path / rule_store.FILE)
         self._driver.defer(self._tree.on_rules(rules.rules, module.now_ns()))
         self._operator_api = OperatorApi(
@@ -104,10 +106,13 @@ class Tree(Service):
             self._changes,
             rules,
             access,
+            self._denials,
             config.answer_s,
         )
         self._config_api = ConfigApi(module, self._settings)
-        self._report = TreeReport(module, self._tree, self._exchange, self._mirrors, self._boundary)
+        self._report = TreeReport(
+            module, self._tree, self._exchange, self._mirrors, self._boundary, self._denials
+        )
         self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
         self._mission: BoardReader[MissionState] = module.reader("mission/state", MissionState)
         self._mission_digest = 0
@@ -136,6 +141,7 @@ class Tree(Service):
                 group.create_task(self._follow_applications(changed), name="tree:apps")
                 group.create_task(self._exchange.follow_notifications(), name="tree:notes")
                 group.create_task(self._follow_limits(), name="tree:limits")
+                group.create_task(self._denials.follow_broker(), name="tree:denials")
                 for board in (self._neighbours, self._routes):
                     group.create_task(self._follow_reach(board), name=f"tree:{board.path}")
                 group.create_task(self._report_regularly(), name="tree:stats")
@@ -177,12 +183,20 @@ class Tree(Service):
     async def _report_regularly(self) -> None:
         async for _ in self.module.every(PROBE_S):
             self.module.node.applications.refresh(probe=True)
+            self._take_access_rules()
             state = self._mission.value
             digest = _digest(state.hash) if state is not None else 0
             if digest != self._mission_digest:
                 self._mission_digest = digest
                 self._plan.write(self._tree_plan())
             self._report.write()
+
+    def _take_access_rules(self) -> None:
+        rules = self.module.node.access_rules
+        if rules.version != self._access_version:
+            self._access_version = rules.version
+            with self._boundary("access rules"):
+                self._driver.feed(self._tree.on_access(self.module.now_ns()))
 
     # -- events of the broker
 

@@ -101,8 +101,14 @@ class Access:
     """Access decisions by a table of rules."""
 
     def __init__(self, rules: tuple[AccessRule, ...] = DEFAULT) -> None:
-        self._rules = tuple((rule.verb, Pattern(rule.path), Role.named(rule.role)) for rule in rules)
+        self._rules: tuple[tuple[Verb, Pattern, Role], ...] = ()
         self._known: dict[tuple[Verb, str], Role] = {}
+        self.set_rules(rules)
+
+    def set_rules(self, rules: tuple[AccessRule, ...]) -> None:
+        """Decide by other rules from now on."""
+        self._rules = tuple((rule.verb, Pattern(rule.path), Role.named(rule.role)) for rule in rules)
+        self._known.clear()
 
     def needed(self, verb: Verb, path: str) -> Role:
         """The lowest role that may perform this operation on a local path."""

@@ -12,6 +12,7 @@ from weakref import WeakSet
 
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.model import paths
+from swarmware.model.access_rules import AccessRules
 from swarmware.model.clock import Clock, utc_ns
 from swarmware.model.config import NodeConfig, find_config_dir, load_node
 from swarmware.model.names import hardware_id
@@ -102,6 +103,7 @@ class Node(Immediate):
         self.started_ns = self.clock.now_ns()
         self.ending = Ending()
         self.table = AppTable(self.run_dir, whole=False)
+        self.access_rules = AccessRules(config_dir)
         self.applications = Applications(self.table, self, self.shm_dir, self.run_dir)
         """The applications of this node, with events for subscribers."""
         self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
@@ -112,7 +114,7 @@ class Node(Immediate):
             clock=self.clock,
             socket_path=paths.socket(self.run_dir, self.doorbell.name),
             table=self.table,
-            callers=Callers(config_dir, self.platform, self.run_dir.stat().st_uid),
+            callers=Callers(self.access_rules, self.platform, self.run_dir.stat().st_uid),
         )
         self._apps_watchers = ReaderNotifier(paths.applications_watchers(self.shm_dir), self.doorbells)
         self._mirror_watchers = ReaderNotifier(paths.mirrors_watchers(self.shm_dir), self.doorbells)
@@ -215,6 +217,7 @@ class Node(Immediate):
         """Check and repair the files of this process in shared memory, which others may have damaged or
         removed."""
         self._tending = self._tend_later()
+        self.access_rules.poll()
         before, self._errors = self._errors, []
         checked = self._folders
         self._folders = present = dict[str, _FolderStamp | None]()

@@ -199,6 +199,22 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Datagrams, frames and connections of platforms that were revoked; not counted as received."""
     rosters: int = 0
     """Rosters that the swarm's root did not sign, that are damaged, or older than the one in force."""
+    unknown_keys: int = 0
+    """Connections with a key that is not on the roster: of another swarm, or of no member."""
+
+
+CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned", "revoked", "unknown_keys")
+"""Counters of `Refused` that input of a valid member never increments."""
+HOSTILE: Final = (
+    *CERTAINLY_HOSTILE,
+    "replayed",
+    "denied_connections",
+    "denied",
+    "expired",
+    "flooded",
+    "rosters",
+)
+"""Counters of `Refused` to watch; the uncertain ones count effects of poor links and restarts, too."""
 
 
 @register
@@ -238,17 +254,22 @@ class SignedRoster(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A request that the role of its sender does not permit, or a frame that was forwarded without a valid
-    signature (event `net/denials`)."""
+    """A request that the role of its sender does not permit, a frame that was forwarded without a valid
+    signature, or a connection with a key that is not on the roster (events `net/denials`, `tree/denials`)."""
 
     platform: str
-    """Authenticated platform of the sender; with verb `forward` that which forwarded the frame."""
+    """Authenticated platform of the sender; with verb `forward` that which forwarded the frame, with verb
+    `connect` a revoked platform, or the address of an unknown computer."""
     role: str
     verb: str
     path: str
     count: int
     """Number since the last report of the same refusal."""
     reason: str
+    caller: str = ""
+    """User of the sender's computer; empty: the platform itself."""
+    via: tuple[str, ...] = ()
+    """Platforms that forwarded it, the first one first; only the last one is certain."""
 
 
 @register

@@ -38,6 +38,8 @@ class MessageCounters(msgspec.Struct, array_like=True, gc=False):
     """Retransmissions, because no answer had arrived."""
     duplicates: int = 0
     """Duplicates: answered with the stored answer, not delivered."""
+    denied: int = 0
+    """Messages and requests of users of this computer whose role may not send them."""
 
 
 @register

@@ -344,6 +344,8 @@ class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Of these, those whose structure agrees here by digest with what they announce."""
     subscriptions: int = 0
     """Of these, those that hold exactly the subscription of this platform, by digest; or there is none."""
+    denied: int = 0
+    """Requests that the rules of access do not permit their senders."""
 
 
 @register

@@ -16,16 +16,19 @@ from swarmd.broker.config import Config
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.service import Broker
 from swarmware.model.config import load_service
+from swarmware.model.frame import Frame
 from swarmware.model.names import data_id
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.tmpnode import make_node
+from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.security.root import make_swarm
 from swarmware.types.health import CheckReports
 from swarmware.types.net import BoardPublication, BoardSubscription, Neighbours, Routes, Traffic, TreePlan
-from swarmware.types.rpc import Empty
+from swarmware.types.rpc import Empty, Reply
+from swarmware.types.scalar import Text
 
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")
@@ -220,6 +223,27 @@ async def swarm(
             stack.push_async_callback(station.close)
             await station.open()
         yield stations
+
+
+class Recorder:
+    """A handler that records the address at which it was called."""
+
+    def __init__(self, path: str, called: list[str]) -> None:
+        self.path = path
+        self.called = called
+
+    def __call__(self, request: Text, _: object) -> Text:
+        self.called.append(self.path)
+        return request
+
+    def take(self, _: Frame) -> Outcome:
+        """In place of an inbox."""
+        self.called.append(self.path)
+        return Outcome(Status.DELIVERED, self.path)
+
+    def ask(self, _: Frame, __: Callable[[Reply], None]) -> None:
+        """In place of a server, before the request is decoded."""
+        self.called.append(self.path)
 
 
 LINE = {"uav1": ("uav2",), "uav2": ("uav1", "uav3"), "uav3": ("uav2",)}

@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import LINE, PATIENCE_S, Recorder, Station, on_uvloop, swarm
 
 from swarmware.model.access import Role, Sender
 from swarmware.model.acl import FILE
-from swarmware.model.frame import Frame, FrameKind, decode, encode
+from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.outcome import Status
@@ -21,7 +21,7 @@ from swarmware.transport.delivery.sender import Caller, with_caller
 from swarmware.transport.messaging.zmtp import DEALER, ZmtpConnection, message
 from swarmware.types import registry
 from swarmware.types.net import Denial
-from swarmware.types.rpc import Ack
+from swarmware.types.rpc import Ack, Reply
 from swarmware.types.scalar import Text
 
 USER = pwd.getpwnam("nobody")
@@ -55,25 +55,49 @@ class Program:
 
     async def send(self, station: Station, to: str) -> None:
         """Sends a message to a platform, with a false statement of its own rights."""
+        await self.send_frame(self.frame(station, to))
+
+    def frame(
+        self,
+        station: Station,
+        to: str,
+        kind: FrameKind = FrameKind.MESSAGE,
+        path: str = PATH,
+        name: str = "Text",
+    ) -> Frame:
         self._sequence += 1
-        frame = Frame(
-            FrameKind.MESSAGE,
-            data_id(PATH, "Text"),
+        return Frame(
+            kind,
+            data_id(path, "Text"),
             station.node.hardware,
             77,
             hardware_id(to),
             sequence=self._sequence,
             stamp_ns=station.app.now_ns(),
+            flags=Flag.WANTS_ACK,
             extension=with_caller(with_lifetime(10.0), Caller("root", Role.MAINTAINER)),
             payload=registry.encode(Text("note")),
         )
+
+    async def send_frame(self, frame: Frame) -> None:
         await asyncio.get_running_loop().sock_sendall(self._socket, message(encode(frame)))
 
     async def answer(self) -> Ack:
         """The next answer of this node; those of others go to applications that are on the node's table."""
+        return registry.decode(Ack, (await self.answer_frame()).payload)
+
+    async def answer_frame(self) -> Frame:
         while not self._messages:
             self._messages += self._zmtp.receive(await self._receive())
-        return registry.decode(Ack, decode(self._messages.pop(0)).payload)
+        return decode(self._messages.pop(0))
+
+    async def refusal(self) -> str:
+        """The reason of a refused message or request; empty: it was delivered."""
+        frame = await self.answer_frame()
+        if frame.kind is FrameKind.REPLY:
+            return registry.decode(Reply, frame.payload).error
+        ack = registry.decode(Ack, frame.payload)
+        return "" if ack.status == Status.DELIVERED else ack.detail
 
 
 @contextmanager
@@ -138,3 +162,92 @@ async def test_a_named_operator_is_known_at_the_other_end_with_the_path_of_its_f
             await mine.next(PATIENCE_S)
             assert mine.meta is not None
             assert str(mine.meta.sender) == "anna@uav3"
+
+
+KINDS = {
+    "cmd/note": FrameKind.MESSAGE,
+    "sys/guard/stop": FrameKind.REQUEST,
+    "config/planner/speed_m_s": FrameKind.MESSAGE,
+    "sys/tree/set": FrameKind.REQUEST,
+    "plan/images": FrameKind.STREAM,
+    "plan/upload": FrameKind.FILE,
+    "sys/node/info": FrameKind.REQUEST,
+}
+"""A command, requests, a setting, the tree, a stream, a file, and what everybody may read."""
+
+
+@pytest.mark.parametrize(
+    ("role", "may"),
+    [
+        ("", {"sys/node/info"}),
+        ("node", {"sys/node/info", "sys/tree/set", "plan/images", "plan/upload"}),
+        ("operator", {*KINDS} - {"sys/guard/stop"}),
+        ("maintainer", {*KINDS}),
+    ],
+    ids=["no entry", "node", "operator", "maintainer"],
+)
+def test_a_module_of_another_user_has_what_the_credentials_of_its_socket_give(
+    tmp_path: Path, role: str, may: set[str]
+) -> None:
+    @on_uvloop
+    async def run() -> None:
+        async with swarm(tmp_path, "uav1") as one:
+            station, app = one["uav1"], one["uav1"].app
+            if role:
+                text = f'[[operator]]\nuser = "nobody"\nrole = "{role}"\n'
+                (station.config_dir / FILE).write_text(text)
+            called: list[str] = []
+            for path, kind in KINDS.items():
+                if kind is FrameKind.REQUEST:
+                    reply = Recorder(path, called)
+                    app.serve(path, Text, reply, reply=Text)
+                else:
+                    app.inbox(path, Text)
+                    box = Recorder(path, called)
+                    app.node.messaging.serve_messages(data_id(path, "Text"), app.app_id, box.take)
+            with program_of_nobody(station) as program:
+                await program.ready()
+                for path, kind in KINDS.items():
+                    await program.send_frame(program.frame(station, "uav1", kind, path))
+                    reason = await program.refusal()
+                    assert (reason == "") is (path in may), (path, reason)
+                    assert reason == "" or f"{path}: nobody@uav1" in reason
+                assert set(called) == may
+                counters = app.node.messaging.counters()
+                assert counters.denied == len(KINDS) - len(may)
+                # to an address that is served, but is on no table yet: no right can be checked
+                app.node.messaging.serve_messages(data_id("cmd/new", "Text"), app.app_id, box.take)
+                await program.send_frame(program.frame(station, "uav1", path="cmd/new"))
+                assert "no application here takes" in await program.refusal()
+
+    run()
+
+
+@on_uvloop
+async def test_another_user_answers_for_nobody_and_proves_no_session(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "gcs") as pair:
+        own = pair["uav1"]
+        await own.until_up("gcs")
+        held = asyncio.get_running_loop().create_future()
+        own.app.serve("plan/slow", Text, lambda _, __: held, reply=Text)
+        waiting = own.app.start(own.app.request("plan/slow", Text(""), Text, timeout_s=PATIENCE_S), "asked")
+        await asyncio.sleep(0)
+        malformed = own.node.messaging.counters().malformed
+        with program_of_nobody(own) as program:
+            await program.ready()
+            tries = 0
+            for kind in set(FrameKind) - ADDRESSED - {FrameKind.REQUEST}:
+                for to in ("uav1", "gcs"):
+                    for sequence in range(50):
+                        frame = program.frame(own, to, kind, "plan/slow")
+                        frame.receiver_app, frame.sequence = own.app.app_id, sequence
+                        frame.payload = registry.encode(Reply(True, registry.encode(Text("false"))))
+                        await program.send_frame(frame)
+                        tries += 1
+            await program.send(own, "uav1")  # after all of these
+            await program.answer()
+        assert own.node.messaging.counters().malformed == malformed + tries
+        assert not waiting.done()
+        held.set_result(Text("true"))
+        assert (await waiting).value == "true"
+        assert own.states()["gcs"] == "up"

@@ -392,7 +392,7 @@ def test_a_hop_that_refuses_an_own_message_answers_in_the_same_pass() -> None:
     router = make_router(gateway=True)
     frame = question(MESSAGES, THERE)
     assert router.on_message(frame, S, 0) == [ToGateway(frame)]
-    assert router.on_refusal(frame, Status.REFUSED, "no", 1) == [
+    assert router.on_refusal(frame, (Status.REFUSED, "no"), None, 1) == [
         Complete((OWN_APP, MESSAGES, 1), Outcome(Status.REFUSED, "uav1", "no"))
     ]
 
@@ -437,7 +437,7 @@ def test_no_frame_makes_it_raise_or_loop(
             case "closed":
                 first = router.on_connection_closed(frame, now_ns)
             case "refused":
-                first = router.on_refusal(frame, Status.UNREACHABLE, "", now_ns)
+                first = router.on_refusal(frame, (Status.UNREACHABLE, ""), None, now_ns)
             case "denied":
                 first = router.on_denial(frame, "", via, now_ns)
             case _:

@@ -6,7 +6,7 @@ from tests.unit.tree.pair import BATTERY, CONFIG, FAULTS, TEMPLATE, S
 from swarmd.tree.core.subscription import make_subscription
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
-from swarmware.types.tree import SubscribeReply, SubscribeRequest
+from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest
 
 RULES = (
     AccessRule(Verb.SUBSCRIBE, "health/**", "operator"),
@@ -61,3 +61,22 @@ def test_a_change_of_the_structure_keeps_the_rights() -> None:
     subscribe(owner, Sender("gcs", Role.OBSERVER))
     owner.on_applications([FAULTS, BATTERY], [], S)
     assert FAULTS.path not in sent(owner)
+
+
+def test_a_rule_of_notifications_keeps_the_rights() -> None:
+    owner = tree()
+    subscribe(owner, Sender("gcs", Role.OBSERVER))
+    owner.on_rules((Rule("**", min_interval_s=1.0),), S)
+    assert sent(owner) == {BATTERY.path}
+
+
+def test_other_access_rules_change_what_is_sent_to_present_subscribers() -> None:
+    access = Access(RULES)
+    owner = SwarmTree("uav1", TEMPLATE, CONFIG, epoch=1, access=access)
+    subscribe(owner, Sender("gcs", Role.NODE))
+    access.set_rules((AccessRule(Verb.SUBSCRIBE, "nav/**", "operator"), *RULES))
+    owner.on_access(S)
+    assert sent(owner) == {BATTERY.path}
+    access.set_rules(())
+    owner.on_access(2 * S)
+    assert sent(owner) == set()

@@ -28,7 +28,7 @@ from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.reap import reap
 from swarmware.transport.shm.ring import RingReader
 from swarmware.types import registry
-from swarmware.types.net import Traffic
+from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Traffic
 
 SOCKET_PATH_BYTES: Final = 107
 """Longest path of a Unix socket (sun_path without its zero)."""
@@ -41,11 +41,11 @@ DATABASE_S: Final = 2.0
 REFUSALS_SHOWN: Final = 8
 """Maximum number of lines about denied requests."""
 
-FORWARD: Final = "forward"
-"""Verb of a denial about a frame of another member."""
-CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned")
-HOSTILE: Final = (*CERTAINLY_HOSTILE, "replayed", "denied_connections", "denied", "expired", "flooded")
-"""Counters of refused input; those beside the certain ones count effects of poor links and restarts, too."""
+ADVICE: Final = {
+    "forward": "it forwards frames that their senders did not sign: revoke it, or upgrade it",
+    "connect": "stop it, or give it keys: swarmctl keys invite; block outsiders by a firewall",
+}
+"""What to do about a denial, by its verb."""
 
 Verdict = Literal["ok", "warning", "error"]
 
@@ -229,7 +229,10 @@ def _access_rules(folder: Path) -> CheckResult:
     try:
         acl = load_acl(folder)
     except SwarmError as error:
-        return CheckResult(ACL_FILE, "error", str(error), "correct the file")
+        advice = (
+            "correct the file; until then a running node keeps its former rules, and does not start again"
+        )
+        return CheckResult(ACL_FILE, "error", str(error), advice)
     return CheckResult(ACL_FILE, "ok", f"{len(acl.rule)} rules, {len(acl.operator)} users or groups")
 
 
@@ -313,12 +316,9 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
     elif monitored and not present.faults:
         yield CheckResult("faults", "ok", "the node has found none")
     for one in present.refusals[:REFUSALS_SHOWN]:
-        text = f"{one.role}@{one.platform}: {one.path}: {one.count} times, last {one.age_s:.0f} s ago"
-        advice = (
-            "it forwards frames that their senders did not sign: revoke it, or upgrade it"
-            if one.verb == FORWARD
-            else "give the sender that role in the roster or in acl.toml, or stop it"
-        )
+        what = one.path or one.verb
+        text = f"{one.sender}: {what}: {one.count} times, last {one.age_s:.0f} s ago"
+        advice = ADVICE.get(one.verb, "give the sender that role in the roster or in acl.toml, or stop it")
         yield CheckResult("denied", "warning", f"{text}: {one.reason}", advice)
     if more := present.refusals[REFUSALS_SHOWN:]:
         yield CheckResult(

@@ -14,13 +14,16 @@ from swarmware.types.net import Denial
 
 ANSWER_S: Final = 2.0
 """Time-out of the monitor, which answers within milliseconds."""
+DENIALS: Final = ("net/denials", "tree/denials")
+"""Events of the broker and of the tree about denied requests."""
 
 
 class DeniedRequests(msgspec.Struct, frozen=True):
-    """Requests of one member to one address that its role does not permit, or frames that it forged."""
+    """Requests of one member to one address that its role does not permit, frames that it forged, or
+    connections of an unknown computer."""
 
-    platform: str
-    role: str
+    sender: str
+    """`role@platform`, `user@platform`, or an address."""
     verb: str
     path: str
     count: int
@@ -57,14 +60,14 @@ async def _look(folder: Path) -> NodeFindings:
 
 
 def _refusals(module: Client) -> tuple[DeniedRequests, ...]:
-    reader = module.stream_reader("net/denials", Denial, from_oldest=True)
     found: dict[tuple[str, str, str], DeniedRequests] = {}
-    while (denial := reader.take()) is not None:
-        key = denial.platform, denial.verb, denial.path
-        before = found.get(key)
-        count = denial.count + (before.count if before is not None else 0)
-        age_s = (module.now_ns() - reader.meta.stamp_ns) / 1e9 if reader.meta is not None else 0.0
-        found[key] = DeniedRequests(
-            denial.platform, denial.role, denial.verb, denial.path, count, age_s, denial.reason
-        )
+    for path in DENIALS:
+        reader = module.stream_reader(path, Denial, from_oldest=True)
+        while (denial := reader.take()) is not None:
+            sender = f"{denial.caller or denial.role}@{denial.platform}"
+            key = sender, denial.verb, denial.path
+            before = found.get(key)
+            count = denial.count + (before.count if before is not None else 0)
+            age_s = (module.now_ns() - reader.meta.stamp_ns) / 1e9 if reader.meta is not None else 0.0
+            found[key] = DeniedRequests(sender, denial.verb, denial.path, count, age_s, denial.reason)
     return tuple(sorted(found.values(), key=lambda one: -one.count))

@@ -2,7 +2,7 @@
 
 import asyncio
 import ipaddress
-import logging
+from collections.abc import Callable
 from typing import Final
 
 import zmq
@@ -12,14 +12,13 @@ from swarmware.transport.security.keys import Keys
 from swarmware.types.net import Refused
 
 DOMAIN: Final = "swarm"
-COMPLAINTS: Final = 100
-"""Unknown keys that are logged, each once; all denied handshakes are counted."""
 _ENDPOINT: Final = "inproc://zeromq.zap.01"
 _VERSION: Final = b"1.0"
 _PARTS: Final = 7
 """Parts of a CURVE request: version, request, domain, address, identity, mechanism, key."""
 
-log = logging.getLogger("swarm.broker")
+OnUnknownKey = Callable[[str, str], None]
+"""Called with the address, or the name of a revoked platform, and the reason of a denied handshake."""
 
 
 class Zap:
@@ -32,13 +31,18 @@ class Zap:
     """
 
     def __init__(
-        self, context: zmq.Context[Socket], loop: asyncio.AbstractEventLoop, keys: Keys, refused: Refused
+        self,
+        context: zmq.Context[Socket],
+        loop: asyncio.AbstractEventLoop,
+        keys: Keys,
+        refused: Refused,
+        on_unknown_key: OnUnknownKey,
     ) -> None:
+        self._on_unknown_key = on_unknown_key
         self._keys = keys
         self._refused = refused
         self.users: set[str] = set()
         """User-Ids of the connections that were accepted since the socket was bound."""
-        self._complained: set[bytes] = set()
         socket = context.socket(zmq.REP)
         socket.setsockopt(zmq.LINGER, 0)
         socket.bind(_ENDPOINT)
@@ -69,11 +73,12 @@ class Zap:
         member = self._keys.by_curve(key)
         if member is None:
             former = self._keys.revoked(key)
-            self._refused.revoked += bool(former)
-            if key not in self._complained and len(self._complained) < COMPLAINTS:
-                self._complained.add(key)
-                reason = f"{former} was revoked" if former else "its key is not on the roster"
-                log.warning("connection from %s denied: %s", address, reason)
+            if former:
+                self._refused.revoked += 1
+                self._on_unknown_key(former, f"connection from {address}: {former} was revoked")
+            else:
+                self._refused.unknown_keys += 1
+                self._on_unknown_key(address, f"connection from {address}: its key is not on the roster")
             return None
         self.users.add(member.user)
         return member.user

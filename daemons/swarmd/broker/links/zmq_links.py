@@ -13,7 +13,7 @@ import zmq
 from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.links.tcp_count import TcpCount
-from swarmd.broker.links.zap import DOMAIN, Zap
+from swarmd.broker.links.zap import DOMAIN, OnUnknownKey, Zap
 from swarmd.broker.links.zmq_socket import POLLOUT, ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
 from swarmware.model.frame import FRAME_LIMIT, KIND_AT, Frame, FrameKind
@@ -220,6 +220,7 @@ class ZmqLinks:
         refused: Refused,
         on_frame: OnFrame,
         on_roster: OnRoster,
+        on_unknown_key: OnUnknownKey,
         on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
         on_sent: Callable[[LinkPeer, int, Frame], None],
     ) -> None:
@@ -248,7 +249,7 @@ class ZmqLinks:
         """Connections with frames that wait for the end of `batch`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first CURVE socket: without an authenticator libzmq accepts every client
-        self._zap = Zap(self._context, loop, keys, refused)
+        self._zap = Zap(self._context, loop, keys, refused, on_unknown_key)
         router = self.make_socket(zmq.ROUTER)
         router.setsockopt(zmq.CURVE_SERVER, 1)
         router.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)

@@ -97,6 +97,11 @@ class SwarmTree:
         self.subscribers.on_rules(rules, now_ns)
         return self._take_actions()
 
+    def on_access(self, now_ns: int) -> list[Action]:
+        """The access rules of this platform have changed."""
+        self.subscribers.on_access(now_ns)
+        return self._take_actions()
+
     def on_demand(self, platform: str, now_ns: int) -> list[Action]:
         """An operator requests the structure of another platform; `replicas.asks`: whether a reply may
         follow."""

@@ -11,6 +11,8 @@ from swarmware.types.rpc import Ack
 from swarmware.types.time import Conversion
 
 _QUESTIONS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
+ANSWERS: Final = frozenset({FrameKind.ACK, FrameKind.REPLY})
+"""Kinds of frames that answer a message or request."""
 _URGENT: Final = int(Flag.URGENT)
 BOUND_SHARE: Final = 4
 """An error bound counts for at most this fraction of a lifetime."""

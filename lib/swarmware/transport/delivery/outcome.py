@@ -1,8 +1,12 @@
 """The outcome of a message, as reported to its sender."""
 
 from enum import IntEnum
+from typing import Final
 
 import msgspec
+
+ABSENT: Final = "no application here takes this path and type"
+"""Reason of the refusal of a message or request to an address without a server."""
 
 
 class Status(IntEnum):

@@ -4,12 +4,12 @@ import grp
 import logging
 import os
 import pwd
-from pathlib import Path
 from typing import Final
 
-from swarmware.errors import ConfigError, Denied
-from swarmware.model.access import Access, Role, Sender, Verb
-from swarmware.model.acl import AclConfig, OperatorEntry, load_acl
+from swarmware.errors import Denied
+from swarmware.model.access import Role, Sender, Verb
+from swarmware.model.access_rules import AccessRules
+from swarmware.model.acl import OperatorEntry
 from swarmware.transport.delivery.sender import Caller
 
 NAME_LIMIT: Final = 31
@@ -24,25 +24,31 @@ class Callers:
     """Roles of the users of this computer on this node.
 
     Root, the user of the node and that of this process have the rights of the platform: they could read its
-    keys, or change its programs. The file of access rules is read when another user has connected.
+    keys, or change its programs. The access rules are read when another user has connected.
     """
 
-    def __init__(self, config_dir: Path, platform: str, node_uid: int) -> None:
-        self._config_dir = config_dir
+    def __init__(self, rules: AccessRules, platform: str, node_uid: int) -> None:
+        self._rules = rules
+        self._version = 0
         self._platform = platform
         self._trusted = frozenset({0, node_uid, os.geteuid()})
-        self._config: AclConfig | None = None
-        self._access: Access | None = None
         self._known: dict[int, Caller] = {}
         self._logged_ns = -LOG_NS
+        self._unlogged = 0
+        self.denied = 0
+        """Number of denied messages and requests of users of this computer."""
 
     def caller(self, uid: int) -> Caller | None:
         """The caller with this user id; None: it has the rights of the platform."""
         if uid in self._trusted:
             return None
+        operators = self._rules.operators
+        if self._version != self._rules.version:
+            self._version = self._rules.version
+            self._known.clear()
         caller = self._known.get(uid)
         if caller is None:
-            caller = self._known[uid] = caller_of_user(uid, self._acl().operator)
+            caller = self._known[uid] = caller_of_user(uid, operators)
         return caller
 
     def check(self, caller: Caller, path: str, now_ns: int) -> None:
@@ -50,28 +56,19 @@ class Callers:
 
         Raises: Denied.
         """
-        if self._access is None:
-            self._access = Access(self._acl().rule)
         try:
-            self._access.check(self.sender(caller), Verb.CALL, path)
+            self._rules.access.check(self.sender(caller), Verb.CALL, path)
         except Denied as error:
+            self.denied += 1
+            self._unlogged += 1
             if now_ns - self._logged_ns >= LOG_NS:
-                self._logged_ns = now_ns
-                log.warning("denied: %s", error)
+                log.warning("denied: %s (%d since the last message)", error, self._unlogged)
+                self._logged_ns, self._unlogged = now_ns, 0
             raise
 
     def sender(self, caller: Caller) -> Sender:
         """The caller as the sender of a frame."""
         return Sender(self._platform, caller.role, caller.name)
-
-    def _acl(self) -> AclConfig:
-        if self._config is None:
-            try:
-                self._config = load_acl(self._config_dir)
-            except ConfigError as error:
-                log.error("users of this computer are observers only: %s", error)
-                self._config = AclConfig(operator=())
-        return self._config
 
 
 def caller_of_user(uid: int, operators: tuple[OperatorEntry, ...]) -> Caller:

@@ -13,9 +13,9 @@ from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, decode, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.answer import ANSWERS, answerable
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
-from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.outcome import ABSENT, Outcome, Status
 from swarmware.transport.delivery.sender import Caller, with_caller, with_sender
 from swarmware.transport.messaging.callers import Callers
 from swarmware.transport.messaging.ipc_transport import IpcConnection, IpcTransport
@@ -155,6 +155,7 @@ class MessageEndpoint:
         """Counters of frames that were not delivered, and of those sent or received more than once."""
         counters = self._router.counters()
         counters.dropped = self._transport.dropped
+        counters.denied = 0 if self._callers is None else self._callers.denied
         return counters
 
     # -- sending
@@ -220,7 +221,7 @@ class MessageEndpoint:
     def refuse(self, frame: Frame, status: Status, detail: str) -> None:
         """Refuse a message or request that cannot be forwarded; its sender gets the reason."""
         self._refresh()
-        self._driver.feed(self._router.on_refusal(frame, status, detail, self._clock.now_ns()))
+        self._driver.feed(self._router.on_refusal(frame, (status, detail), None, self._clock.now_ns()))
 
     def deny(self, frame: Frame, reason: str) -> None:
         """Deny a message or request whose sender does not have the required role."""
@@ -254,12 +255,11 @@ class MessageEndpoint:
         self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))
 
     def _on_frame_of_user(self, frame: Frame, caller: Caller, connection: IpcConnection) -> None:
-        """A frame of another user of this computer, who has the rights of an operator of this node only."""
+        """A frame of another user of this computer, who has the rights that the access rules give it."""
         assert self._callers is not None
-        onward = self._router.leaves_node(frame)
+        onward, now_ns = self._router.leaves_node(frame), self._clock.now_ns()
         try:
-            if onward and not self._router.is_own(frame):
-                raise WireError(f"sender {frame.sender_hw:08x} in a frame of {caller.name}")
+            self._check_kind(frame, caller, connection, onward=onward)
             frame.extension = (
                 with_caller(frame.extension, caller)
                 if onward
@@ -275,14 +275,35 @@ class MessageEndpoint:
         elif answerable(frame):
             self._refresh_for(frame)
             path = self._table.path_of(frame.data_id)
+            if path is None:
+                # also when an application is about to state it: without its path no right can be checked
+                refusal = self._router.on_refusal(frame, (Status.ABSENT, ABSENT), connection, now_ns)
+                self._driver.feed(refusal)
+                return
             try:
-                if path is not None:
-                    self._callers.check(caller, path, self._clock.now_ns())
+                self._callers.check(caller, path, now_ns)
             except Denied as error:
-                self._driver.feed(self._router.on_denial(frame, str(error), connection, self._clock.now_ns()))
+                self._driver.feed(self._router.on_denial(frame, str(error), connection, now_ns))
                 return
         self._refresh_for(frame)
-        self._driver.feed(self._router.on_frame(frame, connection, self._clock.now_ns()))
+        self._driver.feed(self._router.on_frame(frame, connection, now_ns))
+
+    def _check_kind(self, frame: Frame, caller: Caller, connection: IpcConnection, *, onward: bool) -> None:
+        """Check that a user may send such a frame: a message or request of this node, or the answer of the
+        application that serves the address, over the connection on which it was asked.
+
+        Raises: WireError.
+        """
+        if onward and not self._router.is_own(frame):
+            raise WireError(f"sender {frame.sender_hw:08x} in a frame of {caller.name}")
+        if answerable(frame):
+            return
+        if frame.kind not in ANSWERS:
+            raise WireError(f"frame of kind {frame.kind.name.lower()} of {caller.name}")
+        self._refresh()
+        server = self._table.serving(frame.data_id)
+        if server is None or not connection.address or server.endpoint != connection.address:
+            raise WireError(f"answer of {caller.name}, whose program was not asked")
 
     def _on_malformed(self, reason: str) -> None:
         log.debug("from a process of this node: %s", reason)

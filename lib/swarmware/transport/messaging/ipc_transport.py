@@ -89,7 +89,10 @@ class IpcConnection:
         socket_type: bytes,
         queue: _SendQueue,
         on_closed: "Callable[[IpcConnection], None]",
+        address: str = "",
     ) -> None:
+        """`address`: to which this process connected; empty: another process connected to this one."""
+        self.address = address
         self._transport = transport
         self._loop = transport.loop
         self._socket = sock
@@ -263,7 +266,9 @@ class _IpcPeer:
             sock.close()
             self._try_again()
             return None
-        self.connection = IpcConnection(self._transport, sock, DEALER, self.queue, self._on_closed)
+        self.connection = IpcConnection(
+            self._transport, sock, DEALER, self.queue, self._on_closed, self._address
+        )
         return self.connection
 
     def _try_again(self) -> None:

@@ -14,10 +14,10 @@ from swarmware.errors import Denied, WireError
 from swarmware.model.frame import HEADER_BYTES, PAYLOAD_LIMIT, Frame, FrameKind
 from swarmware.model.names import ANY
 from swarmware.transport.delivery import outbox
-from swarmware.transport.delivery.answer import answer, answerable, expired, expired_here, reply
+from swarmware.transport.delivery.answer import ANSWERS, answer, answerable, expired, expired_here, reply
 from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
-from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.outcome import ABSENT, Outcome, Status
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.system import MessageCounters
@@ -27,7 +27,6 @@ WINDOW: Final = 256
 """Unanswered messages of one data id to one platform; further ones are refused to the sender at once."""
 PROBE_NS: Final = 50_000_000
 """Minimum time between two searches for applications that died."""
-_ANSWERS: Final = frozenset({FrameKind.ACK, FrameKind.REPLY})
 
 Via = Hashable
 """The connection from which a frame came, over which its answer returns. None: from this process or another
@@ -222,7 +221,7 @@ class MessageRouter:
         """Whether the route of the frame depends on the present applications of other processes."""
         if frame.receiver_hw not in (self._hardware, ANY):
             return not self.has_gateway
-        if frame.kind in _ANSWERS:
+        if frame.kind in ANSWERS:
             return frame.receiver_app not in self._own_apps
         served = self._served.get(frame.data_id)
         return served is None or frame.receiver_app not in (ANY, served.app_id)
@@ -253,7 +252,7 @@ class MessageRouter:
         """Decide the route of a frame, without changing the state of the router."""
         if frame.receiver_hw not in (self._hardware, ANY):
             return self._route_away(frame)
-        if frame.kind in _ANSWERS:
+        if frame.kind in ANSWERS:
             if frame.receiver_app in self._own_apps:
                 return Settle(frame)
             address = self._by_application.get(frame.receiver_app)
@@ -267,9 +266,7 @@ class MessageRouter:
             address = self._by_data_id.get(frame.data_id)
         else:
             address = self._by_application.get(frame.receiver_app)
-        return self._to(address, frame) or Refuse(
-            frame, Status.ABSENT, "no application here takes this path and type"
-        )
+        return self._to(address, frame) or Refuse(frame, Status.ABSENT, ABSENT)
 
     def _route_away(self, frame: Frame) -> Decision:
         if self.has_gateway:
@@ -371,9 +368,9 @@ class MessageRouter:
         """The connection for this answer has closed: route it by the table of applications."""
         return self._carry_on(self.route(back), None, now_ns)
 
-    def on_refusal(self, frame: Frame, status: Status, detail: str, now_ns: int) -> list[Action]:
-        """A hop outside of this process refuses a message or request; its sender gets the reason."""
-        return self._carry_on(Refuse(frame, status, detail), None, now_ns)
+    def on_refusal(self, frame: Frame, refusal: tuple[Status, str], via: Via, now_ns: int) -> list[Action]:
+        """A message or request is refused before it is routed; its sender gets the reason."""
+        return self._carry_on(Refuse(frame, *refusal), via, now_ns)
 
     def on_denial(self, frame: Frame, reason: str, via: Via, now_ns: int) -> list[Action]:
         """A message or request is denied, because its sender does not have the required role."""

@@ -7,11 +7,11 @@ from swarmware.model.access import Access, Role, Sender, Verb
 from swarmware.model.frame import Frame
 from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.sender import caller_of, with_sender
+from swarmware.transport.security.denials import DenialReports
 from swarmware.types.net import Denial
 
-REPORT_NS: Final = 1_000_000_000
-"""Minimum period between reports of the same refusal, with the count in between."""
-REFUSALS_MAX: Final = 256
+UNKNOWN: Final = "unknown"
+"""In place of a role: no member of the swarm."""
 
 
 class AccessFilter:
@@ -24,7 +24,7 @@ class AccessFilter:
         self._open = roles is None
         self._roles = roles or {}
         self._senders: dict[str, Sender] = {}
-        self._reported: dict[tuple[str, str, str], tuple[int, int]] = {}
+        self._reports = DenialReports()
 
     def set_roles(self, roles: Mapping[str, Role]) -> None:
         """Takes the roles of another roster."""
@@ -67,15 +67,17 @@ class AccessFilter:
                 self._senders[platform] = sender
         return sender
 
-    def denied(self, platform: str, verb: str, path: str, reason: str, now_ns: int) -> Denial | None:
+    def denied(
+        self,
+        platform: str,
+        verb: str,
+        path: str,
+        reason: str,
+        now_ns: int,
+        caller: str = "",
+        via: tuple[str, ...] = (),
+    ) -> Denial | None:
         """Records a refusal; returns the report that is due, if any."""
-        key = platform, verb, path
-        reported_ns, count = self._reported.pop(key, (now_ns - REPORT_NS, 0))
-        if len(self._reported) >= REFUSALS_MAX:
-            del self._reported[next(iter(self._reported))]
-        if now_ns - reported_ns < REPORT_NS:
-            self._reported[key] = reported_ns, count + 1
-            return None
-        self._reported[key] = now_ns, 0
-        role = self._roles.get(platform, Role.OBSERVER)
-        return Denial(platform, role.name.lower(), str(verb), path, count + 1, reason)
+        role = self._roles.get(platform)
+        name = UNKNOWN if role is None else role.name.lower()
+        return self._reports.report(Denial(platform, name, str(verb), path, 1, reason, caller, via), now_ns)

@@ -213,8 +213,7 @@ class Subscribers:
         """The own structure has changed."""
         self._planner.on_structure()
         for one in self._subscribers.values():
-            plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest, one.sender)
-            self._set_plan(one, plan, now_ns)
+            self._replan(one, now_ns)
             if one.structure_ns is None:
                 one.structure_ns = now_ns + self._intervals.coalesce_ns
             self._flush(one, now_ns)
@@ -240,8 +239,13 @@ class Subscribers:
         self._planner.set_rules(rules)
         self.plan_version += 1  # intervals in the beacon
         for one in self._subscribers.values():
-            plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest)
-            self._set_plan(one, plan, now_ns)
+            self._replan(one, now_ns)
+            self._flush(one, now_ns)
+
+    def on_access(self, now_ns: int) -> None:
+        """The access rules of this platform have changed."""
+        for one in self._subscribers.values():
+            self._replan(one, now_ns)
             self._flush(one, now_ns)
 
     def on_overrun(self, path: str, items: int) -> None:
@@ -282,6 +286,10 @@ class Subscribers:
         self._serial = max(self._serial, one.serial)
         del self._subscribers[one.platform]
         self._timers.drop(one.platform)
+
+    def _replan(self, one: Subscriber, now_ns: int) -> None:
+        plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest, one.sender)
+        self._set_plan(one, plan, now_ns)
 
     def _set_plan(self, one: Subscriber, plan: SubscriptionPlan, now_ns: int) -> None:
         before, one.plan = one.plan, plan

@@ -1,0 +1,62 @@
+"""Denied requests: those of this tree as events, and those of the broker in the record of changes."""
+
+import logging
+from typing import Final
+
+from swarmd.tree.change_log import ChangeLog
+from swarmware.model import names
+from swarmware.model.access import Sender, Verb
+from swarmware.module.module import Module
+from swarmware.transport.security.denials import DenialReports
+from swarmware.types.net import Denial
+from swarmware.types.tree import TreeChange
+
+RECORDED: Final = frozenset({Verb.CALL, Verb.SET})
+"""Verbs of denials that the record of changes has."""
+
+log = logging.getLogger("swarm.tree")
+
+
+class DenialLog:
+    """Writes the event `tree/denials`, and records the denials of the broker."""
+
+    def __init__(self, module: Module, changes: ChangeLog) -> None:
+        self._module = module
+        self._changes = changes
+        self._reports = DenialReports()
+        self._events = module.stream_writer(
+            "tree/denials", Denial, kind="event", log="all", description="Changes denied by access control"
+        )
+        self._of_broker = module.stream_reader("net/denials", Denial)
+        self.count = 0
+        """Number of requests that this tree denied."""
+
+    def record(self, sender: Sender, verb: Verb, path: str, reason: str) -> None:
+        """Report a denial of this tree; the record of changes has it already."""
+        self.count += 1
+        denial = Denial(
+            sender.platform, sender.role.name.lower(), str(verb), path, 1, reason, sender.caller, sender.via
+        )
+        report = self._reports.report(denial, self._module.now_ns())
+        if report is not None:
+            log.warning("denied: %s", reason)
+            self._events.write(report)
+
+    async def follow_broker(self) -> None:
+        """Record the requests that the broker denied, until cancelled."""
+        async for denial in self._of_broker:
+            if denial.verb in RECORDED and denial.path:
+                await self._changes.record(recorded(self._module.platform, denial))
+
+
+def recorded(platform: str, denial: Denial) -> TreeChange:
+    """The line of a denial in the record of changes of a platform."""
+    reason = denial.reason if denial.count == 1 else f"{denial.reason} ({denial.count} times)"
+    return TreeChange(
+        names.join(platform, denial.path),
+        f"{denial.caller or denial.role}@{denial.platform}",
+        "",
+        "",
+        reason,
+        denial.via,
+    )

@@ -1,0 +1,163 @@
+"""Every address that a node serves has a stated right, and no frame reaches a handler past the check."""
+
+import ast
+import importlib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from swarmware.model import template
+from swarmware.model.access import Access, Role, Sender, Verb
+from swarmware.model.acl import load_acl
+from swarmware.model.resource import Kind
+
+ROOT = Path(__file__).parents[2]
+SOURCES = [file for part in ("daemons", "lib", "cli") for file in sorted((ROOT / part).rglob("*.py"))]
+
+OBSERVER, NODE, OPERATOR, MAINTAINER = Role
+SERVED = {
+    # what only shows something
+    "sys/broker/links": OBSERVER,
+    "sys/broker/routes": OBSERVER,
+    "sys/broker/traffic": OBSERVER,
+    "sys/guard/status": OBSERVER,
+    "sys/health/faults": OBSERVER,
+    "sys/health/state": OBSERVER,
+    "sys/log/stats": OBSERVER,
+    "sys/mission/ls": OBSERVER,
+    "sys/mission/status": OBSERVER,
+    "sys/node/config": OBSERVER,
+    "sys/node/info": OBSERVER,
+    "sys/register/apps": OBSERVER,
+    "sys/time/functions": OBSERVER,
+    "sys/tree/get": OBSERVER,
+    "sys/tree/history": OBSERVER,
+    "sys/tree/list": OBSERVER,
+    "sys/tree/log": OBSERVER,
+    "sys/tree/structure": OBSERVER,
+    "sys/tree/subscribe": OBSERVER,
+    "sys/tree/type": OBSERVER,
+    # the tree judges the path in the request, too
+    "sys/tree/notify": NODE,
+    "sys/tree/reset": NODE,
+    "sys/tree/rule": NODE,
+    "sys/tree/set": NODE,
+    "sys/tree/undo": NODE,
+    # what flies, drives and decides
+    "cmd/abort": OPERATOR,
+    "cmd/manual": OPERATOR,
+    "cmd/mission": OPERATOR,
+    "sys/health/clear": OPERATOR,
+    "sys/health/register": OPERATOR,
+    "sys/mission/abort": OPERATOR,
+    "sys/mission/drain": OPERATOR,
+    "sys/mission/manoeuvre": OPERATOR,
+    "sys/mission/plan": OPERATOR,
+    "sys/mission/task": OPERATOR,
+    "sys/vehicle/arm": OPERATOR,
+    "sys/vehicle/calibrate": OPERATOR,
+    "sys/vehicle/drive": OPERATOR,
+    "sys/vehicle/kill": OPERATOR,
+    # what stops services, limits links, changes members
+    "sys/broker/roster": MAINTAINER,
+    "sys/broker/set_channel": MAINTAINER,
+    "sys/guard/restart": MAINTAINER,
+    "sys/guard/start": MAINTAINER,
+    "sys/guard/stop": MAINTAINER,
+    "sys/sim/switch": MAINTAINER,
+}
+"""Lowest role for each address that a daemon serves, or a template has, by the default rules."""
+
+DOORS = {
+    "serve_messages": {"lib/swarmware/module/module.py"},
+    "serve_requests": {"lib/swarmware/module/module.py"},
+    "_message_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
+    "_request_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
+    "deliver": {"daemons/swarmd/broker/frame_gateway.py"},
+    "with_sender": {
+        "daemons/swarmd/broker/core/admission/access_filter.py",
+        "lib/swarmware/transport/messaging/endpoint.py",
+    },
+}
+"""Files that may use the ways to a handler, and the statement of who sent a frame."""
+
+
+@cache
+def _nodes(file: Path) -> list[ast.AST]:
+    return list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+
+
+def _served(file: Path) -> Iterator[str]:
+    """Addresses in calls of `serve` and `inbox`."""
+    module = None
+    for node in _nodes(file):
+        if not isinstance(node, ast.Call) or len(node.args) < 2:
+            continue
+        function = node.func
+        name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+        if name not in ("serve", "inbox"):
+            continue
+        match node.args[0]:
+            case ast.Constant(value=str(path)):
+                yield path
+            case ast.Name(id=constant) if constant.isupper():
+                parts = file.relative_to(ROOT).with_suffix("").parts[1:]
+                module = module or importlib.import_module(".".join(parts))
+                yield getattr(module, constant)
+            case ast.Name(id="local" | "data_id"):
+                pass  # the two layers below `Module.serve` and `Module.inbox`
+            case other:
+                raise AssertionError(f"{file}:{node.lineno}: address {ast.unparse(other)}: expected a text")
+
+
+def _commands() -> Iterator[str]:
+    folder = ROOT / "share" / "swarm" / "templates"
+    for name in template.names_in(folder):
+        for resource in template.load(name, folder).resources:
+            if resource.kind is Kind.COMMAND:
+                yield resource.path
+
+
+def test_the_rights_of_every_served_address_are_stated() -> None:
+    served = {path for file in SOURCES for path in _served(file)} | set(_commands())
+    assert len(served) > 30
+    assert served == set(SERVED)
+
+
+@pytest.mark.parametrize("rules", ["default", "shipped"])
+def test_every_served_address_has_the_stated_role_and_is_refused_below_it(rules: str) -> None:
+    access = Access() if rules == "default" else Access(load_acl(ROOT / "etc" / "swarm").rule)
+    found = {path: access.needed(Verb.CALL, path) for path in SERVED}
+    assert found == SERVED
+    for path, needed in SERVED.items():
+        for role in Role:
+            assert access.permits(Sender("gcs", role), Verb.CALL, path) is (role >= needed)
+
+
+def test_an_observer_sets_no_setting_and_calls_no_address_of_an_application() -> None:
+    access = Access()
+    observer = Sender("gcs", Role.OBSERVER)
+    for path in ("config/planner/speed_m_s", "nav/home", "plan/share", "cmd/my_name", "a", "sysx/tree/get"):
+        assert not access.permits(observer, Verb.CALL, path), path
+        assert not access.permits(observer, Verb.SET, path), path
+
+
+def _users(name: str) -> set[str]:
+    found = set()
+    for file in SOURCES:
+        for node in _nodes(file):
+            used = (
+                (isinstance(node, ast.Attribute) and node.attr == name)
+                or (isinstance(node, ast.Name) and node.id == name)
+                or (isinstance(node, ast.alias) and node.name == name)
+            )
+            if used:
+                found.add(str(file.relative_to(ROOT)))
+    return found
+
+
+@pytest.mark.parametrize("name", DOORS)
+def test_handlers_are_reached_only_through_the_checking_door(name: str) -> None:
+    assert _users(name) == DOORS[name]
