@@ -176,3 +176,12 @@ def test_the_same_refusal_is_reported_once_a_second_with_its_number() -> None:
     other = one.denied("uav2", Verb.CALL, "cmd/abort", "no", 0)
     assert other is not None
     assert (other.platform, other.role, other.path) == ("uav2", "node", "cmd/abort")
+
+
+def test_another_roster_changes_the_role_of_a_sender_that_is_known_already() -> None:
+    one = gate()
+    one.check(question(), "gcs", "cmd/goto")
+    one.set_roles({"gcs": Role.OBSERVER, "uav2": Role.OPERATOR})
+    with pytest.raises(Denied, match="observer@gcs"):
+        one.check(question(), "gcs", "cmd/goto")
+    one.check(question(), "uav2", "cmd/goto")

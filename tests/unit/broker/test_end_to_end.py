@@ -275,3 +275,13 @@ def test_a_clock_that_was_not_seen_for_an_hour_is_asked_again() -> None:
 @pytest.mark.parametrize("payload", [b"", bytes(8), bytes(13), b"\x03" + bytes(12), b"\x01" + bytes(13)])
 def test_other_bytes_are_no_check(payload: bytes) -> None:
     assert not is_check(payload)
+
+
+def test_a_frame_whose_lifetime_ends_while_it_waits_for_the_answer_is_refused_and_counted(
+    gcs: Member, uav1: Member
+) -> None:
+    [question] = uav1.take(gcs.message(UAV1, 5 * SECOND, life_s=0.1), 100 * SECOND).outgoing
+    [reply, *_] = gcs.take(uav1.end.signed(question, UAV2), 6 * SECOND).outgoing
+    late = uav1.take(gcs.end.signed(reply, UAV2), 101 * SECOND)
+    assert late.arrivals == ()
+    assert uav1.refused.replayed == 1

@@ -10,6 +10,7 @@ from tests.unit.security.test_roster import Swarm
 from swarmd.broker.core.admission import roster_update
 from swarmd.broker.core.admission.group_epochs import ACCEPT_NS, SWITCH_NS, GroupEpochs
 from swarmd.broker.core.admission.roster_exchange import (
+    AGAIN_NS,
     ANSWER_NS,
     UNANSWERED_MAX,
     ApplyRoster,
@@ -26,7 +27,7 @@ from swarmd.broker.core.admission.roster_update import (
     make_update,
     merge,
 )
-from swarmd.broker.core.beacon.beacon import Beacon, MemberRow, PlatformCode, RouteRow
+from swarmd.broker.core.beacon.beacon import Beacon, MemberRow, PlatformCode, RelayedValue, RouteRow
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.roster import sign_roster
@@ -220,15 +221,21 @@ def test_a_stranger_or_a_revoked_node_of_a_former_epoch_is_offered_nothing(swarm
     assert node.on_late(hardware_id(name), name, "10.0.0.2", 7000, SECOND) == []
 
 
+def relayed(origin: str) -> RelayedValue:
+    return RelayedValue(HW[origin], 5, 1000, 0, 1, packed=False, payload=b"value")
+
+
 def test_what_a_beacon_has_about_a_revoked_node_is_left_out(swarm: Swarm) -> None:
     node = exchange(swarm, "uav1")
     beacon = Beacon(
         rows=(RouteRow(HW["uav2"], 1, 256), RouteRow(HW["gcs"], 1, 256)),
         members=(MemberRow(HW["uav2"], 1, PlatformCode.UAV, "uav2"),),
+        relays=(relayed("uav2"), relayed("gcs")),
     )
     assert node.without_excluded(beacon) is beacon
     node.on_text(swarm.root.revoke("uav2"), 0)
-    assert node.without_excluded(beacon) == Beacon(rows=(RouteRow(HW["gcs"], 1, 256),))
+    expected = Beacon(rows=(RouteRow(HW["gcs"], 1, 256),), relays=(relayed("gcs"),))
+    assert node.without_excluded(beacon) == expected
     assert node.excludes(HW["uav2"])
     unit = hardware_id("uav2", "camera")
     assert not node.excludes(unit)
@@ -286,3 +293,19 @@ def test_a_mark_that_returns_after_sixteen_rotations_is_that_of_the_newest_key()
         epochs.rotate(key, 0)
         epochs.switch(True, 0)
     assert epochs.opening(0, 0) is KEYS[16]
+
+
+def test_a_node_that_asks_without_end_is_answered_five_times_a_second(swarm: Swarm) -> None:
+    node = exchange(swarm, "uav1")
+    node.on_text(swarm.admit("uav3", b"\3" * 32), 0)
+    question = encode(RosterQuestion(0, 7447))
+    answers = [node.on_message(HW["uav2"], "uav2", question, HOST, n * AGAIN_NS // 100) for n in range(1000)]
+    assert sum(map(len, answers)) == 10
+
+
+def test_a_node_that_was_revoked_with_a_rotation_keeps_sealing_with_the_key_that_it_has(swarm: Swarm) -> None:
+    revoked = exchange(swarm, "uav2")
+    before = revoked.epochs.sealing
+    revoked.on_text(swarm.root.revoke("uav2"), 0)
+    assert revoked.epochs.sealing == before
+    assert not revoked.switch_epoch((), SWITCH_NS)

@@ -104,3 +104,9 @@ def test_any_extension_is_split_or_refused(extension: bytes, node: int) -> None:
     assert parts.extension in extension
     if longer != extension:
         assert signature.split(longer).path == (*parts.path, node)
+
+
+@pytest.mark.parametrize("extension", [b"\x06\x05abcde", b"\x06\x08abcd", b"\x06\x01a", b"\x06\xff"])
+def test_a_path_of_another_size_than_whole_nodes_within_the_extension_is_refused(extension: bytes) -> None:
+    with pytest.raises(WireError, match="its path has"):
+        signature.split(extension)

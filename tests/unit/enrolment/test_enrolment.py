@@ -258,3 +258,19 @@ def test_a_file_that_cannot_be_used_is_refused_with_the_reason(
 ) -> None:
     with pytest.raises(error, match=f"uav1.join.*{text}|{text}"):
         from_file(token(), "uav1", made, "uav1.join", utc_s)
+
+
+@pytest.mark.parametrize("place", [-1, -17, 13, 25])
+def test_a_message_that_was_changed_on_its_way_is_refused(place: int) -> None:
+    data = bytearray(seal_answer(token(), NONCE, JoinAnswer(UTC_NS, root_public=ROOT)))
+    data[place] ^= 1
+    with pytest.raises(WireError, match="not sealed with this token, or changed"):
+        open_answer(token(), bytes(data))
+
+
+def test_a_request_that_is_too_long_gets_no_answer() -> None:
+    one = inviter("uav1")
+    short = b"SWJ1" + bytes(REQUEST_MAX - 4)
+    assert one.on_request(short, UTC_NS, 0) == refuse(JoinRefusal.UNKNOWN)
+    assert one.on_request(short + b"x", UTC_NS, 0) is None
+    assert one.garbage == 1

@@ -361,3 +361,13 @@ def test_who_is_no_member_cannot_be_revoked(swarm: Swarm) -> None:
 def test_a_fingerprint_names_one_root(swarm: Swarm) -> None:
     assert len(fingerprint(swarm.root.public)) == 32
     assert fingerprint(swarm.root.public) != fingerprint(bytes(32))
+
+
+def test_the_platform_of_a_revoked_key_is_known_and_of_no_other_key(
+    swarm: Swarm,
+) -> None:
+    left, key = swarm.keys["uav1"], swarm.keys["uav2"].curve_public
+    assert left.revoked(key) == ""
+    left.apply(swarm.root.revoke("uav2"))
+    assert left.revoked(key) == "uav2"
+    assert left.revoked(left.curve_public) == left.revoked(bytes(32)) == ""
