@@ -49,6 +49,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),
     "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
     "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes."),
+    "host": Lazy("swarmctl.commands.host.command:cmd", "This computer: set it up for a node, or remove it."),
     "fleet": Lazy("swarmctl.commands.fleet.command:cmd", "Nodes on other hosts, over SSH."),
     "doctor": Lazy("swarmctl.commands.doctor.command:cmd", "Check this machine and its node for problems."),
     "new": Lazy("swarmctl.commands.new.command:cmd", "Make a module, driver or service to begin with."),

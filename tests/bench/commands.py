@@ -69,7 +69,7 @@ NOT_MEASURED: Final = {
     " traffic set, mission start, mission abort, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
-    " fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
+    " host install, host uninstall, fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
     " lab up, lab down, lab run,"
     " new block, new driver, new mission, new module, new service",
     "runs until a signal or for a time": "tree bw, tree delay, tree hz, tree watch, traffic top,"

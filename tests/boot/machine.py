@@ -13,7 +13,10 @@ from typing import Final, Self
 
 ROOT: Final = Path(__file__).parents[2]
 SUITE: Final = "bookworm"
-PACKAGES: Final = ("systemd", "systemd-sysv", "dbus", "polkitd", "python3", "python3-venv")
+PACKAGES: Final = (
+    *("systemd", "systemd-sysv", "dbus", "polkitd", "python3", "python3-venv", "nftables"),
+    "libpam-systemd",  # debootstrap does not find the virtual package on which polkitd depends
+)
 BOOT_S: Final = 30.0
 COMMAND_S: Final = 120.0
 CGROUPS: Final = (Path("/sys/fs/cgroup/systemd"), Path("/sys/fs/cgroup/unified"))
@@ -36,8 +39,10 @@ def why_not() -> str:
         return "boots a whole system: asked for by `make boot-test`"
     if os.getuid() != 0:
         return "needs root"
-    if missing := [name for name in ("systemd-nspawn", "debootstrap", "nsenter") if not shutil.which(name)]:
-        return f"not installed: {', '.join(missing)} (apt-get install systemd-container debootstrap)"
+    if missing := [
+        name for name in ("systemd-nspawn", "debootstrap", "nsenter", "ip") if not shutil.which(name)
+    ]:
+        return f"not installed: {', '.join(missing)} (apt-get install systemd-container debootstrap iproute2)"
     return ""
 
 
@@ -75,24 +80,56 @@ def wheels() -> Path:
     """The wheels of all that the package and a build of packages need: the machine has no network."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     needed = project["project"]["dependencies"] + project["build-system"]["requires"]
+    needed += project["project"]["optional-dependencies"]["mongo"]
     series = "3.11"  # of the suite
     path = _cache() / f"wheels-{_key(series, platform.machine(), *needed)}"
     download = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check"]
     return _made(path, [*download, f"--python-version={series}", "--only-binary=:all:", *needed, "--dest"])
 
 
+class Cable:
+    """Network namespaces of two machines, joined by a pair of interfaces; each is the other's router."""
+
+    def __init__(self) -> None:
+        self.ends = tuple(f"swarm{os.getpid()}{letter}" for letter in "ab")
+
+    def __enter__(self) -> Self:
+        first, second = self.ends
+        for name in self.ends:
+            self._ip("netns", "add", name)
+        peer = ("peer", "name", "lan0", "netns", second)
+        self._ip("link", "add", "lan0", "netns", first, "type", "veth", *peer)
+        for number, name in enumerate(self.ends, 1):
+            self._ip("-n", name, "address", "add", f"10.0.0.{number}/24", "dev", "lan0")
+            for interface in ("lo", "lan0"):
+                self._ip("-n", name, "link", "set", interface, "up")
+            self._ip("-n", name, "route", "add", "default", "via", f"10.0.0.{3 - number}")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name in self.ends:
+            self._ip("netns", "delete", name)
+
+    @staticmethod
+    def _ip(*words: str) -> None:
+        done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr}"
+
+
 class Machine:
     """A booted system with a network of its own; all that it wrote is gone with it.
 
-    `folders`: folders of this host, read-only, under /mnt/NAME.
+    `folders`: folders of this host, read-only, under /mnt/NAME; `network`: name of its network namespace.
     """
 
-    def __init__(self, **folders: Path) -> None:
-        self.name = f"swarm{os.getpid()}"
+    def __init__(self, hostname: str = "", network: str = "", **folders: Path) -> None:
+        self.name = f"swarm{os.getpid()}{hostname}"
+        hostname = hostname or self.name
         binds = [f"--bind-ro={path}:/mnt/{name}" for name, path in folders.items()]
         command = [
             *("systemd-nspawn", "--quiet", "--boot", f"--directory={system()}", "--volatile=overlay"),
-            *(f"--machine={self.name}", f"--hostname={self.name}", "--private-network", "--console=pipe"),
+            *(f"--machine={self.name}", f"--hostname={hostname}", "--console=pipe"),
+            f"--network-namespace-path=/run/netns/{network}" if network else "--private-network",
             *("--register=no", "--keep-unit", *binds),
         ]
         self._groups = [root / self.name for root in CGROUPS if root.is_dir()]
@@ -133,6 +170,22 @@ class Machine:
             stdin=subprocess.DEVNULL,
             env=ENVIRONMENT,
             timeout=COMMAND_S,
+        )
+
+    def prepare(self) -> None:
+        """Puts the wheel where the reader has it; pip finds all else in a folder, apt has it installed."""
+        self.must("cp /mnt/dist/* .")
+        self.must("printf '[global]\nno-index = true\nfind-links = /mnt/wheels\n' > /etc/pip.conf")
+
+    def begin(self, script: str) -> "subprocess.Popen[str]":
+        """Starts a shell script of root that goes on; what it prints is read from its stdout."""
+        return subprocess.Popen(
+            ["nsenter", f"--target={self._leader}", "--all", "sh", "-ec", f"cd /root; {script}"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=ENVIRONMENT,
         )
 
     def must(self, script: str, user: str = "") -> str:

@@ -1,18 +1,16 @@
 """share/doc/operations.md and the systemd part of a tutorial, letter by letter on a booted real systemd."""
 
 import json
-import re
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from tests.boot.machine import ROOT, CannotBoot, Machine, wheels, why_not
+from tests.boot.page import PAGE, section
 
 from swarmware.model.config import NodeConfig
 
-PAGE = ROOT / "share/doc/operations.md"
 SERVICE = ROOT / "share/doc/tutorials/service.md"
 HOWTO = ROOT / "share/doc/howto"
 USER = "olivia"
@@ -26,35 +24,8 @@ pytestmark = [
 ]
 
 
-def sections(page: Path) -> dict[str, list[str]]:
-    """The commands of a page: heading → its blocks."""
-    found = {}
-    for part in re.split(r"^##+ ", page.read_text(), flags=re.MULTILINE)[1:]:
-        heading, _, body = part.partition("\n")
-        found[heading] = re.findall(r"^```sh\n(.*?)^```", body, re.MULTILINE | re.DOTALL)
-    return found
-
-
 @pytest.fixture(scope="module")
-def page() -> dict[str, list[str]]:
-    return sections(PAGE)
-
-
-@pytest.fixture(scope="module")
-def wheel(page: dict[str, list[str]], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder with the wheel, made by the first command of the page."""
-    (block,) = page["The wheel"]
-    done = subprocess.run(["sh", "-ec", block], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    folder = tmp_path_factory.mktemp("dist")
-    made = max((ROOT / "dist").glob("swarmware-*.whl"), key=lambda path: path.stat().st_mtime_ns)
-    for file in (made, made.with_name("SHA256SUMS")):
-        (folder / file.name).write_bytes(file.read_bytes())
-    return folder
-
-
-@pytest.fixture(scope="module")
-def node(page: dict[str, list[str]], wheel: Path) -> Iterator[Machine]:
+def node(wheel: Path) -> Iterator[Machine]:
     """A machine on which the page was followed up to its operators."""
     try:
         machine = Machine(dist=wheel, wheels=wheels())
@@ -62,14 +33,11 @@ def node(page: dict[str, list[str]], wheel: Path) -> Iterator[Machine]:
         pytest.skip(f"no container with systemd here: {error}")
     try:
         with machine:
-            machine.must("cp /mnt/dist/* .")
-            # the machine has no network: pip finds what it needs in a folder, apt that all is there
-            machine.must("printf '[global]\nno-index = true\nfind-links = /mnt/wheels\n' > /etc/pip.conf")
-            for heading in ("Install", "Configure", "Start"):
-                for block in page[heading]:
-                    machine.must(block)
+            machine.prepare()
+            for block in section(PAGE, "Install", "uav1"):
+                machine.must(block)
             machine.must(f"useradd --create-home --shell /bin/bash {USER}")
-            machine.must(page["Operators"][0].replace("NAME", USER))
+            machine.must(section(PAGE, "Operators")[0].replace("NAME", USER))
             yield machine
     except CannotBoot as error:
         pytest.skip(f"no container with systemd here: {error}")
@@ -106,8 +74,8 @@ def test_every_service_of_node_toml_is_active(node: Machine) -> None:
     assert states(node) == dict.fromkeys(expected, "active")
 
 
-def test_a_member_of_the_group_operates_the_node(node: Machine, page: dict[str, list[str]]) -> None:
-    for command in page["Operators"][1].splitlines():
+def test_a_member_of_the_group_operates_the_node(node: Machine) -> None:
+    for command in section(PAGE, "Operators")[1].splitlines():
         assert "uav1" in node.must(command, USER) or "x_m" in node.must(command, USER), command
     assert json.loads(node.must("swarmctl doctor --json", USER))["results"]
     assert "x_m" in node.must("timeout 20 swarmctl tree watch nav/pose --count 2", USER)
@@ -152,7 +120,7 @@ def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) 
 
 
 def test_the_service_of_the_tutorial_runs_under_systemd(node: Machine) -> None:
-    (block,) = sections(SERVICE)["5. Run it under systemd"]
+    (block,) = section(SERVICE, "5. Run it under systemd")
     node.must("swarmctl new service lookout")
     try:
         journal = node.must(block)
@@ -203,11 +171,9 @@ def test_a_daemon_that_cannot_start_takes_no_core_and_is_there_as_soon_as_it_can
     healed(node)
 
 
-def test_a_whole_node_in_one_unit_is_back_when_all_its_processes_were_killed_at_once(
-    node: Machine, page: dict[str, list[str]]
-) -> None:
-    (block,) = page["One unit for the whole node"]
-    node.must(block)
+def test_a_whole_node_in_one_unit_is_back_when_all_its_processes_were_killed_at_once(node: Machine) -> None:
+    single, back = section(PAGE, "One unit for the whole node")
+    node.must(single)
     for processes in ("one", "per-daemon"):
         node.must(f"sed -i 's/^processes = .*/processes = \"{processes}\"/' /etc/swarm/node.toml")
         node.must("systemctl restart swarm-node")
@@ -222,11 +188,10 @@ def test_a_whole_node_in_one_unit_is_back_when_all_its_processes_were_killed_at_
                 assert time.monotonic() < deadline_s, node.must("journalctl --no-pager -u swarm-node -n 30")
                 time.sleep(0.2)
             assert "uav1" in node.must("swarmctl node ls")
-    node.must("systemctl disable --now swarm-node; rm /etc/systemd/system/swarm-node.service")
+    node.must("systemctl stop swarm-node")
     assert left(node) == ""
-    for part in ("Configure", "Start"):
-        for commands in page[part]:
-            node.must(commands)
+    node.must(back)
+    healed(node)
 
 
 def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
@@ -238,10 +203,8 @@ def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
         time.sleep(0.2)
 
 
-def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(
-    node: Machine, page: dict[str, list[str]]
-) -> None:
-    day, devices = page["Daily operation"]
+def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(node: Machine) -> None:
+    day, devices = section(PAGE, "Daily operation")
     lines = day.splitlines()
     stop = next(number for number, line in enumerate(lines) if line.startswith("systemctl stop"))
     node.must("\n".join(lines[: stop + 1]))
@@ -259,53 +222,50 @@ def followed(machine: Machine, block: str) -> None:
 
 
 def test_services_are_restarted_and_their_logs_read_as_the_pages_say(node: Machine) -> None:
-    restart, logs = sections(HOWTO / "restart.md"), sections(HOWTO / "process-logs.md")
-    followed(node, restart["A service, from any node"][0])
-    (block,) = restart["A service or a node under systemd"]
+    restart, logs = HOWTO / "restart.md", HOWTO / "process-logs.md"
+    followed(node, section(restart, "A service, from any node")[0])
+    (block,) = section(restart, "A service or a node under systemd", marked=True)
     followed(node, "\n".join(line for line in block.splitlines() if "swarm-node" not in line))
     healed(node)
-    followed(node, logs["Under systemd"][0])
+    followed(node, section(logs, "Under systemd", marked=True)[0])
     refused = node.run("swarmctl app stop logger --node uav1 --yes")
     assert refused.returncode == 5 and "systemctl" in refused.stderr
 
 
 def test_the_pages_of_upgrade_and_uninstallation_are_followed_on_a_node(node: Machine) -> None:
-    upgrade, uninstall = sections(HOWTO / "upgrade.md"), sections(HOWTO / "uninstall.md")
-    before, after = upgrade["Before"], upgrade["After"]
+    upgrade, heading = HOWTO / "upgrade.md", "A node under systemd"
+    removal, purge = section(HOWTO / "uninstall.md", heading, marked=True)
     node.must("swarmctl config set navigator/altitude_kp 1.7")
-    for block in (*before, *upgrade["A node under systemd"], *after):
-        node.must(block)
+    for part in ("Before", heading, "After"):
+        for block in section(upgrade, part, marked=True):
+            node.must(block)
     assert "1.7" in node.must("swarmctl config get navigator/altitude_kp")
     healed(node)
     node.must("cp -a /opt/swarm /mnt/swarm")
+    again = "test -d /opt/swarm || cp -a /mnt/swarm /opt/"
     try:
-        node.must(uninstall["A node under systemd"][0])
+        node.must(removal)
         assert left(node) == ""
         assert states(node) == {}
         node.must("test -f /etc/swarm/node.toml && test -d /var/lib/swarm")
-        node.must(uninstall["A node under systemd"][1])
+        node.must(f"{again}; /opt/swarm/bin/swarmctl host install")
+        healed(node)
+        node.must(purge)
         found = node.must(
             "find / -xdev -path /mnt -prune -o -path /root -prune -o -path /proc -prune -o"
             " -name '*swarm*' -print"
         )
         assert found.replace("\n", " ").strip() in {"", "/home"}, found
         assert node.run("getent passwd swarm").returncode == 2
+        assert node.run("getent group swarm").returncode == 2
     finally:
-        node.must("test -d /opt/swarm || mv /mnt/swarm /opt/")
-        for block in (*node_page("Install"), *node_page("Configure"), *node_page("Start")):
-            node.must(block)
-        node.must(node_page("Operators")[0].replace("NAME", USER))
+        node.must(f"{again}; rm -r /mnt/swarm")
+        node.must(section(PAGE, "Install", "uav1")[0])
+        node.must(section(PAGE, "Operators")[0].replace("NAME", USER))
 
 
-def node_page(heading: str) -> list[str]:
-    """The blocks of a section of the page of operations."""
-    return sections(PAGE)[heading]
-
-
-def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(
-    node: Machine, page: dict[str, list[str]]
-) -> None:
-    upgrade, removal = page["Upgrade and removal"]
+def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(node: Machine) -> None:
+    (upgrade,), (removal,) = section(PAGE, "Upgrade"), section(PAGE, "Removal")
     node.must("swarmctl config set navigator/altitude_kp 1.7")
     node.must(upgrade)
     assert "1.7" in node.must("swarmctl config get navigator/altitude_kp")
@@ -317,5 +277,5 @@ def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(
         node.must("test -f /etc/swarm/node.toml && test -d /var/lib/swarm && ! ls /usr/bin/swarm*")
     finally:
         node.must("rm -f *.whl; cp /mnt/dist/*.whl .; test -d /opt/swarm || mv /mnt/swarm /opt/")
-        for block in (*page["Install"], *page["Configure"], *page["Start"]):
+        for block in section(PAGE, "Install", "uav1"):
             node.must(block)

@@ -54,7 +54,7 @@ async def restart(
     await session.confirm(yes, f"restart {', '.join(chosen)}{air}: interrupted until they run again")
     if platform == session.here:
         await session.others_ended()  # they are reached through the services of this node
-    done = [await _one(session, platform, name, wait_s) for name in chosen]
+    done = [await restart_one(session, platform, name, wait_s) for name in chosen]
     if session.settings.structured:
         session.out.document(RestartedServices(platform, done))
         return
@@ -71,7 +71,11 @@ async def is_armed(session: Session) -> bool:
     return registry.decode(VehicleState, found.data).armed
 
 
-async def _one(session: Session, platform: str, name: str, wait_s: float) -> WatchedService:
+async def restart_one(session: Session, platform: str, name: str, wait_s: float) -> WatchedService:
+    """Restarts one service, and returns when it runs again.
+
+    Raises: NoAnswer when it does not run again in time, or the guard does not answer.
+    """
     status = names.join(platform, "sys/guard/status")
     before = _watched(await session.ask(status, Empty(), GuardStatus), name)
     await session.ask(names.join(platform, "sys/guard/restart"), RestartOrder(name), GuardStatus)

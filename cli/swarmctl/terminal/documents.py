@@ -14,6 +14,8 @@ DOCUMENTS: Final = {
     "node info": "swarmctl.commands.node.identity:ShownNode",
     "node drain": "swarmctl.commands.node.draining:NodeDrained",
     "node undrain": "swarmctl.commands.node.draining:NodeDrained",
+    "host install": "swarmctl.commands.host.installing:HostChanged",
+    "host uninstall": "swarmctl.commands.host.installing:HostChanged",
     "keys init": "swarmctl.commands.keys.making:MadeSwarm",
     "keys invite": "swarmctl.commands.keys.inviting:InvitedNode",
     "keys join": "swarmctl.commands.keys.joining:JoinedSwarm",

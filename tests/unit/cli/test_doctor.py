@@ -9,7 +9,8 @@ from swarmware.module.module import Module
 from swarmware.service.effective import effective_config
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
-from swarmware.types.net import Denial
+from swarmware.types.net import Denial, RosterMemberState, RosterState, Routes, RouteState
+from swarmware.types.rpc import Empty
 
 
 async def examined(config_dir: Path, *checks: str) -> list[CheckResult]:
@@ -96,3 +97,22 @@ async def test_a_monitor_that_does_not_answer_is_an_error(tmp_path: Path) -> Non
         (found,) = await examined(config_dir, "fault", "faults")
     assert found.verdict == "error"
     assert "sys/health/faults" in found.text
+
+
+async def test_members_without_a_route_are_named_with_what_to_do(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    members = tuple(
+        RosterMemberState(name, "node", serial, revoked=name == "uav4")
+        for serial, name in enumerate(("uav1", "uav2", "uav3", "uav4"))
+    )
+    routes = [RouteState("uav2", 1, "uav2", 256, 1, 1, 0)]
+
+    async with Module("broker", config_dir=config_dir) as broker:
+        broker.writer("net/roster", RosterState).write(RosterState(2, 0, "swarm", "f", members))
+        broker.serve("sys/broker/routes", Empty, lambda *_: Routes(tuple(routes)), reply=Routes)
+        (found,) = await examined(config_dir, "members")
+        assert (found.verdict, found.text) == ("warning", "members that this node does not reach: uav3")
+        assert "firewall" in found.advice
+        routes.append(RouteState("uav3", 1, "uav2", 512, 2, 1, 0))
+        (found,) = await examined(config_dir, "members")
+        assert (found.verdict, found.text) == ("ok", "all 2 other members are reached")

@@ -156,6 +156,8 @@ WITHOUT_NODES = {
         "hosts of a file, selected by --host",
     ),
     "drive": "one vehicle, by one keyboard",
+    "host install": "this computer",
+    "host uninstall": "this computer",
     "kill": "one vehicle, named twice",
     "lab down": "of a lab",
     "lab env": "one node, named once",

@@ -6,7 +6,7 @@ import shutil
 import socket
 import struct
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, Literal
 
@@ -218,7 +218,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         yield from foreign(node.shm_path)
         yield from hostile_input(node.shm_path)
     if alive:
-        yield from _present(folder, monitored="health" in alive)
+        yield from _present(folder, alive)
     yield from _settings(folder, node.services)
     for found in check_keys(folder / node.keys_dir, node.platform, utc_ns() / 1e9):
         yield CheckResult("keys", *found)
@@ -295,7 +295,7 @@ def _traffic(shm_dir: Path) -> Traffic | None:
     return registry.decode(Traffic, frame.payload, frame.codec)
 
 
-def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
+def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
     """Findings of the node itself."""
     from swarmctl.commands.doctor.node_findings import query_node
 
@@ -306,6 +306,7 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
             "faults", "warning", f"the node cannot be joined: {error}", "run swarmctl as its user, or as root"
         )
         return
+    monitored = "health" in alive
     for fault in present.faults:
         text = f"{fault.check}: {fault.state}: {fault.what}"
         yield CheckResult(
@@ -315,6 +316,15 @@ def _present(folder: Path, *, monitored: bool) -> Iterator[CheckResult]:
         yield CheckResult("faults", "error", present.silent, "swarmctl app ls shows whether `health` hangs")
     elif monitored and not present.faults:
         yield CheckResult("faults", "ok", "the node has found none")
+    if present.unreached:
+        text = f"members that this node does not reach: {', '.join(present.unreached)}"
+        advice = (
+            "whether they run; cable or radio; multicast_interface or seeds in broker.toml; UDP port 7447 and"
+            " the ports of broker.toml in their firewalls, and in that of this computer"
+        )
+        yield CheckResult("members", "warning", text, advice)
+    elif present.members:
+        yield CheckResult("members", "ok", f"all {present.members} other members are reached")
     for one in present.refusals[:REFUSALS_SHOWN]:
         what = one.path or one.verb
         text = f"{one.sender}: {what}: {one.count} times, last {one.age_s:.0f} s ago"

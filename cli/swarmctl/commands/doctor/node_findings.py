@@ -1,4 +1,4 @@
-"""Findings of a running node: its faults, and the requests that it denied."""
+"""Findings of a running node: its faults, the members that it reaches, and the requests that it denied."""
 
 import asyncio
 from pathlib import Path
@@ -10,7 +10,8 @@ from swarmctl.session.session import NAME
 from swarmware.errors import SwarmError
 from swarmware.module.client import Client
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
-from swarmware.types.net import Denial
+from swarmware.types.net import Denial, RosterState, Routes
+from swarmware.types.rpc import Empty
 
 ANSWER_S: Final = 2.0
 """Time-out of the monitor, which answers within milliseconds."""
@@ -39,6 +40,10 @@ class NodeFindings(msgspec.Struct, frozen=True):
     """Confirmed faults that are not cleared."""
     refusals: tuple[DeniedRequests, ...] = ()
     """Denied requests that are still in its shared memory; highest count first."""
+    unreached: tuple[str, ...] = ()
+    """Members of the swarm without a route."""
+    members: int = 0
+    """Other members of the swarm; 0: the node has no keys, or its broker does not answer."""
     silent: str = ""
     """Why the monitor did not answer; empty: it did."""
 
@@ -50,13 +55,32 @@ def query_node(folder: Path) -> NodeFindings:
 
 async def _look(folder: Path) -> NodeFindings:
     async with Client(NAME, config_dir=folder) as module:
-        refusals = _refusals(module)
+        others = await _members(module)
+        found = NodeFindings(
+            refusals=_refusals(module),
+            unreached=tuple(name for name, reached in others.items() if not reached),
+            members=len(others),
+        )
         try:
-            found = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=ANSWER_S)
+            faults = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=ANSWER_S)
         except SwarmError as error:
-            return NodeFindings((), refusals, str(error))
-        confirmed = tuple(fault for fault in found.faults if fault.phase is Phase.CONFIRMED)
-        return NodeFindings(confirmed, refusals)
+            return msgspec.structs.replace(found, silent=str(error))
+        confirmed = tuple(fault for fault in faults.faults if fault.phase is Phase.CONFIRMED)
+        return msgspec.structs.replace(found, faults=confirmed)
+
+
+async def _members(module: Client) -> dict[str, bool]:
+    """The other members of the swarm, and whether each has a route; empty without a broker or keys."""
+    roster = module.reader("net/roster", RosterState).value
+    if roster is None or roster.revoked_self:
+        return {}
+    try:
+        routes = await module.request("sys/broker/routes", Empty(), Routes, timeout_s=ANSWER_S)
+    except SwarmError:
+        return {}  # the check of services reports a broker that does not run
+    reached = {route.platform for route in routes.routes}
+    valid = [one.platform for one in roster.members if not one.revoked and one.platform != module.platform]
+    return {name: name in reached for name in valid}
 
 
 def _refusals(module: Client) -> tuple[DeniedRequests, ...]:

@@ -22,6 +22,9 @@ import msgspec
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet.hosts import CONFIG, DATA, NODE_FILE, digest, digest_of, sums
 from swarmctl.commands.fleet.plan import HostStatus
+from swarmctl.installation.host import Host
+from swarmctl.installation.plan import TARGET
+from swarmctl.installation.starting import start_unit
 from swarmctl.resources.restart import is_armed
 from swarmctl.session.processes import ProcessIdentity, identity, wait_gone
 from swarmctl.session.session import connect
@@ -51,7 +54,6 @@ ANSWER_S: Final = 2.0
 """Maximum wait for the answer of the node to this agent."""
 RETRY_S: Final = 0.25
 TAIL_LINES: Final = 5
-UNIT_OF_ALL: Final = "swarm.target"
 
 
 class HostOrder(msgspec.Struct, frozen=True):
@@ -235,10 +237,7 @@ class HostAgent:
         started = self._config(record, node)
         deadline_s = time.monotonic() + self._order.wait_s
         if self._order.supervisor == "systemd":
-            unit = self._order.unit
-            units = [unit, *(f"swarmd@{name}" for name in node.services)] if unit == UNIT_OF_ALL else [unit]
-            _systemctl("enable", *units)
-            _systemctl("start", unit)
+            start_unit(self._order.unit, self._folder)
             self._save(FleetRecord(record.files, started_config=started))
         elif not record.process.alive():
             if populated(node.run_path):
@@ -286,7 +285,7 @@ class HostAgent:
             if order.resume:
                 self._save(msgspec.structs.replace(record, resume=True))
             if order.supervisor == "systemd":
-                _systemctl("stop", order.unit, *(["swarmd@*"] if order.unit == UNIT_OF_ALL else []))
+                Host().run(["systemctl", "stop", order.unit, *(["swarmd@*"] if order.unit == TARGET else [])])
             elif not ours:
                 raise Conflict("the node runs, and `fleet` did not start it; expected it to be ended there")
             else:
@@ -324,13 +323,6 @@ def _content(packed: bytes) -> dict[str, bytes]:
         return msgspec.msgpack.decode(packed, type=dict[str, bytes])
     except msgspec.DecodeError as error:
         raise InvalidInput(f"the files arrived incomplete: {error}") from error
-
-
-def _systemctl(*words: str) -> None:
-    """Raises: SwarmError with the message of systemctl."""
-    done = subprocess.run(["systemctl", *words], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SwarmError(f"systemctl {' '.join(words)}: {done.stderr.strip() or done.returncode}")
 
 
 def _ready(notify: NotificationSocket, process: ProcessHandle, deadline_s: float) -> bool:

@@ -7,7 +7,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.keys.making import next_step
+from swarmctl.commands.keys.activation import activate, show_activation
 from swarmctl.commands.keys.node_keys import NodeKeys
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
@@ -33,7 +33,11 @@ class JoinedSwarm(msgspec.Struct, frozen=True):
     members: int
     keys_dir: str
     running: bool
-    """The node runs, and has not read these keys."""
+    """The node runs."""
+    in_use: bool = False
+    """The running node uses these keys."""
+    reached: tuple[str, ...] = ()
+    """Other members that it reaches."""
     ahead_s: float | None = None
     """Wall clock of this computer minus that of the inviter; None: not known."""
 
@@ -67,6 +71,8 @@ def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:
     member = None if roster is None else roster.find(node.platform)
     if roster is None or member is None:
         raise SwarmError(f"{node.folder}: {node.platform} is not on the roster that was written")
+    running = node.runs
+    activated = activate(out, node, others=True)
     joined = JoinedSwarm(
         node.platform,
         roster.swarm,
@@ -74,7 +80,9 @@ def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:
         member.serial,
         len(roster.valid()),
         str(node.folder),
-        node.runs,
+        running,
+        activated.in_use,
+        activated.reached,
         credentials.ahead_s,
     )
     if out.settings.structured:
@@ -94,7 +102,7 @@ def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:
             f"the clock of this computer is {spoken(abs(joined.ahead_s))} {way} that of the inviter: times in"
             " its logs will not match; expected a clock set by NTP or by hand (date --set)"
         )
-    out.say(next_step(joined.platform, running=joined.running))
+    show_activation(out, node.platform, activated, running=running, others=True)
 
 
 async def _ask(token: JoinToken, joiner: Joiner, connect_s: float) -> Credentials:

@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 
+from swarmctl.commands.keys.activation import activate, show_activation
 from swarmctl.commands.keys.node_keys import NodeKeys
 from swarmctl.commands.keys.root_folder import RootFolder
 from swarmctl.terminal.output import Output
@@ -30,7 +31,9 @@ class MadeSwarm(msgspec.Struct, frozen=True):
     role: str
     keys_dir: str
     running: bool
-    """The node runs, and has not read these keys."""
+    """The node runs."""
+    in_use: bool = False
+    """The running node uses these keys."""
 
 
 def make_root(out: Output, root_dir: Path | None, swarm: str) -> None:
@@ -46,6 +49,8 @@ def make_root(out: Output, root_dir: Path | None, swarm: str) -> None:
         seed = os.urandom(SEED_BYTES)
         signed = root.admit(candidate(node.platform, FIRST_ROLE, seed, root.public))
         node.write(Credentials(seed, root.public, signed))
+    running = node.runs
+    activated = activate(out, node, others=False)
     made = MadeSwarm(
         root.roster.swarm,
         str(folder.path),
@@ -53,9 +58,11 @@ def make_root(out: Output, root_dir: Path | None, swarm: str) -> None:
         node.platform,
         FIRST_ROLE,
         str(node.folder),
-        node.runs,
+        running,
+        activated.in_use,
     )
     show_made(out, made)
+    show_activation(out, node.platform, activated, running=running, others=False)
 
 
 def show_made(out: Output, made: MadeSwarm) -> None:
@@ -72,17 +79,6 @@ def show_made(out: Output, made: MadeSwarm) -> None:
         ]
         out.table([Column("WHAT"), Column("VALUE")], rows)
     out.say(f"keep a copy of {made.root} at a safe place: without it no member can be added or revoked")
-    out.say(next_step(made.platform, running=made.running))
-
-
-def next_step(platform: str, *, running: bool) -> str:
-    """How the node takes its new keys into use."""
-    if running:
-        return (
-            f"{platform} runs and uses these keys after a restart: systemctl restart 'swarmd@*', or end"
-            " `swarmd node` and start it again"
-        )
-    return f"start {platform}: systemctl start swarm.target, or swarmd node"
 
 
 def _unused_root(folder: RootFolder, platform: str, swarm: str) -> Root:

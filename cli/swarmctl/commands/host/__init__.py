@@ -1,0 +1,1 @@
+"""`swarmctl host`: the node of this computer under systemd, set up and removed."""

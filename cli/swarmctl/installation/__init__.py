@@ -1,0 +1,1 @@
+"""A node under systemd on this computer: programs, user, folders, first configuration, units."""
