@@ -130,7 +130,7 @@ class Machine:
             *("systemd-nspawn", "--quiet", "--boot", f"--directory={system()}", "--volatile=overlay"),
             *(f"--machine={self.name}", f"--hostname={hostname}", "--console=pipe"),
             f"--network-namespace-path=/run/netns/{network}" if network else "--private-network",
-            *("--register=no", "--keep-unit", *binds),
+            *("--register=no", "--keep-unit", "--capability=CAP_NET_ADMIN", *binds),
         ]
         self._groups = [root / self.name for root in CGROUPS if root.is_dir()]
         for group in self._groups:

@@ -213,7 +213,7 @@ def test_the_ground_station_logs_to_a_database(swarm: Swarm, tmp_path: Path) -> 
         # the last command asks what is stored: the logger, which has just been restarted, needs a moment
         *commands_before, query = commands(block)
         gcs.must("\n".join(commands_before))
-        swarm.until(lambda: "/gcs/" in gcs.run(query).stdout, "entries of gcs in the database")
+        swarm.until(lambda: "gcs:broker:out" in gcs.run(query).stdout, "entries of gcs in the database")
 
 
 @contextmanager

@@ -44,7 +44,7 @@ class Host:
                 " Elsewhere write node.toml and start `swarmd node`"
             )
 
-    # -- what is there
+    # -- present state
 
     def content(self, path: str) -> bytes | None:
         """Content of a file; None: there is none. Raises: Denied when this user may not read it."""
@@ -115,7 +115,7 @@ class Host:
         except PermissionError as error:
             raise Denied(f"{folder}: not readable by this user; expected root") from error
 
-    # -- what changes it
+    # -- changes
 
     def carry_out(self, steps: Iterable[HostStep]) -> Iterator[HostStep]:
         """Carry out steps in their order, and yield each that is done.
@@ -134,10 +134,8 @@ class Host:
                 replace_file(path, step.content, mode=step.mode)
             case StepAction.LINK:
                 path.parent.mkdir(parents=True, exist_ok=True)
-                fresh = path.with_name(f".{path.name}.{os.getpid()}")
-                fresh.unlink(missing_ok=True)
-                fresh.symlink_to(step.content.decode())
-                fresh.replace(path)
+                path.unlink(missing_ok=True)
+                path.symlink_to(step.content.decode())
             case StepAction.REMOVE:
                 if path.is_dir() and not path.is_symlink():
                     shutil.rmtree(path)

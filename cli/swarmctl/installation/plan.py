@@ -1,9 +1,10 @@
 """The steps that set a host up, and those that remove the node from it; each only where it is missing."""
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
-from swarmctl.installation.configuration import HostNode
+from swarmctl.installation.configuration import GUARD_FILE, SELF, SYSTEMD, HostNode, NodeChoice, host_node
 from swarmctl.installation.host import SERVICE_USER, Host
 from swarmctl.installation.package import PROGRAMS, InstalledPackage
 from swarmctl.installation.step import HostStep, link, remove, run, write
@@ -157,3 +158,26 @@ def _removal(host: Host, package: InstalledPackage, data_dir: str, *, purge: boo
         )
         if host.user(SERVICE_USER) is not None:
             yield run("user of the daemons", "userdel", SERVICE_USER)
+
+
+def start_unit(unit: str, config_dir: Path, host: Host | None = None) -> None:
+    """Start a node, now and at each boot. For the shipped units the host is set up as by `host install`.
+
+    Raises: Denied without root, NotFound without systemd; Conflict when guard.toml is for the other shipped
+    unit; InvalidInput, ConfigError; SwarmError with the message of systemctl, OSError.
+    """
+    host = host or Host()
+    host.check_ready("fleet up")
+    if unit not in {TARGET, WHOLE} or str(config_dir) != CONFIG:
+        host.run(["systemctl", "enable", unit])
+        host.run(["systemctl", "start", unit])
+        return
+    package = InstalledPackage.find()
+    package.check_visible()
+    node = host_node(package.configuration, host.place(CONFIG), NodeChoice(single_unit=unit == WHOLE))
+    if node.single_unit != (unit == WHOLE):
+        raise Conflict(
+            f'{config_dir / GUARD_FILE}: supervisor = "{SELF}"; expected "{SYSTEMD}" for unit {unit}'
+        )
+    for _ in host.carry_out(install_steps(host, package, node, (), start=True)):
+        pass  # each step raises its error

@@ -30,20 +30,20 @@ class HostStep(msgspec.Struct, frozen=True):
 
 
 def write(path: str, content: bytes, reason: str) -> HostStep:
-    """Replaces a file."""
+    """The step that replaces a file."""
     return HostStep(StepAction.WRITE, path, reason, content)
 
 
 def link(path: str, target: str, reason: str) -> HostStep:
-    """Replaces a symbolic link."""
+    """The step that replaces a symbolic link."""
     return HostStep(StepAction.LINK, path, reason, target.encode())
 
 
 def remove(path: str, reason: str) -> HostStep:
-    """Removes a file, a link or a folder with its content."""
+    """The step that removes a file, a link, or a folder with its content."""
     return HostStep(StepAction.REMOVE, path, reason)
 
 
 def run(reason: str, *words: str) -> HostStep:
-    """Runs a program, which must succeed."""
+    """The step that runs a program, which must succeed."""
     return HostStep(StepAction.RUN, shlex.join(words), reason, words=words)

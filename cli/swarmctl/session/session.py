@@ -1,6 +1,7 @@
 """A session with the swarm: finds a node of this machine and joins it as a module named swarmctl."""
 
 import asyncio
+import os
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from copy import copy
@@ -13,7 +14,7 @@ from swarmctl.commandline.nodes import NodeSelection, is_selection, names_one
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.terminal.confirmation import JointConfirmation, confirm
 from swarmctl.terminal.output import Output
-from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.errors import Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
 from swarmware.module.client import Client
@@ -236,10 +237,21 @@ async def connect(settings: CliSettings, out: Output | None = None) -> AsyncIter
     """
     folder = config_dir(settings)
     node = load_node(folder)
+    _check_open(node.run_path)
     if not populated(node.run_path):
         raise NoAnswer(f"node {node.platform} ({folder}): its services do not run; expected them to")
     async with Client(NAME, config_dir=folder) as module:
         yield Session(module, settings, out or Output(settings))
+
+
+def _check_open(run_dir: Path) -> None:
+    """Check that this user may join the node. Raises: Denied."""
+    if not run_dir.exists() or os.access(run_dir, os.R_OK | os.X_OK):
+        return
+    raise Denied(
+        f"{run_dir}: closed to this user; expected root, or a member of its group (under systemd: group"
+        " swarm): as root `swarmctl host install --operator NAME`, then a new login"
+    )
 
 
 def run(

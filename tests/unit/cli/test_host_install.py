@@ -1,5 +1,6 @@
 """`swarmctl host`: steps that set a computer up, in a folder that stands for its files."""
 
+import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,15 +10,18 @@ import pytest
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.host import installing, removing
-from swarmctl.installation import configuration, plan, starting
+from swarmctl.installation import configuration, plan
 from swarmctl.installation.configuration import NodeChoice, host_node, with_keys
 from swarmctl.installation.host import Host
 from swarmctl.installation.package import InstalledPackage
 from swarmctl.installation.plan import CONFIG, install_steps, removal_steps, units_of
 from swarmctl.installation.step import HostStep, StepAction, run
+from swarmctl.main import main as swarmctl
+from swarmctl.session.session import connect
 from swarmctl.terminal.output import Output
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound, SwarmError
 from swarmware.model.config import NodeConfig, load
+from swarmware.testing.tmpnode import make_node
 
 PACKAGE = InstalledPackage(Path("/opt/swarm/bin"), InstalledPackage.find().share)
 SERVICES = NodeConfig().services
@@ -372,13 +376,44 @@ def remote(fresh: FakeHost, monkeypatch: pytest.MonkeyPatch) -> FakeHost:
     return fresh
 
 
+@pytest.mark.parametrize(
+    "words", [("--name", "uav1"), ("--name", "base", "--kind", "gcs", "--single-unit", "--real")]
+)
+def test_the_command_line_reaches_the_plan(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+) -> None:
+    monkeypatch.setattr(installing, "Host", lambda: FakeHost(tmp_path))
+    monkeypatch.setattr(installing, "CONFIG", str(tmp_path / "etc/swarm"))
+    assert swarmctl(["host", "install", "--dry-run", "--json", *words]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["platform"], found["dry_run"]) == (words[1], True)
+    assert (found["units"] == ["swarm-node.service"]) == ("--single-unit" in words)
+    assert swarmctl(["host", "install", "--dry-run"]) == 7
+    assert "--name" in capsys.readouterr().err
+
+
+async def test_a_user_who_may_not_join_a_node_is_shown_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config_dir = make_node(tmp_path)
+    run_path = load(config_dir / "node.toml", NodeConfig).run_path
+    run_path.mkdir(exist_ok=True)
+    monkeypatch.setattr("os.access", lambda path, mode: path != run_path)
+    with pytest.raises(Denied, match=r"a member of its group .*swarmctl host install --operator NAME"):
+        async with connect(CliSettings(config=str(config_dir))):
+            pass
+
+
 def test_fleet_sets_a_host_up_before_it_starts_its_unit(remote: FakeHost) -> None:
-    starting.start_unit("swarm.target", Path(CONFIG), remote)
+    plan.start_unit("swarm.target", Path(CONFIG), remote)
     assert remote.active == {"swarm.target", "swarmd@broker.service", "swarmd@guard.service"}
     assert remote.content(plan.RULES)
     assert remote.config("services/guard.toml")["supervisor"] == "systemd"
     with pytest.raises(Conflict, match='expected "self" for one unit'):
-        starting.start_unit("swarm-node.service", Path(CONFIG), remote)
+        plan.start_unit("swarm-node.service", Path(CONFIG), remote)
 
 
 def test_fleet_refuses_a_guard_that_would_start_the_daemons_a_second_time(remote: FakeHost) -> None:
@@ -386,14 +421,14 @@ def test_fleet_refuses_a_guard_that_would_start_the_daemons_a_second_time(remote
     guard.parent.mkdir()
     guard.write_text('supervisor = "self"\n')
     with pytest.raises(Conflict, match=r'expected "systemd" for unit swarm\.target'):
-        starting.start_unit("swarm.target", Path(CONFIG), remote)
-    starting.start_unit("swarm-node.service", Path(CONFIG), remote)
+        plan.start_unit("swarm.target", Path(CONFIG), remote)
+    plan.start_unit("swarm-node.service", Path(CONFIG), remote)
     assert remote.active == {"swarm-node.service"}
 
 
 @pytest.mark.parametrize(("unit", "folder"), [("my-node.service", CONFIG), ("swarm.target", "/srv/uav1")])
 def test_fleet_only_starts_a_unit_that_is_not_shipped(remote: FakeHost, unit: str, folder: str) -> None:
-    starting.start_unit(unit, Path(folder), remote)
+    plan.start_unit(unit, Path(folder), remote)
     assert remote.ran == [("systemctl", "enable", unit), ("systemctl", "start", unit)]
 
 

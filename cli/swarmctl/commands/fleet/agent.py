@@ -23,8 +23,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet.hosts import CONFIG, DATA, NODE_FILE, digest, digest_of, sums
 from swarmctl.commands.fleet.plan import HostStatus
 from swarmctl.installation.host import Host
-from swarmctl.installation.plan import TARGET
-from swarmctl.installation.starting import start_unit
+from swarmctl.installation.plan import TARGET, start_unit
 from swarmctl.resources.restart import is_armed
 from swarmctl.session.processes import ProcessIdentity, identity, wait_gone
 from swarmctl.session.session import connect

@@ -33,7 +33,7 @@ class LoginName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generi
 
 
 @cmd.command(nodes=Nodes.NONE)
-@click.option("--name", default="", type=PLATFORM, metavar="PLATFORM", help="Name of the platform: uav1.")
+@click.option("--name", default=None, type=PLATFORM, metavar="PLATFORM", help="Name of the platform: uav1.")
 @click.option(
     "--kind",
     type=click.Choice(["uav", "ugv", "usv", "gcs"]),
@@ -59,7 +59,7 @@ class LoginName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generi
 def install(
     ctx: click.Context,
     /,
-    name: str,
+    name: str | None,
     kind: str | None,
     template: str,
     real: bool,
@@ -79,7 +79,7 @@ def install(
     from swarmctl.installation.configuration import NodeChoice
     from swarmctl.terminal.output import Output
 
-    choice = NodeChoice(name, kind or "", template, real, single_unit)
+    choice = NodeChoice(name or "", kind or "", template, real, single_unit)
     install_node(Output(settings(ctx)), choice, operators, start=not no_start, dry_run=dry_run)
 
 
