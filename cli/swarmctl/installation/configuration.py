@@ -24,7 +24,7 @@ SYSTEMD: Final = "systemd"
 """Supervisor of guard.toml: each service is a unit, restarted by systemd."""
 SIMULATION: Final = "sim"
 """Name of the service and of the driver of the simulation."""
-VEHICLE_ONLY: Final = (SIMULATION, "navigator")
+VEHICLE_ONLY: Final = (SIMULATION, "control", "navigator")
 """Services without which a ground station runs."""
 
 

@@ -19,12 +19,14 @@ from swarmctl.installation.step import HostStep, StepAction, run
 from swarmctl.main import main as swarmctl
 from swarmctl.session.session import connect
 from swarmctl.terminal.output import Output
+from swarmlab.provision.provisioning import STATION, VEHICLE
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound, SwarmError
 from swarmware.model.config import NodeConfig, load
 from swarmware.testing.tmpnode import make_node
 
 PACKAGE = InstalledPackage(Path("/opt/swarm/bin"), InstalledPackage.find().share)
 SERVICES = NodeConfig().services
+NOT_AT_A_STATION = set(VEHICLE) - set(STATION)
 
 
 class FakeHost(Host):
@@ -141,8 +143,8 @@ def test_a_call_that_was_interrupted_after_any_step_is_completed_by_the_next_one
         ("uav1", "uav", "multirotor", set()),
         ("ugv12", "ugv", "ugv", set()),
         ("usv", "usv", "usv", set()),
-        ("gcs", "gcs", "gcs", {"sim", "navigator"}),
-        ("gcs_2", "gcs", "gcs", {"sim", "navigator"}),
+        ("gcs", "gcs", "gcs", NOT_AT_A_STATION),
+        ("gcs_2", "gcs", "gcs", NOT_AT_A_STATION),
     ],
 )
 def test_the_name_of_a_platform_has_its_kind(
