@@ -18,7 +18,8 @@ PACKAGES: Final = (
     "libpam-systemd",  # debootstrap does not find the virtual package on which polkitd depends
 )
 BOOT_S: Final = 30.0
-COMMAND_S: Final = 120.0
+COMMAND_S: Final = 300.0
+"""Limit of a script; `pip install` takes the longest, on a loaded computer."""
 CGROUPS: Final = (Path("/sys/fs/cgroup/systemd"), Path("/sys/fs/cgroup/unified"))
 """Where a host without a systemd of its own has the hierarchies that the one in the container needs."""
 ENVIRONMENT: Final = {

@@ -101,11 +101,12 @@ class Swarm:
     def until(self, condition: Callable[[], bool], what: str) -> None:
         deadline_s = time.monotonic() + WAIT_S
         while not condition():
-            assert time.monotonic() < deadline_s, f"{what}\n" + "\n".join(
-                host.run("swarmctl node ls || true; swarmctl doctor || true; journalctl --no-pager -u 'swarm*' -n 30").stdout
-                for host in self.hosts.values()
-            )
+            assert time.monotonic() < deadline_s, f"{what}\n{self.diagnosis()}"
             time.sleep(0.3)
+
+    def diagnosis(self) -> str:
+        show = "swarmctl node ls || true; swarmctl doctor || true; journalctl --no-pager -u 'swarm*' -n 30"
+        return "\n".join(host.run(show).stdout for host in self.hosts.values())
 
     def warnings(self, host: str) -> list[str]:
         found = self.document(host, "doctor")["results"]
