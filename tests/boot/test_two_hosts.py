@@ -383,7 +383,7 @@ def stranger(swarm: Swarm) -> Iterator[None]:
 PROVOKED: Final[dict[str, tuple[Callable[[Swarm], AbstractContextManager[None]], str, str]]] = {
     "node ls shows only this node; the node is new": (without_keys, "uav1", ""),
     "node ls misses a node that runs": (silent_network, "gcs", ""),
-    "two nodes do not see each other, with another root in keys show": (
+    "two nodes do not see each other, and have keys of two swarms": (
         lambda swarm: without_keys(swarm, "swarmctl keys init --root /root/other"),
         "gcs",
         "",

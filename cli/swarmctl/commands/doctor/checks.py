@@ -320,7 +320,8 @@ def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
         text = f"members that this node does not reach: {', '.join(present.unreached)}"
         advice = (
             "whether they run; cable or radio; multicast_interface or seeds in broker.toml; UDP port 7447 and"
-            " the ports of broker.toml in their firewalls, and in that of this computer"
+            " the ports of broker.toml in their firewalls, and in that of this computer; the same `root` in"
+            " `swarmctl keys show` there"
         )
         yield CheckResult("members", "warning", text, advice)
     elif present.members:
