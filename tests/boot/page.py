@@ -38,7 +38,7 @@ def blocks(page: Path) -> list[Block]:
 
 
 def section(page: Path, heading: str, host: str = "", *, marked: bool = False) -> list[str]:
-    """The blocks of a section: for this host where they are for one; `marked`: also those not run elsewhere."""
+    """The blocks of a section: those of this host, and of each; `marked`: also those not run elsewhere."""
     found = [one for one in blocks(page) if one.section == heading and (marked or not one.reason)]
     return [one.text for one in found if not host or one.host in {"", host}]
 

@@ -84,7 +84,7 @@ class Swarm:
     def follow(self, heading: str) -> None:
         """Types the commands of a section: those of one host there, others on each host."""
         for block in blocks(PAGE):
-            if block.section == heading:
+            if block.section == heading and not block.reason:
                 for name in [block.host] if block.host else list(self.hosts):
                     self.hosts[name].must(block.text)
 

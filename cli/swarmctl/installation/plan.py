@@ -158,6 +158,9 @@ def _removal(host: Host, package: InstalledPackage, data_dir: str, *, purge: boo
         )
         if host.user(SERVICE_USER) is not None:
             yield run("user of the daemons", "userdel", SERVICE_USER)
+            # userdel leaves a group that has other members
+            remains = f"! getent group {SERVICE_USER} > /dev/null || groupdel {SERVICE_USER}"
+            yield run("group of the operators", "sh", "-c", remains)
 
 
 def start_unit(unit: str, config_dir: Path, host: Host | None = None) -> None:
