@@ -120,7 +120,7 @@ def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) 
 
 
 def test_the_service_of_the_tutorial_runs_under_systemd(node: Machine) -> None:
-    (block,) = section(SERVICE, "5. Run it under systemd")
+    (block,) = section(SERVICE, "5. Run it under systemd", marked=True)
     node.must("swarmctl new service lookout")
     try:
         journal = node.must(block)
