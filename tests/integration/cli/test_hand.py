@@ -149,6 +149,8 @@ def test_a_vehicle_takes_off_is_driven_loses_its_operator_and_lands(lab: Lab, ct
 
     hand = Hand(lab, "drive uav1")
     hand.press("w", "flying")
+    while node(ctl, "uav1")["mode"] != "manual":
+        pass
     with lab.killed("gcs"):
         mode = f"--config {lab.node('uav1')['folder']}/etc tree get /uav1/control/state.mode"
         while ctl(mode).out != "hold\n":

@@ -135,7 +135,10 @@ def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path)
 def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> None:
     async def drive() -> None:
         config_dir = node(tmp_path, "ugv1")
-        async with spawn(config_dir, "hal", "navigator"), Module("test", config_dir=config_dir) as m:
+        async with (
+            spawn(config_dir, "hal", "control", "navigator"),
+            Module("test", config_dir=config_dir) as m,
+        ):
             goals = m.writer("nav/goal", Goal)
             status = m.reader("nav/status", NavStatus)
             truth = m.reader("sim/truth", Pose)

@@ -12,6 +12,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import Partial, SwarmError
+from swarmware.types.control import ControlState
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
 from swarmware.types.net import RouteState
@@ -30,7 +31,7 @@ class NodeOverview(msgspec.Struct, frozen=True):
     health: HealthState | None
     mission: MissionState | None
     mode: str | None
-    """Mode of a vehicle: auto | manual."""
+    """Mode of a vehicle: auto | manual | hold | pilot."""
     armed: bool | None
     height_m: float | None
     """Estimated height of the vehicle above the map's origin."""
@@ -53,6 +54,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
     ways = {route.platform: route for route in (await session.routes()).routes}
     (
         ((infos, errors), (healths, _), (missions, _), (vehicles, _), (poses, _), (batteries, _)),
+        (controls, _),
         syncs,
     ) = await asyncio.gather(
         asyncio.gather(
@@ -63,6 +65,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
             read_boards(session, asked, "nav/pose", Pose),
             read_boards(session, asked, "power/battery", BatteryState),
         ),
+        read_boards(session, asked, "control/state", ControlState),
         synchronisation(session, asked),
     )
     away = [name for name in asked if name != session.here and name not in ways]
@@ -72,6 +75,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
     nodes = []
     for name in asked:
         vehicle, pose, battery = vehicles.get(name), poses.get(name), batteries.get(name)
+        control = controls.get(name)
         words = lost.get(name)
         if words is not None:
             vehicle, pose, battery = words.vehicle, words.pose, words.battery
@@ -83,7 +87,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
                 ways.get(name),
                 healths.get(name),
                 words.mission if words else missions.get(name),
-                vehicle.mode if vehicle else None,
+                control.mode if control and words is None else vehicle.mode if vehicle else None,
                 vehicle.armed if vehicle else None,
                 round(pose.z_m, 2) if pose else None,
                 round(battery.remaining_ratio, 3) if battery else None,
