@@ -108,7 +108,7 @@ def gate() -> AccessFilter:
     members = tuple(
         RosterMember(name, b"", b"", role, serial) for serial, (name, role) in enumerate(names.items())
     )
-    return AccessFilter(Roster(1, members, revoked=(2,)).roles(), Access())
+    return AccessFilter("uav9", Roster(1, members, revoked=(2,)).roles(), Access())
 
 
 def question(kind: FrameKind = FrameKind.REQUEST, extension: bytes = b"") -> Frame:
@@ -135,13 +135,13 @@ def test_a_sender_that_a_frame_brings_along_is_not_believed() -> None:
     frame = question(extension=with_sender(b"", Sender("gcs", Role.MAINTAINER)))
     gate().check(frame, "uav2", "plan/share")
     assert sender_of(frame.extension) == Sender("uav2", Role.NODE)
-    without_keys = AccessFilter(None, Access())
+    without_keys = AccessFilter("uav9", None, Access())
     without_keys.check(frame, "uav2", "sys/guard/restart")
     assert sender_of(frame.extension) is None
 
 
 def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
-    for keys in (gate(), AccessFilter(None, Access())):
+    for keys in (gate(), AccessFilter("uav9", None, Access())):
         asked = question(extension=with_sender(b"", None, 1))
         keys.check(asked, "uav2", "plan/share", 1000)
         assert arrival_ns(asked.extension) == 1000
@@ -185,3 +185,14 @@ def test_another_roster_changes_the_role_of_a_sender_that_is_known_already() -> 
     with pytest.raises(Denied, match="observer@gcs"):
         one.check(question(), "gcs", "cmd/goto")
     one.check(question(), "uav2", "cmd/goto")
+
+
+def test_applications_of_another_unit_of_the_platform_have_its_rights_and_its_users_their_own() -> None:
+    members = (RosterMember("uav2", b"", b"", "node", 1),)
+    own = AccessFilter("uav2", Roster(1, members, revoked=()).roles(), Access())
+    frame = question()
+    own.check(frame, "uav2", "config/speed")
+    assert sender_of(frame.extension) == Sender("uav2", Role.MAINTAINER)
+    guest = question(extension=with_caller(b"", Caller("anna", Role.OBSERVER)))
+    with pytest.raises(Denied, match="anna@uav2"):
+        own.check(guest, "uav2", "config/speed")

@@ -114,3 +114,26 @@ def test_ids_are_stable_numbers_of_32_bits_and_depend_on_every_part() -> None:
 
 def test_platforms_sort_as_people_count() -> None:
     assert sorted(["uav10", "uav2", "ugv1", "gcs"], key=names.natural) == ["gcs", "uav2", "uav10", "ugv1"]
+
+
+def test_an_address_is_a_platform_and_its_unit_and_main_needs_no_name() -> None:
+    assert str(names.Address("uav3")) == "uav3"
+    assert str(names.Address("uav3", "fc")) == "uav3.fc"
+    assert names.Address.parse("uav3.main") == names.Address("uav3")
+    assert names.Address.parse("uav3.main").path == "uav3.main"
+    assert names.Address("uav3", "fc").hardware == names.hardware_id("uav3.fc")
+    assert names.hardware_id("uav3.main") == names.hardware_id("uav3")
+    for text in ("", "uav3.", ".fc", "uav3.fc.x", "uav3.Fc"):
+        with pytest.raises(InvalidInput):
+            names.Address.parse(text)
+
+
+def test_a_path_may_name_one_computer_and_only_its_first_segment_has_a_point() -> None:
+    assert names.split(names.check_path("/uav3.fc/nav/pose")) == ("uav3.fc", "nav/pose")
+    for path in ("uav3.fc/nav/pose", "/uav3/nav.pose", "/uav3.fc.x/nav", "/uav3./nav"):
+        with pytest.raises(InvalidInput):
+            names.check_path(path)
+    assert names.has_unit_branch("net/routes")
+    assert names.has_unit_branch("sys/tree/get")
+    assert not names.has_unit_branch("sys/mission/task")
+    assert not names.has_unit_branch("nav/pose")

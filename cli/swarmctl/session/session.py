@@ -165,7 +165,7 @@ class Session:
 
         Raises: NotFound for an unknown platform.
         """
-        names.check_platform(platform)
+        platform = names.platform_of(names.check_computer(platform))
         if platform == self.here:
             return True
         ways = {route.platform for route in (await self.routes()).routes}

@@ -62,7 +62,9 @@ class FrameGateway:
         self._on_roster_actions = on_roster_actions
         self._keys = keys
         self._table = table
-        self._access_filter = AccessFilter(None if keys.roster is None else keys.roster.roles(), access)
+        self._access_filter = AccessFilter(
+            core.identity.platform, None if keys.roster is None else keys.roster.roles(), access
+        )
         self._on_denial = on_denial
         self._clock = clock
         self._messaging = messaging

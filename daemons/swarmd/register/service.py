@@ -9,19 +9,21 @@ from swarmd.register.core.known_registers import (
     Forgotten,
     PublishedTable,
     PublishPartners,
-    ReachedPlatform,
+    ReachedUnit,
     ReadRoutes,
     RegisterCore,
+    Unit,
 )
 from swarmware import __version__
+from swarmware.model import names
 from swarmware.model.clock import utc_ns
 from swarmware.module.boardset import BoardSet
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.partners import PATH as PARTNERS
+from swarmware.module.unit_directory import PATH as PARTNERS
 from swarmware.node.master.master import RESOURCE
 from swarmware.service.service import Service
-from swarmware.types.net import Routes
+from swarmware.types.net import Routes, RouteState
 from swarmware.types.register import ApplicationTable, PartnerTable
 from swarmware.types.register import Register as RegisterReply
 from swarmware.types.rpc import Empty
@@ -39,10 +41,15 @@ class Registrar(Service):
         super().__init__(module, config)
         node = module.node.config
         self._routes = module.reader("net/routes", Routes)
-        self._tables: BoardSet[ApplicationTable] | None = None
-        """None: no partners are configured."""
+        patterns = [f"{node.platform}.*"]
+        if node.unit != names.MAIN:
+            patterns.append(f"{node.platform}.{names.MAIN}")
         if config.partners:
-            self._tables = module.readers(f"/{config.partners}/{RESOURCE.path}", ApplicationTable)
+            patterns += [config.partners, f"{config.partners}.*"]
+        self._tables = [
+            module.readers(f"/{pattern}/{RESOURCE.path}", ApplicationTable) for pattern in patterns
+        ]
+        """Tables of the other computers of this platform, and of those of the configured partners."""
         self._core = RegisterCore(node.platform, node.unit, config)
         if (known := module.reader(PARTNERS, PartnerTable).value) is not None:
             self._core.restore(known, module.now_ns())
@@ -50,7 +57,7 @@ class Registrar(Service):
             PARTNERS,
             PartnerTable,
             link="request",
-            description="Units of other platforms and their applications",
+            description="Other computers and their applications",
         )
         self._partners.durable = True
         self._driver = self.drive(self._core, self._perform)
@@ -77,16 +84,16 @@ class Registrar(Service):
         try:
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="register: driver")
-                if self._tables is not None:
-                    group.create_task(self._follow(self._tables), name="register: tables")
+                for tables in self._tables:
+                    group.create_task(self._follow(tables), name=f"register: {tables.pattern}")
         finally:
             module.node.master.step_back()
 
     async def _follow(self, tables: BoardSet[ApplicationTable]) -> None:
         while True:
-            for platform in await tables.changed():
+            for name in await tables.changed():
                 now_ns = self.module.now_ns()
-                if (published := _published(tables, platform, now_ns)) is not None:
+                if (published := _published(tables, name, now_ns)) is not None:
                     self._driver.feed(self._core.on_table(published, now_ns))
 
     def _perform(self, action: Action) -> None:
@@ -99,19 +106,26 @@ class Registrar(Service):
             case Forgotten(platform):
                 self.module.log.info("%s: not reachable for %.0f s, removed", platform, self.config.forget_s)
 
-    def _reached(self, now_ns: int) -> dict[str, ReachedPlatform]:
-        """Platforms with a route, and the tables that they publish."""
+    def _reached(self, now_ns: int) -> dict[Unit, ReachedUnit]:
+        """Computers with a route, and the tables that they publish."""
         routes = self._routes.value
         found = routes.routes if routes is not None else ()
         return {
-            route.platform: ReachedPlatform(route.hops, _published(self._tables, route.platform, now_ns))
+            (route.platform, route.unit): ReachedUnit(route.hops, self._table_of(route, now_ns))
             for route in found
         }
+
+    def _table_of(self, route: RouteState, now_ns: int) -> PublishedTable | None:
+        for name in (route.name, f"{route.platform}.{route.unit}"):
+            for tables in self._tables:
+                if name in tables and (found := _published(tables, name, now_ns)) is not None:
+                    return found
+        return None
 
     def _apps(self, _: Empty, __: Meta) -> RegisterReply:
         own = self.module.node.master.table(full=True)
         routes = self._routes.value
-        hops = {route.platform: route.hops for route in routes.routes} if routes is not None else {}
+        hops = {(route.platform, route.unit): route.hops for route in routes.routes} if routes else {}
         return RegisterReply(self._core.units(own, hops, self.module.now_ns()))
 
     def _info(self, _: Empty, __: Meta) -> NodeInfo:
@@ -137,12 +151,10 @@ def processes(table: ApplicationTable, services: Collection[str]) -> str:
     return "one" if len(pids) <= 1 else "per-daemon"
 
 
-def _published(
-    tables: BoardSet[ApplicationTable] | None, platform: str, now_ns: int
-) -> PublishedTable | None:
-    """The table of a platform; None when it names another platform."""
-    board = tables[platform] if tables is not None and platform in tables else None
-    table = board.value if board is not None else None
-    if board is None or table is None or table.platform != platform:
+def _published(tables: BoardSet[ApplicationTable], name: str, now_ns: int) -> PublishedTable | None:
+    """The table of a platform or computer; None when it names another one."""
+    board = tables[name]
+    table = board.value
+    if table is None or name not in {table.platform, f"{table.platform}.{table.unit}"}:
         return None
     return PublishedTable(table, now_ns - round((board.age_s or 0.0) * 1e9))

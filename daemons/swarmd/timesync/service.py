@@ -133,7 +133,9 @@ class TimeSync(Service):
             platform = await self._requests.get()
             try:
                 received = await self.module.request(
-                    names.join(platform, "sys/time/functions"), Empty(), TimeFunctions
+                    names.join(names.Address.parse(platform).path, "sys/time/functions"),
+                    Empty(),
+                    TimeFunctions,
                 )
             except SwarmError as error:
                 self.module.log.debug("functions of %s: %s", platform, error)

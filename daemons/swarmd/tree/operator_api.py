@@ -1,6 +1,7 @@
 """Requests of operators: values, lists and changes of resources of this platform and of others."""
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Final
@@ -16,6 +17,7 @@ from swarmd.tree.rule_store import RuleStore
 from swarmd.tree.settings import Settings
 from swarmd.tree.tree_view import TreeView, json_text
 from swarmd.tree.type_catalogue import TypeCatalogue
+from swarmd.tree.unit_forwarder import UnitForwarder
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.access import Access, Verb
@@ -82,6 +84,7 @@ class OperatorApi:
         self._answer_s = answer_s
         self._access = access
         self._denials = denials
+        self._units = UnitForwarder(module, view, answer_s)
 
     def serve(self) -> None:
         """Registers the handlers of the requests."""
@@ -103,20 +106,16 @@ class OperatorApi:
             self._denials.record(meta.sender, verb, path, str(error))
             raise
 
-    def _split(self, path: str) -> tuple[str, str]:
-        platform, local = names.split(names.check_path(path))
-        if not local:
-            raise NotFound(f"{path}: a platform; expected a resource of it, such as {path}/nav/pose")
-        return platform or self._module.platform, local
-
     # -- get
 
-    def _get(self, request: TreeGet, meta: Meta) -> TreeValue:
+    async def _get(self, request: TreeGet, meta: Meta) -> TreeValue:
         view = self._view
-        platform, local = self._split(request.path)
+        platform, local = self._units.split(request.path)
         # also for another platform's: its answer is for this one, or comes from a mirror
         self._check(meta, Verb.GET, local)
-        if platform == self._module.platform:
+        if unit := self._units.provider(request.path):
+            return await self._get_at(unit, request, meta)
+        if self._units.is_own(platform):
             return view.own_value(view.own_leaf(local), self._settings.version(local))
         if request.fresh or meta.sender_hw != self._module.node.hardware:
             raise self._not_its_owner(platform, request.path, "get")
@@ -131,6 +130,18 @@ class OperatorApi:
             f"{request.path}: {self._module.platform} has no copy of it; expected a request to {owner}"
         )
 
+    async def _get_at(self, unit: names.Address, request: TreeGet, meta: Meta) -> TreeValue:
+        """The value at another computer of this platform; if it does not answer, the mirrored one."""
+        path = request.path
+        try:
+            found = await self._units.forward(unit, "get", request, TreeValue, meta, path)
+        except NoAnswer:
+            mirrored = self._view.mirrored_value(*self._units.split(path))
+            if mirrored is None or request.fresh:
+                raise
+            return mirrored
+        return msgspec.structs.replace(found, path=names.join(*self._units.split(path)))
+
     def _not_its_owner(self, platform: str, path: str, verb: str) -> Denied:
         """A request that only the owner of the resource decides, with the rights of who asks."""
         owner = names.join(platform, f"sys/tree/{verb}")
@@ -140,8 +151,8 @@ class OperatorApi:
 
     async def _type(self, request: TypeRequest, meta: Meta) -> TypeDescription:
         name, platform = request.name, request.platform or self._module.platform
-        if platform == self._module.platform:
-            return self._types.description(name)
+        if self._units.is_own(platform):
+            return await self._own_type(request, meta)
         if meta.sender_hw != self._module.node.hardware:
             raise self._not_its_owner(platform, f"type {name!r} of {platform}", "type")
         self._view.check_platform(platform)
@@ -159,6 +170,18 @@ class OperatorApi:
         self._types.keep(platform, name, found)
         return found
 
+    async def _own_type(self, request: TypeRequest, meta: Meta) -> TypeDescription:
+        try:
+            return self._types.description(request.name)
+        except NotFound:
+            if request.platform == self._module.node.address.path:
+                raise
+            for unit in self._tree.replicas.units.of(self._module.platform):
+                asked = TypeRequest(request.name, unit.address.path)
+                with contextlib.suppress(NotFound, NoAnswer):
+                    return await self._units.forward(unit.address, "type", asked, TypeDescription, meta)
+            raise
+
     # -- changes
 
     def _own_resource(self, path: str, verb: str) -> Resource:
@@ -166,21 +189,27 @@ class OperatorApi:
 
         Raises: NotFound; Denied for another platform, which decides with the rights of who asks.
         """
-        platform, local = self._split(path)
-        if platform != self._module.platform:
+        platform, local = self._units.split(path)
+        if not self._units.is_own(platform):
             raise self._not_its_owner(platform, path, verb)
         return self._view.own_leaf(local).resource
 
     async def _set(self, request: TreeSet, meta: Meta) -> TreeSetDone:
-        path, _dot, field = request.path.partition(".")
+        path, _dot, field = _without_field(request.path)
+        if unit := self._units.provider(path):
+            return await self._units.forward(unit, "set", request, TreeSetDone, meta, request.path)
         resource = self._own_resource(path, "set")
         return await self._change_here(resource, meta, partial(self._set_here, resource, field, request))
 
     async def _undo(self, request: TreeUndo, meta: Meta) -> TreeSetDone:
+        if unit := self._units.provider(request.path):
+            return await self._units.forward(unit, "undo", request, TreeSetDone, meta, request.path)
         resource = self._own_resource(request.path, "undo")
         return await self._change_here(resource, meta, partial(self._undo_here, resource))
 
     async def _reset(self, request: TreeReset, meta: Meta) -> TreeSetDone:
+        if unit := self._units.provider(request.path):
+            return await self._units.forward(unit, "reset", request, TreeSetDone, meta, request.path)
         resource = self._own_resource(request.path, "reset")
         return await self._change_here(resource, meta, partial(self._reset_here, resource))
 
@@ -282,7 +311,7 @@ class OperatorApi:
         first, rest = [*text[1:].split("/", 1), ""][:2]
         rest = "**" if first == "**" or not rest else rest
         Pattern(rest)
-        wanted = Pattern("*" if first == "**" else first)
+        wanted = Pattern("*" if first == "**" else first, of_computers=True)
         await self._request_structures(wanted)
         limit = max(1, min(request.limit, LIMIT))
         entries: list[TreeEntry] = []
@@ -298,7 +327,11 @@ class OperatorApi:
     async def _request_structures(self, wanted: Pattern) -> None:
         """Request unknown structures, and wait for the replies for at most DEMAND_S."""
         replicas = self._tree.replicas
-        asked = [platform for platform in replicas.platforms() if wanted.matches(platform)]
+        asked = [
+            name
+            for name in replicas.platforms()
+            if wanted.matches(names.platform_of(name)) or wanted.matches(names.Address.parse(name).path)
+        ]
         for platform in asked:
             self._driver.feed(self._tree.on_demand(platform, self._module.now_ns()))
         try:
@@ -308,6 +341,14 @@ class OperatorApi:
                     await self._stepped.wait()
         except TimeoutError:
             return  # known structures are listed, others as unknown
+
+
+def _without_field(path: str) -> tuple[str, str, str]:
+    """Path of a resource, point and field; the first segment may name a computer: `/uav3.fc/config/x.y`."""
+    end = path.find("/", 1)
+    head, rest = (path[:end], path[end:]) if path.startswith("/") and end > 0 else ("", path)
+    resource, dot, field = rest.partition(".")
+    return head + resource, dot, field
 
 
 def _rule_text(rules: tuple[Rule, ...], pattern: str) -> str:

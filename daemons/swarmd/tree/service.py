@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import os
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
@@ -36,7 +37,7 @@ from swarmd.tree.tree_exchange import TreeExchange
 from swarmd.tree.tree_view import TreeView
 from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmware.errors import ConfigError
-from swarmware.model import template
+from swarmware.model import names, paths, template
 from swarmware.model.resource import Resource
 from swarmware.model.stored_setting import FILE
 from swarmware.module.board import BoardReader
@@ -44,6 +45,7 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
+from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types.mission import MissionState
 from swarmware.types.net import ChannelLimits, Neighbours, Routes, TreePlan
 from swarmware.types.tree import TreeChange, TreeItem
@@ -69,7 +71,7 @@ class Tree(Service):
         access = node.access_rules.access
         self._access_version = node.access_rules.version
         self._tree = SwarmTree(
-            module.platform,
+            str(node.address),
             template.load(node.config.template, folder).resources,
             config,
             epoch=int.from_bytes(os.urandom(4)) // 2 + 1,
@@ -172,13 +174,23 @@ class Tree(Service):
         with self._boundary("applications of the node"):
             self._driver.feed(
                 self._tree.on_applications(
-                    [resource for entry in table for resource in entry.provides],
+                    [*self._unit_settings(table), *(one for entry in table for one in entry.provides)],
                     {pattern for entry in table for pattern in entry.reads},
                     self.module.now_ns(),
                 )
             )
             for text, why in self._tree.local_subscriptions.refused.items():
                 log.warning("read pattern %s of an application: %s", text, why)
+
+    def _unit_settings(self, table: Iterable[AppEntry]) -> Iterator[Resource]:
+        """Settings of the template that applications of this computer use; `main` keeps the others."""
+        if self._tree.address.unit == names.MAIN:
+            return
+        for entry in table:
+            for name in entry.live.values():
+                setting = self._tree.local.setting(paths.setting(name), entry.name)
+                if setting is not None:
+                    yield setting
 
     async def _report_regularly(self) -> None:
         async for _ in self.module.every(PROBE_S):
@@ -203,7 +215,7 @@ class Tree(Service):
     async def _follow_reach(self, board: BoardReader[Neighbours] | BoardReader[Routes]) -> None:
         while True:
             await board.changed()
-            self._on_reach(reachable(self.module.platform, self._neighbours.value, self._routes.value))
+            self._on_reach(reachable(str(self._tree.address), self._neighbours.value, self._routes.value))
 
     def _on_reach(self, found: dict[str, Reachability]) -> None:
         now_ns = self.module.now_ns()
@@ -229,7 +241,7 @@ class Tree(Service):
         match action:
             case None:
                 return self._boundary("timer of the tree")
-            case WriteMirror(platform, item):
+            case WriteMirror(platform, item, _, _):
                 return self._boundary(f"mirror of /{platform}/{item.path}")
             case _:
                 return self._boundary(f"{type(action).__name__} of the tree")
@@ -268,7 +280,7 @@ class Tree(Service):
             case Unwatch():
                 if tap := self._taps.pop(action.path, None):
                     tap.close()
-            case WriteMirror(platform, item, epoch):
+            case WriteMirror(platform, item, epoch, _):
                 self._mirrors.write(platform, item.path, action.frame, epoch=epoch)
             case PruneMirrors():
                 self._mirrors.prune(action.platform, action.paths)

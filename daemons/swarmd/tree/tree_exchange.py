@@ -1,4 +1,4 @@
-"""Exchange with the trees of other platforms: requests, replies and notifications, in both directions."""
+"""Exchange with the trees of other nodes: requests, replies and notifications, in both directions."""
 
 import asyncio
 import logging
@@ -81,9 +81,7 @@ class TreeExchange:
         inbox = self._notifications
         async for notify in inbox:
             if inbox.meta is None or inbox.meta.sender_hw != names.hardware_id(notify.platform):
-                log.warning(
-                    "notification with the name of %s from another platform; dropped", notify.platform
-                )
+                log.warning("notification with the name of %s from another node; dropped", notify.platform)
                 continue
             self.notified += 1
             with self._boundary(f"notification of {notify.platform}"):
@@ -93,7 +91,7 @@ class TreeExchange:
 
     async def ask_structure(self, action: RequestStructure) -> None:
         """Requests a structure and feeds the core the reply."""
-        path, reply = names.join(action.platform, "sys/tree/structure"), None
+        path, reply = _at(action.platform, "structure"), None
         async with self._at_once:
             self.asked += 1
             try:
@@ -107,7 +105,7 @@ class TreeExchange:
 
     async def ask_subscription(self, action: RequestSubscription) -> None:
         """Requests a subscription and feeds the core the reply."""
-        path, reply = names.join(action.platform, "sys/tree/subscribe"), None
+        path, reply = _at(action.platform, "subscribe"), None
         async with self._at_once:
             self.asked += 1
             try:
@@ -122,10 +120,15 @@ class TreeExchange:
 
     async def send(self, action: SendNotify) -> None:
         """Sends a notification and feeds the core its result."""
-        path = names.join(action.platform, "sys/tree/notify")
+        path = _at(action.platform, "notify")
         outcome = await self._module.send(path, action.notify, timeout_s=self._answer_s, kind=action.kind)
         now_ns = self._module.now_ns()
         self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))
+
+
+def _at(node: str, verb: str) -> str:
+    """Path of a request to the tree of exactly this node."""
+    return names.join(names.Address.parse(node).path, f"sys/tree/{verb}")
 
 
 def _check_sender(platform: str, meta: Meta) -> None:

@@ -2,13 +2,19 @@
 
 import re
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 from swarmware.errors import InvalidInput
 from swarmware.model.digest import blake2b
 
 ANY: Final = 0xFFFF_FFFF
 """Receiver id of frames for all receivers (S1.49)."""
+MAIN: Final = "main"
+"""Unit of a platform with one computer, and the one that has the resources of the template."""
+UNIT_BRANCHES: Final = frozenset({"app", "guard", "health", "log", "net", "register", "time", "tree"})
+"""First segments of the resources that every computer of a platform has for itself."""
+UNIT_SERVICES: Final = frozenset({"broker", "guard", "health", "log", "node", "register", "time", "tree"})
+"""The same below `sys`; others, such as `sys/mission`, are those of the platform."""
 
 PATH_LIMIT: Final = 200
 """Longest resource path in characters: keeps ring file names under the 255 bytes of every file system."""
@@ -39,6 +45,56 @@ def check_platform(name: str) -> str:
     return name
 
 
+class Address(NamedTuple):
+    """A computer: a unit of a platform. Its text is `uav3`, or `uav3.fc` where the unit is not `main`."""
+
+    platform: str
+    unit: str = MAIN
+
+    @classmethod
+    def parse(cls, text: str) -> "Address":
+        """The address of this text, which may also name the unit `main`.
+
+        Raises: InvalidInput.
+        """
+        platform, dot, unit = text.partition(".")
+        check_platform(platform)
+        return cls(platform, check_platform(unit)) if dot else cls(platform)
+
+    @property
+    def hardware(self) -> int:
+        """Hardware id."""
+        return hardware_id(self.platform, self.unit)
+
+    @property
+    def path(self) -> str:
+        """The text with its unit in any case, as in paths of exactly this computer: `uav3.main`."""
+        return f"{self.platform}.{self.unit}"
+
+    def __str__(self) -> str:
+        return self.platform if self.unit == MAIN else f"{self.platform}.{self.unit}"
+
+
+def check_computer(name: str) -> str:
+    """Check the name of a platform or of one of its units, and return it.
+
+    Raises: InvalidInput.
+    """
+    Address.parse(name)
+    return name
+
+
+def platform_of(name: str) -> str:
+    """Platform of a computer's name: of `uav3.fc` it is `uav3`."""
+    return name.partition(".")[0]
+
+
+def has_unit_branch(local: str) -> bool:
+    """Whether every computer of a platform has the resource at this local path for itself."""
+    first, _, rest = local.partition("/")
+    return first in UNIT_BRANCHES or (first == "sys" and rest.partition("/")[0] in UNIT_SERVICES)
+
+
 def check_application(name: str) -> str:
     """Check an application name, and return it.
 
@@ -61,11 +117,16 @@ def segment(application: str) -> str:
 def check_path(path: str) -> str:
     """Check a resource path, local (`nav/pose`) or global (`/uav3/nav/pose`), and return it.
 
+    `/uav3.fc/nav/pose` is the resource of one computer of the platform.
+
     Raises: InvalidInput naming the invalid segment.
     """
     segments = path.removeprefix("/").split("/")
     if len(path) > PATH_LIMIT:
         raise InvalidInput(f"path {path[:40]!r}…: {len(path)} characters, expected at most {PATH_LIMIT}")
+    computer, dot, unit = segments[0].partition(".")
+    if dot and path.startswith("/") and _PLATFORM.match(unit):
+        segments[0] = computer
     for segment in segments:
         if not _SEGMENT.match(segment):
             raise InvalidInput(f"path {path!r}: segment {segment!r}: expected [a-z0-9_]+")
@@ -75,7 +136,8 @@ def check_path(path: str) -> str:
 
 
 def split(path: str) -> tuple[str | None, str]:
-    """Platform and local path: `/uav3/nav/pose` → (`uav3`, `nav/pose`), `nav/pose` → (None, `nav/pose`)."""
+    """Platform, or computer, and local path: `/uav3/nav/pose` → (`uav3`, `nav/pose`), `nav/pose` → (None,
+    `nav/pose`)."""
     if not path.startswith("/"):
         return None, path
     platform, _, local = path[1:].partition("/")
@@ -98,9 +160,9 @@ def _id(text: str) -> int:
     return value if value not in (0, ANY) else 1  # 0 means no receiver, all ones means all receivers
 
 
-def hardware_id(platform: str, unit: str = "main") -> int:
-    """Number of a hardware unit in frame headers (S1.39)."""
-    return _id(f"{platform}.{unit}")
+def hardware_id(platform: str, unit: str = MAIN) -> int:
+    """Number of a hardware unit in frame headers (S1.39), of a unit or of the name of a computer."""
+    return _id(platform if "." in platform else f"{platform}.{unit}")
 
 
 def application_id(name: str, instance: int) -> int:
@@ -123,7 +185,8 @@ class Pattern:
 
     __slots__ = ("_compiled", "_regex", "text")
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, *, of_computers: bool = False) -> None:
+        """`of_computers`: for names of computers, in which a point separates the unit: `uav*.fc`."""
         self.text = text
         if len(text) > PATTERN_LIMIT:
             raise InvalidInput(
@@ -132,7 +195,7 @@ class Pattern:
         wildcards = len(_STARS.findall(text))
         if wildcards > WILDCARDS_LIMIT:
             raise InvalidInput(f"pattern {text!r}: {wildcards} wildcards; expected at most {WILDCARDS_LIMIT}")
-        self._regex = _regex(text)
+        self._regex = _regex(text, of_computers)
         self._compiled: re.Pattern[str] | None = None
         """Made by the first match: most processes have rules that they never apply."""
 
@@ -165,12 +228,12 @@ _END: Final = r"(?=/|\Z)"
 does not match after the first match of a part, it does not match after any other."""
 
 
-def _regex(text: str) -> str:
+def _regex(text: str, of_computers: bool) -> str:
     groups: list[list[str]] = [[]]
     """Segments between the `**`."""
     for segment in text.split("/"):
         if segment != _DEEP:
-            groups[-1].append(_segment(text, segment))
+            groups[-1].append(_segment(text, segment, of_computers))
         elif len(groups) == 1 or groups[-1]:  # `**/**` is `**`
             groups.append([])
     first, *rest = groups
@@ -185,8 +248,8 @@ def _regex(text: str) -> str:
     return out
 
 
-def _segment(text: str, segment: str) -> str:
-    globs = {_STARS.sub("*", glob) for glob in _alternatives(text, segment)}
+def _segment(text: str, segment: str, of_computers: bool) -> str:
+    globs = {_STARS.sub("*", glob) for glob in _alternatives(text, segment, of_computers)}
     return f"(?>{'|'.join(map(_glob, sorted(globs)))})"
 
 
@@ -202,7 +265,7 @@ def _glob(glob: str) -> str:
     return out + (f"(?>{_CHAR}*?{last}{_END})" if last else f"{_CHAR}*+{_END}")
 
 
-def _alternatives(text: str, segment: str) -> list[str]:
+def _alternatives(text: str, segment: str, of_computers: bool) -> list[str]:
     """All expansions of the braces of a segment."""
     # of each open brace: the alternatives that are complete, and the one being read
     done: list[list[str]] = [[]]
@@ -224,6 +287,8 @@ def _alternatives(text: str, segment: str) -> list[str]:
             open_[-1] = [head + tail for head in open_[-1] for tail in inner]
         elif char == "*" or _SEGMENT.match(char):
             open_[-1] = [head + char for head in open_[-1]]
+        elif char == "." and of_computers:
+            open_[-1] = [head + r"\." for head in open_[-1]]
         else:
             raise InvalidInput(f"pattern {text!r}: unexpected {char!r}; expected [a-z0-9_/], *, **, {{a,b}}")
     if len(done) > 1:

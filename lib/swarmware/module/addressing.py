@@ -16,21 +16,40 @@ ADDRESSES_MAX: Final = 4096
 """Addresses that are kept between two messages to them."""
 
 
-class Address:
-    """An address for values of one type, on this or another platform."""
+class Recipient:
+    """A path for values of one type, on this or another platform, and the computer that takes them now."""
 
     def __init__(self, participant: NodeParticipant, path: str, cls: type[msgspec.Struct]) -> None:
         self.platform, self._name = names.split(participant.local(path))
-        """Platform; None: the own one."""
+        """Platform or computer; None: the own platform, or this computer."""
         self.data_id = names.data_id(self._name, registry.type_name(cls))
         node = participant.node
-        self.hardware = node.hardware if self.platform is None else names.hardware_id(self.platform)
-        """Receiver of its frames."""
+        self._here = node.hardware
+        stays = self.platform is None and names.has_unit_branch(self._name)
+        self._is_fixed = stays or "." in (names.split(path)[0] or "")
+        self._own = node.platform
+        self._default = node.hardware if self.platform is None else names.hardware_id(self.platform)
+        self._units = participant.units
         self._table = participant.node.table
+
+    @property
+    def hardware(self) -> int:
+        """Receiver of its frames: this computer where an application of it serves the path, else another."""
+        if self._is_fixed:
+            return self._default
+        platform = self.platform or self._own
+        if not self._units.has_several(platform):
+            return self._default
+        if self.platform is None:
+            self._table.refresh()
+            if self._table.serving_path(self._name) is not None:
+                return self._default
+        unit = self._units.serving(platform, self._name)
+        return self._default if unit is None else unit.hardware
 
     def mismatch(self) -> str:
         """Reason why a local address does not accept this type; empty when it does, or is not served yet."""
-        if self.platform is not None:
+        if self.hardware != self._here:
             return ""
         self._table.refresh()
         if self._table.serving(self.data_id) is not None:
@@ -48,22 +67,22 @@ class Addressing:
         self._app_id = participant.app_id
         self._clock = participant.node.clock
         self._sequences: dict[int, int] = {}
-        self._addresses: dict[tuple[str, type[msgspec.Struct]], Address] = {}
+        self._addresses: dict[tuple[str, type[msgspec.Struct]], Recipient] = {}
 
-    def address(self, path: str, cls: type[msgspec.Struct]) -> Address:
+    def address(self, path: str, cls: type[msgspec.Struct]) -> Recipient:
         """The address for values of this type.
 
         Raises: InvalidInput when it is not a path.
         """
         address = self._addresses.get((path, cls))
         if address is None:
-            address = Address(self._participant, path, cls)
+            address = Recipient(self._participant, path, cls)
             while len(self._addresses) >= ADDRESSES_MAX:
                 del self._addresses[next(iter(self._addresses))]
             self._addresses[path, cls] = address
         return address
 
-    def frame(self, kind: FrameKind, address: Address, value: msgspec.Struct, timeout_s: float) -> Frame:
+    def frame(self, kind: FrameKind, address: Recipient, value: msgspec.Struct, timeout_s: float) -> Frame:
         """A frame with the value, to be delivered within the time.
 
         Raises: OutOfRange when the value is too large.

@@ -9,7 +9,7 @@ from swarmware.model.names import split
 from swarmware.module.meta import Meta
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.wakeup import Deadline, Wakeup
-from swarmware.node.follower import RingFollower
+from swarmware.node.follower import RingFollower, mirror_of_platform
 from swarmware.node.node import Node
 from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
@@ -34,7 +34,10 @@ class BoardReader(Immediate, Generic[T]):
         self._remote_clocks = remote_clocks
         platform, local = split(path)
         self._follower = RingFollower(
-            ring_file(node.shm_dir, local, platform), name=f"board {path}", data_id=data_id
+            ring_file(node.shm_dir, local, platform),
+            name=f"board {path}",
+            data_id=data_id,
+            elsewhere=mirror_of_platform(node, path),
         )
         self._wakeup = Wakeup()
         self._value: T | None = None

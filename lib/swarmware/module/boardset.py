@@ -19,7 +19,10 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
-    """Mapping of platform to reader, for every other platform with a mirror of the board on this node."""
+    """Mapping of platform to reader, for every other platform with a mirror of the board on this node.
+
+    A pattern with a point is of computers: `/*.*/register/apps`, each unit that is not `main`.
+    """
 
     def __init__(self, node: Node, pattern: str, open_reader: Callable[[str], BoardReader[T]]) -> None:
         platforms, _, local = pattern.removeprefix("/").partition("/")
@@ -27,7 +30,7 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
             raise InvalidInput(f"pattern {pattern!r}: expected wildcards only in the platform: /*/nav/pose")
         self.pattern = pattern
         self._local = check_path(local)
-        self._platforms = Pattern(platforms)
+        self._platforms = Pattern(platforms, of_computers=True)
         self._node = node
         self._open = open_reader
         self._readers: dict[str, BoardReader[T]] = {}
@@ -47,7 +50,8 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
         self._folder_ns = folder_ns
         for folder in self._node.shm_dir.iterdir():
             name = folder.name
-            if name in self._readers or name == self._node.platform or not self._platforms.matches(name):
+            own = name in {self._node.platform, self._node.address.path}
+            if name in self._readers or own or not self._platforms.matches(name):
                 continue
             if ring_file(self._node.shm_dir, self._local, name).exists():
                 self._readers[name] = self._open(f"/{name}/{self._local}")

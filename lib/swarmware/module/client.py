@@ -234,7 +234,8 @@ class Client:
     def partners(self) -> "Partners":
         """The other platforms of the swarm, their units and applications, as the register daemon knows
         them."""
-        from swarmware.module.partners import PATH, Partners
+        from swarmware.module.partners import Partners
+        from swarmware.module.unit_directory import PATH
         from swarmware.types.register import PartnerTable
 
         return Partners(self.reader(PATH, PartnerTable), self.clock)
@@ -248,7 +249,7 @@ class Client:
     def _interest(self, path: str) -> str:
         participant = self._member.participant
         local = participant.local(path)
-        if local.startswith("/"):
+        if local.startswith("/") or not names.has_unit_branch(local):
             participant.read(local)
         return local
 

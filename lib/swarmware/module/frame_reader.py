@@ -6,7 +6,7 @@ from swarmware.model.frame import Frame
 from swarmware.model.names import split
 from swarmware.module.stream import FAIR
 from swarmware.module.wakeup import Wakeup
-from swarmware.node.follower import RingFollower
+from swarmware.node.follower import RingFollower, mirror_of_platform
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
 
@@ -20,7 +20,11 @@ class FrameReader:
     def __init__(self, node: Node, path: str, *, every: bool) -> None:
         self.path = path
         platform, local = split(path)
-        self._follower = RingFollower(ring_file(node.shm_dir, local, platform), name=f"frames {path}")
+        self._follower = RingFollower(
+            ring_file(node.shm_dir, local, platform),
+            name=f"frames {path}",
+            elsewhere=mirror_of_platform(node, path),
+        )
         self._read = self._follower.next if every else self._follower.newest
         self._wakeup = Wakeup()
         self._run = 0

@@ -11,6 +11,7 @@ from swarmware.errors import Conflict, InvalidInput
 from swarmware.model import names
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.remote_clocks import RemoteClocks
+from swarmware.module.unit_directory import UnitDirectory
 from swarmware.node.node import Node
 from swarmware.transport.appfile.entry import AppEntry, Served
 from swarmware.transport.appfile.file import AppFile
@@ -51,6 +52,7 @@ class NodeParticipant:
             announce=node.announce_apps,
         )
         self.remote_clocks = RemoteClocks(node)
+        self.units = UnitDirectory(node)
         self._provides: dict[str, Resource] = {}
         self._serves: dict[str, Served] = {}
         self._reads: dict[str, None] = {}
@@ -80,7 +82,7 @@ class NodeParticipant:
         Raises: InvalidInput.
         """
         platform, local = names.split(names.check_path(path))
-        return local if platform == self.node.platform else path
+        return local if platform in {self.node.platform, self.node.address.path} else path
 
     def own(self, path: str) -> str:
         """The local form of a path of this platform.
@@ -121,7 +123,7 @@ class NodeParticipant:
             self._changed()
 
     def read(self, path: str) -> None:
-        """Declare that a resource of other platforms is read here, so that this node subscribes to it."""
+        """Declare that a resource is read here, so that this node subscribes to it where it is provided."""
         self._reads[path] = None
         self._changed()
 
@@ -185,5 +187,6 @@ class NodeParticipant:
         messaging = self.node.messaging
         messaging.remove_clocks(self.remote_clocks)
         self.remote_clocks.close()
+        self.units.close()
         messaging.remove_application(self.app_id)
         self._file.close()

@@ -1,7 +1,6 @@
 """Partners of a module: the units of other platforms and the applications that run there."""
 
 from collections.abc import Iterator
-from typing import Final
 
 import msgspec
 
@@ -10,12 +9,9 @@ from swarmware.model.clock import Clock
 from swarmware.module.board import BoardReader
 from swarmware.types.register import Application, PartnerTable, PartnerUnit
 
-PATH: Final = "register/partners"
-"""Board of the register daemon; it stays readable while no register daemon runs."""
-
 
 class Partner(msgspec.Struct, frozen=True):
-    """One hardware unit of another platform."""
+    """One computer of another platform, or another computer of this platform."""
 
     platform: str
     unit: str

@@ -9,7 +9,7 @@ from swarmware.errors import NoAnswer, WireError
 from swarmware.model.names import split
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
-from swarmware.node.follower import RingFollower
+from swarmware.node.follower import RingFollower, mirror_of_platform
 from swarmware.node.node import Node
 from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
@@ -42,6 +42,7 @@ class StreamReader(Immediate, Generic[T]):
             name=f"stream {path}",
             data_id=data_id,
             from_oldest=from_oldest,
+            elsewhere=mirror_of_platform(node, path),
         )
         self._follower.listen(node, self._wakeup.notify)
 

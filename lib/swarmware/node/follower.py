@@ -6,8 +6,9 @@ from pathlib import Path
 
 from swarmware.errors import NotFound, SwarmError, WireError
 from swarmware.model.frame import Frame, decode
+from swarmware.model.names import has_unit_branch
 from swarmware.node.node import Node
-from swarmware.transport.shm.layout import readers_folder
+from swarmware.transport.shm.layout import readers_folder, ring_file
 from swarmware.transport.shm.ring import RingReader
 from swarmware.transport.shm.ringfile import absent
 
@@ -19,11 +20,18 @@ class RingFollower:
 
     `name`: name of the resource in the log. `data_id`: frames with another one are refused; None: any.
     `next()` begins with the first frame written from now on, with `from_oldest` with the oldest in the ring;
-    in a ring that appears later, with its first.
+    in a ring that appears later, with its first. `elsewhere`: the ring to follow while there is none at
+    `path`, the mirror of a resource that another computer of this platform provides.
     """
 
     def __init__(
-        self, path: Path, *, name: str = "", data_id: int | None = None, from_oldest: bool = False
+        self,
+        path: Path,
+        *,
+        name: str = "",
+        data_id: int | None = None,
+        from_oldest: bool = False,
+        elsewhere: Path | None = None,
     ) -> None:
         self.ring: RingReader | None = None
         self.before = 0
@@ -32,6 +40,8 @@ class RingFollower:
         """Frames that were damaged, of another type or of another path."""
         self._path = path
         self._file = str(path)
+        self._elsewhere = elsewhere
+        self._other_file = None if elsewhere is None else str(elsewhere)
         self._name = name or self._file
         self._data_id = data_id
         self._lost = 0
@@ -146,7 +156,7 @@ class RingFollower:
         """The doorbell has rung, perhaps for this ring."""
         ring = self.ring
         if ring is None:
-            if absent(self._file):
+            if self._found() is None:
                 return
         elif ring.moved:
             self._reported = -1
@@ -170,14 +180,15 @@ class RingFollower:
     def _open(self, after: int | None) -> RingReader | None:
         """The ring at the path; the former one while there is no other."""
         former = self.ring
-        if absent(self._file):
+        path = self._found()
+        if path is None:
             return former
         try:
             if former is None:
-                self.ring = RingReader(self._path, after=after)
+                self.ring = RingReader(path, after=after)
             else:
                 written = former.sequence
-                self.ring = former.reopen()
+                self.ring = former.reopen(path)
                 if not self.ring.same_epoch(former):
                     self.before += written
         except NotFound:
@@ -188,6 +199,12 @@ class RingFollower:
                 log.warning("%s", error)
             return former
         return self.ring
+
+    def _found(self) -> Path | None:
+        """The path at which there is a ring now."""
+        if not absent(self._file):
+            return self._path
+        return None if self._other_file is None or absent(self._other_file) else self._elsewhere
 
     def _newest_of(self, ring: RingReader) -> bytes | None:
         """Bytes of the newest frame of one ring, if it was not returned or refused before."""
@@ -213,3 +230,10 @@ class RingFollower:
         return WireError(
             f"data id {frame.data_id:#010x}, of another type or path; expected {self._data_id or 0:#010x}"
         )
+
+
+def mirror_of_platform(node: Node, path: str) -> Path | None:
+    """Mirror of a local path that another computer of this platform may provide; None: each has its own."""
+    if path.startswith("/") or has_unit_branch(path):
+        return None
+    return ring_file(node.shm_dir, path, node.platform)

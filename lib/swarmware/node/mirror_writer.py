@@ -117,7 +117,7 @@ class MirrorWriter:
         return True
 
     def _open(self, platform: str, path: str, frame: Frame) -> _Mirror:
-        key = (names.check_platform(platform), names.check_path(path))
+        key = (names.check_computer(platform), names.check_path(path))
         kind = frame.kind
         if kind not in SLOTS:
             raise WireError(

@@ -15,7 +15,7 @@ from swarmware.model import paths
 from swarmware.model.access_rules import AccessRules
 from swarmware.model.clock import Clock, utc_ns
 from swarmware.model.config import NodeConfig, find_config_dir, load_node
-from swarmware.model.names import hardware_id
+from swarmware.model.names import Address
 from swarmware.node.applications import Applications, Watcher
 from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
@@ -87,7 +87,8 @@ class Node(Immediate):
         self.config_dir = config_dir
         self.config = config
         self.platform = config.platform
-        self.hardware = hardware_id(config.platform, config.unit)
+        self.address = Address(config.platform, config.unit)
+        self.hardware = self.address.hardware
         self.run_dir = config.run_path
         self.shm_dir = config.shm_path
         self.host: Services | None = None
@@ -257,21 +258,28 @@ class Node(Immediate):
     def publication(
         self, path: str, *, slots: int, slot_bytes: int, platform: str | None = None
     ) -> "Publication":
-        """The ring of a resource, for writing; of another platform: its mirror.
+        """The ring of a resource, for writing; of another computer: its mirror.
 
         Raises: RingBusy when another process writes it.
         """
         from swarmware.node.publication import Publication  # a client writes no ring
 
         ring = ring_file(self.shm_dir, path, platform)
-        made = Publication(ring, self.doorbells, slots=slots, slot_bytes=slot_bytes)
+        readers_of = None
+        if platform == self.platform:
+            # its readers wait for the ring of this computer; one without a writer would hide the mirror
+            from swarmware.transport.shm.reap import reap_ring  # only a tree writes mirrors
+
+            readers_of = ring_file(self.shm_dir, path)
+            reap_ring(readers_of)
+        made = Publication(ring, self.doorbells, slots=slots, slot_bytes=slot_bytes, readers_of=readers_of)
         self._publications.add(made)
         return made
 
     def mirror_writer(
         self, platform: str, path: str, *, slots: int = MIRROR_SLOTS, slot_bytes: int = MIRROR_SLOT_BYTES
     ) -> "Publication":
-        """The mirror of another platform's resource; frames are published as they were received."""
+        """The mirror of another computer's resource; frames are published as they were received."""
         publication = self.publication(path, slots=slots, slot_bytes=slot_bytes, platform=platform)
         now_ns = utc_ns()
         os.utime(self.shm_dir, ns=(now_ns, now_ns))  # `BoardSet` checks this time

@@ -18,8 +18,16 @@ class Publication:
     """Publishes frames; its ring is replaced by one of larger slots when a frame does not fit."""
 
     def __init__(
-        self, path: Path, doorbells: DoorbellSenders, *, slots: int, slot_bytes: int, mode: int = 0o640
+        self,
+        path: Path,
+        doorbells: DoorbellSenders,
+        *,
+        slots: int,
+        slot_bytes: int,
+        mode: int = 0o640,
+        readers_of: Path | None = None,
     ) -> None:
+        """`readers_of`: ring whose readers are notified; None: its own."""
         self.path = path
         self.folder = str(path.parent)
         self._mode = mode
@@ -29,7 +37,7 @@ class Publication:
         """Position from which the replacement of a damaged ring continues."""
         self._newest: bytes | bytearray | None = None
         """The newest frame written by this object; None: it was a loan, or there was none yet."""
-        self._readers = ReaderNotifier(readers_folder(path), doorbells)
+        self._readers = ReaderNotifier(readers_folder(readers_of or path), doorbells)
         self._readers.notify()  # readers may be waiting for a writer
 
     @property

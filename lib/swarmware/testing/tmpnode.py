@@ -11,6 +11,7 @@ import tomli_w
 
 from swarmware.model import paths
 from swarmware.model.config import NodeConfig, convert
+from swarmware.model.names import Address
 from swarmware.node.node import Node
 
 
@@ -19,11 +20,14 @@ def make_node(
 ) -> Path:
     """Configuration folder of a node whose files are all below `root/<platform>`.
 
-    `settings`: keys of node.toml; `services`: name → settings, or a Struct, of services/<name>.toml.
+    `platform`: its name, with its unit where that is not `main`: `uav1.fc`. `settings`: keys of node.toml;
+    `services`: name → settings, or a Struct, of services/<name>.toml.
     """
     folder = root / platform
+    address = Address.parse(platform)
     raw = {
-        "platform": platform,
+        "platform": address.platform,
+        "unit": address.unit,
         "run_dir": str(folder / "run"),
         "shm_dir": str(folder / "shm"),
         "data_dir": str(folder / "data"),

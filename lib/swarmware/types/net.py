@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 
+from swarmware.model import names
 from swarmware.model.open_enum import OpenEnum
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.bounds import Count, Instant, Uint32
@@ -77,6 +78,11 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     multicast: bool
     """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
 
+    @property
+    def name(self) -> str:
+        """Name of the node: its platform, and its unit where that is not `main`."""
+        return str(names.Address(self.platform, self.unit or names.MAIN))
+
 
 @register
 class Neighbours(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -93,7 +99,7 @@ class RouteState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Its name, or its hardware id in hex while the name is unknown."""
     hardware: int
     via: str
-    """Next hop; the platform itself when it is a neighbour."""
+    """Next hop, with its unit where that is not `main`; the node itself when it is a neighbour."""
     metric: int
     """256 for each hop without loss."""
     hops: int
@@ -101,6 +107,13 @@ class RouteState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     tree_version: int
     since_ns: int
     """Own clock when the next hop was selected."""
+    unit: str = names.MAIN
+    """Computer of the platform."""
+
+    @property
+    def name(self) -> str:
+        """Name of the node: its platform, and its unit where that is not `main`."""
+        return str(names.Address(self.platform, self.unit))
 
 
 @register

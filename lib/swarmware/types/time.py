@@ -75,7 +75,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     hops: int = 1
     """1: measured directly; more: composed over that many links."""
     via: str = ""
-    """Platform over which it was composed; empty when measured directly."""
+    """Node over which it was composed; empty when measured directly."""
     samples: int = 0
     """Exchanges of its estimation; an initial value from a partner has none."""
     rtt_ns: int = 0
@@ -90,7 +90,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
             names.check_platform(self.platform)
             names.check_platform(self.unit)
             if self.via:
-                names.check_platform(self.via)
+                names.Address.parse(self.via)
         except InvalidInput:
             return False
         limit = min(LINK_SKEW_LIMIT * self.hops, SKEW_LIMIT)

@@ -13,6 +13,7 @@ from tests.integration.broker.swarm import free_port
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.model import names
+from swarmware.model.names import platform_of
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
@@ -125,9 +126,12 @@ async def platforms(
     services: tuple[tuple[str, ...], ...] = (SERVICES,),
     start: bool = True,
 ) -> AsyncIterator[list[Platform]]:
-    """Nodes that run; `hear`: who hears whom, `tree`: settings of the tree, `services`: of each process."""
+    """Nodes that run; `uav1.fc` is a unit of uav1.
+
+    `hear`: who hears whom, `tree`: settings of the tree, `services`: of each process.
+    """
     port = free_port()
-    roles = {name: "maintainer" if name == "gcs" else "node" for name in names}
+    roles = {platform_of(name): "maintainer" if name == "gcs" else "node" for name in names}
     await asyncio.to_thread(make_swarm, root / "keys", roles)
     async with AsyncExitStack() as stack:
         found = []
@@ -145,7 +149,7 @@ async def platforms(
                 root,
                 name,
                 services=given,
-                keys_dir=str(root / "keys" / name),
+                keys_dir=str(root / "keys" / platform_of(name)),
                 template=(templates or {}).get(name, "gcs"),
             )
             platform = Platform(name, folder)

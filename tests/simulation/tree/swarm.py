@@ -13,6 +13,7 @@ from swarmd.tree.core.action import Action
 from swarmd.tree.core.subscription import subscribable
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.frame import FrameKind
+from swarmware.model.names import Address
 from swarmware.testing.virtual import VirtualTime
 from swarmware.types.tree import (
     StructureReply,
@@ -307,7 +308,7 @@ class Swarm(VirtualTime):
         self, node: Node, tree: SwarmTree, other: Node, theirs: SwarmTree, events: bool
     ) -> list[str]:
         replica = tree.replicas.get(other.name)
-        patterns = tree.local_subscriptions.of(other.name).patterns
+        patterns = tree.local_subscriptions.of(Address(other.name)).patterns
         if not (patterns or other.name in self.radio.near[node.name] or self.weather.whole_swarm):
             return []
         where = f"{node.name} of {other.name}"

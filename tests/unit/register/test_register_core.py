@@ -6,7 +6,7 @@ from swarmd.register.core.known_registers import (
     Forgotten,
     PublishedTable,
     PublishPartners,
-    ReachedPlatform,
+    ReachedUnit,
     ReadRoutes,
     RegisterCore,
 )
@@ -65,7 +65,8 @@ def test_each_register_has_its_hops_and_its_age() -> None:
     core = RegisterCore("uav1", "main", Config())
     core.on_table(PublishedTable(table("uav2"), 1 * SECOND), 1 * SECOND)
     core.on_table(PublishedTable(table("uav3"), 4 * SECOND), 4 * SECOND)
-    units = {unit.table.platform: unit for unit in core.units(table("uav1"), {"uav3": 4}, 5 * SECOND)}
+    known = core.units(table("uav1"), {("uav3", "main"): 4}, 5 * SECOND)
+    units = {unit.table.platform: unit for unit in known}
     assert (units["uav1"].hops, units["uav1"].age_s) == (0, 0.0)
     assert (units["uav2"].hops, units["uav2"].age_s) == (1, 4.0)
     assert (units["uav3"].hops, units["uav3"].age_s) == (4, 1.0)
@@ -80,7 +81,7 @@ class Register:
         if restored is not None:
             self.core.restore(restored, self.time.now_ns)
         self.driver = self.time.drive(self.core, self.perform)
-        self.reached: dict[str, ReachedPlatform] = {}
+        self.reached: dict[tuple[str, str], ReachedUnit] = {}
         self.boards: list[PartnerTable] = []
         self.forgotten: list[tuple[str, int]] = []
         self.looks = 0
@@ -104,7 +105,7 @@ class Register:
 def test_a_platform_not_heard_of_for_long_is_forgotten_one_with_a_route_is_not() -> None:
     register = Register()
     register.take(table("uav2"), table("uav3"))
-    register.reached = {"uav3": ReachedPlatform(1), "uav9": ReachedPlatform(1)}
+    register.reached = {("uav3", "main"): ReachedUnit(1), ("uav9", "main"): ReachedUnit(1)}
     register.time.run_for(700)
     assert register.forgotten == [("uav2", 600)]
     assert names(register.core) == ["uav1", "uav3"]
@@ -119,7 +120,7 @@ def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() ->
     register.take(table("uav2"))
     register.time.run_for(601)
     assert names(register.core) == ["uav1"]
-    register.reached = {"uav2": ReachedPlatform(1, PublishedTable(table("uav2"), 0))}
+    register.reached = {("uav2", "main"): ReachedUnit(1, PublishedTable(table("uav2"), 0))}
     register.time.run_for(10)
     assert names(register.core) == ["uav1", "uav2"]
 
@@ -127,7 +128,7 @@ def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() ->
 def test_the_age_of_a_table_counts_from_when_it_was_made_however_often_its_platform_is_reached() -> None:
     register = Register()
     register.take(table("uav2"))
-    register.reached = {"uav2": ReachedPlatform(1, PublishedTable(table("uav2"), 0))}
+    register.reached = {("uav2", "main"): ReachedUnit(1, PublishedTable(table("uav2"), 0))}
     register.time.run_for(100)
     register.take(table("uav2"))  # received again, unchanged
     register.time.run_for(25)
@@ -137,7 +138,7 @@ def test_the_age_of_a_table_counts_from_when_it_was_made_however_often_its_platf
 
 def test_the_board_of_partners_is_written_when_something_changes_and_not_while_nothing_does() -> None:
     register = Register()
-    register.reached = {"uav2": ReachedPlatform(1), "uav3": ReachedPlatform(3)}
+    register.reached = {("uav2", "main"): ReachedUnit(1), ("uav3", "main"): ReachedUnit(3)}
     register.take(*(table(name) for name in ("uav3", "uav2")))
     register.time.run_for(1)
     (*_, board) = register.boards
@@ -145,7 +146,7 @@ def test_the_board_of_partners_is_written_when_something_changes_and_not_while_n
     written = len(register.boards)
     register.time.run_for(3600)
     assert len(register.boards) == written, "ages are stamps: nothing is rewritten while nothing changes"
-    register.reached["uav3"] = ReachedPlatform(2)
+    register.reached["uav3", "main"] = ReachedUnit(2)
     register.time.run_for(10)
     assert [unit.hops for unit in register.boards[-1].units] == [1, 2]
     register.take(table("uav2", version=2, apps=3))
@@ -173,14 +174,14 @@ def since_ns(register: Register) -> int | None:
 
 def test_a_partner_that_is_out_of_reach_is_marked_with_the_time_since_when_and_then_removed() -> None:
     register = Register()
-    register.reached = {"uav2": ReachedPlatform(1)}
+    register.reached = {("uav2", "main"): ReachedUnit(1)}
     register.take(table("uav2"))
     register.time.run_for(100)
     assert since_ns(register) is None
     register.reached = {}
     register.time.run_for(100)
     assert since_ns(register) == 100 * SECOND
-    register.reached = {"uav2": ReachedPlatform(2)}
+    register.reached = {("uav2", "main"): ReachedUnit(2)}
     register.time.run_for(10)
     assert since_ns(register) is None
     register.reached = {}
@@ -190,7 +191,7 @@ def test_a_partner_that_is_out_of_reach_is_marked_with_the_time_since_when_and_t
 
 def test_a_successor_continues_with_the_board_of_the_register_that_was_killed() -> None:
     former = Register()
-    former.reached = {"uav2": ReachedPlatform(1), "uav3": ReachedPlatform(2)}
+    former.reached = {("uav2", "main"): ReachedUnit(1), ("uav3", "main"): ReachedUnit(2)}
     former.take(table("uav2", version=7), table("uav3"), table("uav4"))
     former.time.run_for(400)
     successor = Register(former.boards[-1])

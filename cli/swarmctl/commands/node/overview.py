@@ -12,6 +12,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import Partial, SwarmError
+from swarmware.model import names
 from swarmware.types.control import ControlState
 from swarmware.types.health import HealthState
 from swarmware.types.mission import MissionState
@@ -40,6 +41,8 @@ class NodeOverview(msgspec.Struct, frozen=True):
     """Age of the newest value of a platform without a route; its other values are the last known ones."""
     sync: NodeSync | None = None
     """Whether its data are synchronised; null: it did not answer, or is the tree of a former version."""
+    units: tuple[str, ...] = ()
+    """Its computers that have a route; those of the joined platform without this one."""
 
 
 class NodeList(msgspec.Struct, frozen=True):
@@ -51,7 +54,7 @@ class NodeList(msgspec.Struct, frozen=True):
 async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, SwarmError]]:
     """The selected platforms, else all known ones; and the errors of those without an answer."""
     asked = await session.selected()
-    ways = {route.platform: route for route in (await session.routes()).routes}
+    ways, units = _ways((await session.routes()).routes)
     (
         ((infos, errors), (healths, _), (missions, _), (vehicles, _), (poses, _), (batteries, _)),
         (controls, _),
@@ -93,9 +96,22 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
                 round(battery.remaining_ratio, 3) if battery else None,
                 words.seen_s if words else None,
                 syncs.get(name),
+                units.get(name, ()),
             )
         )
     return nodes, errors
+
+
+def _ways(routes: tuple[RouteState, ...]) -> tuple[dict[str, RouteState], dict[str, tuple[str, ...]]]:
+    """The shortest route to each platform, and the names of its computers, `main` first."""
+    ways: dict[str, RouteState] = {}
+    units: dict[str, tuple[str, ...]] = {}
+    for route in sorted(routes, key=lambda one: (one.unit != names.MAIN, one.unit)):
+        units[route.platform] = (*units.get(route.platform, ()), route.unit)
+        known = ways.get(route.platform)
+        if known is None or route.hops < known.hops:
+            ways[route.platform] = route
+    return ways, units
 
 
 def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], list[tuple[Cell, ...]]]:
@@ -114,6 +130,7 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
             _mission_text(one.mission) if one.mission else None,
             one.route.via if one.route and one.route.hops > 1 else None,
             one.route.hops if one.route else 0 if one.platform == session.here else None,
+            " ".join(one.units) or None,
         )
         for one in nodes
     ]
@@ -130,6 +147,7 @@ def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], li
         Column("MISSION"),
         Column("VIA", drop=2),
         Column("HOPS", right=True, drop=3),
+        Column("UNITS", wide=True),
     ]
     return columns, rows
 

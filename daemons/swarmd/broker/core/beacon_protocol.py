@@ -20,11 +20,11 @@ from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, Neighbour
-from swarmd.broker.core.topology.node_table import NodeTable, wire_name
+from swarmd.broker.core.topology.node_table import NodeTable
 from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.topology.topology import ClockSample, LinkChanged, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, ChannelCounters, Counters
-from swarmware.model.names import hardware_id
+from swarmware.model.names import Address, hardware_id
 from swarmware.types.net import BoardSubscription, TreePlan
 
 HELLO_NS: Final = 2_000_000_000
@@ -410,7 +410,7 @@ class BeaconProtocol:
             self._plan.tree_version & 0xFFFF_FFFF,
             self._plan.mission & 0xFFFF_FFFF,
             who.kind,
-            wire_name(who.platform, who.unit),
+            str(Address(who.platform, who.unit)),
             who.curve_public,
             min(period_ns // 1_000_000, 0xFFFF),
             min(self.topology.neighbours.listing_ns() // 1_000_000, 0xFFFF),

@@ -9,6 +9,7 @@ from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
+from swarmware.model.names import MAIN
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import (
     ConnectionStatus,
@@ -101,11 +102,12 @@ class NetReport:
                 RouteState(
                     platform=members.platform(route.hw),
                     hardware=route.hw,
-                    via=members.platform(route.via),
+                    via=members.name(route.via),
                     metric=route.metric,
                     hops=1 if route.via == route.hw else max(2, round(route.metric / 256)),
                     tree_version=member.tree_version if member is not None else 0,
                     since_ns=route.changed_ns,
+                    unit=member.unit if member is not None else MAIN,
                 )
             )
         return Routes(tuple(out))
@@ -115,7 +117,7 @@ class NetReport:
         counters = self._counters
         lost = 0
         for neighbour in self._neighbours.all():
-            link = counters.link(self._nodes.platform(neighbour.hw), LinkTransport.UDP)
+            link = counters.link(self._nodes.name(neighbour.hw), LinkTransport.UDP)
             link.lost = neighbour.lost
             link.late = neighbour.late
             lost += neighbour.lost

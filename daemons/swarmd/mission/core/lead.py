@@ -33,6 +33,6 @@ def lead_to_ns(
     ways = [route for route in routes.routes if route.platform in platforms] if routes else []
     relays = {route.via for route in ways if route.hops > 1}
     known = neighbours.neighbours if neighbours else ()
-    rates_hz = [own_hz, *(each.tick_hz for each in known if each.platform in relays)]
+    rates_hz = [own_hz, *(each.tick_hz for each in known if each.name in relays)]
     slowest_hz = min((hz for hz in rates_hz if hz > 0), default=0.0)
     return lead_ns(min_ns, slowest_hz, max((route.hops for route in ways), default=1))

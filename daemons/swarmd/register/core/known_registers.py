@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.register.config import Config
-from swarmware.model.names import natural
+from swarmware.model.names import MAIN, natural
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.register import ApplicationTable, KnownUnit, PartnerTable, PartnerUnit
 
@@ -45,8 +45,8 @@ class PublishedTable(msgspec.Struct, frozen=True):
     made_ns: int
 
 
-class ReachedPlatform(msgspec.Struct, frozen=True):
-    """A platform with a route, and the table that it publishes."""
+class ReachedUnit(msgspec.Struct, frozen=True):
+    """A computer with a route, and the table that it publishes."""
 
     hops: int
     published: PublishedTable | None = None
@@ -106,18 +106,18 @@ class RegisterCore:
         self._changed = True
         return []
 
-    def on_routes_read(self, reached: Mapping[str, ReachedPlatform], now_ns: int) -> list[Action]:
-        """Platforms with a route and their newest tables: alive although their tables do not change."""
-        known = {platform for platform, _ in self._remote_tables}
-        for platform, route in reached.items():
-            if route.published is not None and platform not in known:
+    def on_routes_read(self, reached: Mapping[Unit, ReachedUnit], now_ns: int) -> list[Action]:
+        """Computers with a route and their newest tables: alive although their tables do not change."""
+        known = set(self._remote_tables)
+        for unit, route in reached.items():
+            if route.published is not None and unit not in known:
                 # removed, and reachable again with an unchanged table
                 self.on_table(route.published, now_ns)
-        for (platform, _), held in self._remote_tables.items():
-            held.reachable = platform in reached
+        for unit, held in self._remote_tables.items():
+            held.reachable = unit in reached
             if held.reachable:
                 held.reached_ns = now_ns
-                held.hops = reached[platform].hops
+                held.hops = reached[unit].hops
         gone = [
             unit for unit, held in self._remote_tables.items() if now_ns - held.reached_ns >= self._forget_ns
         ]
@@ -149,16 +149,16 @@ class RegisterCore:
         """Next reading of routes, or next writing of the table."""
         return min(self._next_read_ns, self._next_publication_ns) if self._changed else self._next_read_ns
 
-    def units(self, own: ApplicationTable, hops: dict[str, int], now_ns: int) -> tuple[KnownUnit, ...]:
-        """All known registers, the own one first; a platform without a route counts as one hop."""
+    def units(self, own: ApplicationTable, hops: dict[Unit, int], now_ns: int) -> tuple[KnownUnit, ...]:
+        """All known registers, the own one first; a computer without a route counts as one hop."""
         known = [KnownUnit(own, 0, 0.0)]
-        for (platform, _), held in self._sorted():
+        for unit, held in self._sorted():
             age_s = max(0.0, (now_ns - held.made_ns) / 1e9)
-            known.append(KnownUnit(held.table, hops.get(platform, 1), age_s))
+            known.append(KnownUnit(held.table, hops.get(unit, 1), age_s))
         return tuple(known)
 
     def partners(self) -> PartnerTable:
-        """All known units of other platforms, for the board."""
+        """All other known computers, for the board."""
         return PartnerTable(
             tuple(
                 PartnerUnit(held.table, held.hops, held.made_ns, None if held.reachable else held.reached_ns)
@@ -167,7 +167,9 @@ class RegisterCore:
         )
 
     def _sorted(self) -> list[tuple[Unit, _RemoteTable]]:
-        return sorted(self._remote_tables.items(), key=lambda item: natural(item[0][0]))
+        return sorted(
+            self._remote_tables.items(), key=lambda item: (natural(item[0][0]), item[0][1] != MAIN, item[0])
+        )
 
 
 def rank(table: ApplicationTable) -> tuple[int, int, int]:

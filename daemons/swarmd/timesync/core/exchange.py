@@ -6,6 +6,7 @@ import msgspec
 
 from swarmd.timesync.config import Config
 from swarmd.timesync.core.time_core import TimeCore
+from swarmware.model.names import Address
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.net import Routes
 
@@ -83,7 +84,7 @@ class ExchangeCore:
         found = []
         if self._far:
             functions = self._time.functions(now_ns)
-            found = [functions.of(platform) for platform in self._far]
+            found = [functions.of(*Address.parse(name)) for name in self._far]
         is_young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
         is_soon = is_young or not self._far or bool(self._missing)
         self._next_ns = now_ns + (ASK_FIRST_NS if is_soon else ASK_NS)
@@ -93,7 +94,7 @@ class ExchangeCore:
     def _far_platforms(self, table: Routes | None, now_ns: int) -> dict[str, str]:
         measured = self._time.measured_since(now_ns - MEASURED_DIRECTLY_NS)
         return {
-            route.platform: route.via
+            route.name: route.via
             for route in (table.routes if table is not None else ())
-            if route.hops > 1 and route.platform not in measured and route.via in measured
+            if route.hops > 1 and route.name not in measured and route.via in measured
         }

@@ -5,6 +5,7 @@ from typing import Final
 import msgspec
 
 from swarmd.timesync.core.corridor import SKEW_LIMIT, Corridor, Estimate, NoLine
+from swarmware.model.names import Address
 from swarmware.types.time import Conversion
 
 RESOLUTION_NS: Final = 1_000
@@ -88,6 +89,7 @@ class ClockEstimator:
         self.boot_id = boot_id
         self.conversion: Conversion | None = None
         self.steps = 0
+        self.name = str(Address(platform, unit))
         self._window_s = window_s
         self._pause_s = pause_s
         self.conv_epoch = conv_epoch

@@ -6,6 +6,7 @@ import msgspec
 
 from swarmd.timesync.config import Config
 from swarmd.timesync.core.peer import ClockEstimator, Exchange, due_together_ns
+from swarmware.model.names import Address
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
 
@@ -138,21 +139,19 @@ class TimeCore:
             peer.conversion = msgspec.structs.replace(seen, samples=0, rtt_ns=0)
             self._urgent = self._urgent or known is None
         self._suspects = self._find_suspects(now_ns)
-        before = self._refused.get(peer.platform, 0)
-        self._refused[peer.platform] = refused
+        before = self._refused.get(peer.name, 0)
+        self._refused[peer.name] = refused
         if refused in {0, before}:
             return []
-        return [FunctionsRefused(peer.platform, refused, refused + len(taken))]
+        return [FunctionsRefused(peer.name, refused, refused + len(taken))]
 
     def unmeasured(self) -> set[str]:
         """Neighbours without a function yet: their function of this unit is an initial value."""
-        return {peer.platform for peer in self._peers.values() if peer.conversion is None}
+        return {peer.name for peer in self._peers.values() if peer.conversion is None}
 
     def stated(self) -> set[str]:
         """Neighbours of which only their own function is known: it has to be renewed."""
-        return {
-            peer.platform for peer in self._peers.values() if peer.conversion and not peer.conversion.samples
-        }
+        return {peer.name for peer in self._peers.values() if peer.conversion and not peer.conversion.samples}
 
     def deadline_ns(self) -> int | None:
         """Instant of the next estimation, expiry or publication; None: none due."""
@@ -220,9 +219,9 @@ class TimeCore:
         return now_ns - peer.received_ns <= MEASURED_NS
 
     def measured_since(self, since_ns: int) -> set[str]:
-        """Platforms measured directly since that instant."""
+        """Nodes measured directly since that instant."""
         return {
-            peer.platform
+            peer.name
             for peer in self._peers.values()
             if peer.conversion and peer.received_ns is not None and peer.received_ns >= since_ns
         }
@@ -237,16 +236,17 @@ class TimeCore:
         out: list[tuple[Conversion, int]] = []
         # a partner's function is never better than current packets
         measured = {hardware for hardware in self._peers if self._is_measured(hardware, now_ns)}
+        own = str(Address(*self._me[:2]))
         for hardware, (theirs, at_ns) in self._partner_functions.items():
             link = self._peers[hardware].conversion
             if link is None:
                 continue
             for further in theirs.functions:
                 # functions of this unit, or composed over it, are skipped: they would loop
-                mine = further.hardware == self._me[2] or further.via == self._me[0]
+                mine = further.hardware == self._me[2] or further.via == own
                 if mine or further.hardware in measured or link.hops + further.hops > HOPS_LIMIT:
                     continue
-                composed = link.then(further, theirs.platform)
+                composed = link.then(further, str(Address(theirs.platform, theirs.unit)))
                 until_ns = min(at_ns + STATED_NS, composed.t0_ns + LINK_AGE_NS * composed.hops)
                 if now_ns < until_ns and composed.plausible():
                     out.append((composed, until_ns))

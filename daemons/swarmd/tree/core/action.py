@@ -4,7 +4,7 @@ import msgspec
 
 from swarmware.errors import WireError
 from swarmware.model.frame import Codec, Frame, FrameKind
-from swarmware.model.names import hardware_id
+from swarmware.model.names import MAIN, hardware_id
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
@@ -58,12 +58,15 @@ class RemoveMirrors(msgspec.Struct, frozen=True, gc=False):
 
 
 class WriteMirror(msgspec.Struct, frozen=True, gc=False):
-    """Write a value of another platform to its mirror."""
+    """Write a value of another node to its mirror."""
 
     platform: str
+    """Platform of the mirror, or the node where it is of exactly this one."""
     item: TreeItem
     epoch: int
     """Of the tree that sent it: after a restart of its platform, numbers and stamps begin again."""
+    unit: str = MAIN
+    """Computer of the platform that sent it."""
 
     @property
     def frame(self) -> Frame:
@@ -76,7 +79,7 @@ class WriteMirror(msgspec.Struct, frozen=True, gc=False):
         return Frame(
             kind,
             item.data_id,
-            hardware_id(self.platform),
+            hardware_id(self.platform, self.unit),
             sequence=item.sequence,
             stamp_ns=item.stamp_ns,
             codec=codec,

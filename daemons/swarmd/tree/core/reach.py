@@ -1,4 +1,4 @@
-"""Reachable platforms, from the broker's neighbours and routes."""
+"""Reachable nodes, from the broker's neighbours and routes."""
 
 import msgspec
 
@@ -7,7 +7,7 @@ from swarmware.types.net import LinkStatus, Neighbours, Routes
 
 
 class Reachability(msgspec.Struct, frozen=True, gc=False):
-    """How one platform is reachable."""
+    """How one node is reachable."""
 
     version: int | None
     """Version of its tree in the newest beacon or route; None: unknown."""
@@ -16,14 +16,14 @@ class Reachability(msgspec.Struct, frozen=True, gc=False):
 
 
 def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:
-    """Every other platform with a route whose name is known."""
+    """Every other node with a route whose name is known, by its name."""
     found: dict[str, Reachability] = {}
     for route in routes.routes if routes is not None else ():
-        # a platform of unknown name has a number in its place
-        if route.hardware == hardware_id(route.platform):
-            found[route.platform] = Reachability(route.tree_version or None, route.via == route.platform)
+        # a node of unknown name has a number in its place
+        if route.hardware == hardware_id(route.name):
+            found[route.name] = Reachability(route.tree_version or None, route.via == route.name)
     for one in neighbours.neighbours if neighbours is not None else ():
-        if one.platform and one.state is LinkStatus.UP and one.hardware == hardware_id(one.platform):
-            found[one.platform] = Reachability(one.tree_version or None, True)
+        if one.platform and one.state is LinkStatus.UP and one.hardware == hardware_id(one.name):
+            found[one.name] = Reachability(one.tree_version or None, True)
     found.pop(own, None)
     return found

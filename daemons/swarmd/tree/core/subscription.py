@@ -1,6 +1,6 @@
-"""Subscriptions of this platform's applications at other platforms, as sets of local patterns."""
+"""Subscriptions of this node's applications at other nodes, as sets of local patterns."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Final
 
@@ -9,7 +9,7 @@ import msgspec
 from swarmd.tree.core.structure.index import Leaf, pattern
 from swarmware.errors import InvalidInput
 from swarmware.model.digest import blake2b
-from swarmware.model.names import split
+from swarmware.model.names import MAIN, Address, Pattern, split
 from swarmware.model.resource import Kind
 from swarmware.types.tree import Rule
 
@@ -55,45 +55,80 @@ def subscribable(item: Leaf, patterns: Iterable[str]) -> bool:
     return any(pattern(text).matches(path) for text in patterns)
 
 
-class LocalSubscriptions:
-    """Patterns of this platform's applications, by the platforms they name."""
+@lru_cache(maxsize=512)
+def _nodes(text: str) -> Pattern:
+    """The pattern of names of platforms and computers. Raises: InvalidInput."""
+    return Pattern(text, of_computers=True)
 
-    def __init__(self, own: str, rules: Iterable[Rule], keep: Iterable[str] = ()) -> None:
-        """`keep`: local paths of every other platform to which the node always subscribes."""
+
+class LocalSubscriptions:
+    """Patterns of this node's applications, by the platforms and computers that they name."""
+
+    def __init__(
+        self,
+        own: Address,
+        rules: Iterable[Rule],
+        keep: Iterable[str] = (),
+        holds: Callable[[str], bool] = lambda _path: False,
+    ) -> None:
+        """`keep`: local paths of every other platform to which the node always subscribes. `holds`: whether
+        this computer provides a local path itself."""
         self._own = own
         self._rules = tuple(rules)
         self.keep = tuple(keep)
-        self._by_platform: dict[str, frozenset[str]] = {}
+        self._holds = holds
+        self._by_name: dict[str, frozenset[str]] = {}
+        self._own_paths: frozenset[str] = frozenset()
+        """Local paths of this platform that applications read here."""
         self.refused: dict[str, str] = {}
         """Invalid pattern of an application → the error."""
 
     def set_patterns(self, patterns: Iterable[str]) -> bool:
         """Set the patterns of all applications; whether they changed."""
         grouped: dict[str, set[str]] = {}
+        own_paths = set()
         self.refused = {}
         for text in patterns:
-            platform, local = split(text)
-            if platform is None or platform == self._own:
+            name, local = split(text)
+            if name == self._own.path:
                 continue
             local = local or ANYTHING
             try:
-                pattern(platform)
                 pattern(local)
+                if name is None or name == self._own.platform:
+                    own_paths.add(local)
+                    continue
+                _nodes(name)
             except InvalidInput as error:
                 self.refused[text] = str(error)
                 continue
-            grouped.setdefault(platform, set()).add(local)
-        now = {platform: frozenset(locals_) for platform, locals_ in grouped.items()}
-        changed = now != self._by_platform
-        self._by_platform = now
-        return changed
+            grouped.setdefault(name, set()).add(local)
+        before = self._by_name, self._own_paths
+        self._by_name = {name: frozenset(locals_) for name, locals_ in grouped.items()}
+        self._own_paths = frozenset(own_paths)
+        return before != (self._by_name, self._own_paths)
 
-    def of(self, platform: str) -> Subscription:
-        """The subscription at one platform."""
-        found: frozenset[str] = frozenset()
-        for text, locals_ in self._by_platform.items():
-            if text == platform or pattern(text).matches(platform):
-                found |= locals_
+    def of_platform(self, address: Address) -> frozenset[str]:
+        """Patterns for the resources of its platform, whichever computer provides them."""
+        if address.platform == self._own.platform:
+            return frozenset(path for path in self._own_paths if not self._holds(path))
+        return self._matching(lambda text: _nodes(text).matches(address.platform))
+
+    def of_computer(self, address: Address) -> frozenset[str]:
+        """Patterns for the resources of exactly this computer."""
+        if address.unit == MAIN:
+            return self._by_name.get(address.path, frozenset())
+        return self._matching(lambda text: _nodes(text).matches(address.path))
+
+    def _matching(self, fits: Callable[[str], bool]) -> frozenset[str]:
+        found = (locals_ for text, locals_ in self._by_name.items() if fits(text))
+        return frozenset().union(*found)
+
+    def of(self, address: Address) -> Subscription:
+        """The subscription at one node."""
+        found = self.of_platform(address) | self.of_computer(address)
+        if address.platform == self._own.platform:
+            return make_subscription(found, self._rules if found else ())
         kept = [path for path in self.keep if not any(pattern(text).matches(path) for text in found)]
         found |= frozenset(kept)
         slow = tuple(Rule(path, min_interval_s=KEEP_S) for path in kept)

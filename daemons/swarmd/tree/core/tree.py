@@ -1,14 +1,15 @@
-"""The tree of the swarm at one platform: its own tree, replicas of others, subscriptions between them."""
+"""The tree of the swarm at one node: its own tree, replicas of others, subscriptions between them."""
 
 from collections.abc import Iterable
 
 from swarmd.tree.config import Config
-from swarmd.tree.core.action import Action, WriteMirror
+from swarmd.tree.core.action import Action
 from swarmd.tree.core.replicas.replicas import Replicas, ReplicaTimeouts
 from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts
 from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.access import Access, Sender
+from swarmware.model.names import MAIN, Address
 from swarmware.model.resource import Resource
 from swarmware.types.net import ChannelLimit
 from swarmware.types.tree import (
@@ -23,11 +24,11 @@ from swarmware.types.tree import (
 
 
 class SwarmTree:
-    """Local tree, replicas, subscribers and subscriptions of one platform."""
+    """Local tree, replicas, subscribers and subscriptions of one node."""
 
     def __init__(
         self,
-        platform: str,
+        name: str,
         template: Iterable[Resource],
         config: Config,
         *,
@@ -36,23 +37,29 @@ class SwarmTree:
         keep: Iterable[str] = (),
         access: Access | None = None,
     ) -> None:
-        """`epoch`: a random number of this start. `templates`: those that other platforms may have, too.
-        `access`: rules of this platform; None: the default ones."""
+        """`name`: of this node, with its unit where that is not `main`. `epoch`: a random number of this
+        start. `templates`: those that other platforms may have, too. `access`: rules of this platform;
+        None: the default ones."""
         self._actions: list[Action] = []
         emit = self._actions.append
         template = tuple(template)
-        self.platform = platform
+        self.address = Address.parse(name)
+        self.platform = self.address.platform
         retry_ns = tuple(_ns(pause_s) for pause_s in config.retry_s)
         self.local = LocalTree(
-            template, epoch, OwnerTimeouts(lost_ns=_ns(config.lost_s), expire_ns=_ns(config.expire_s))
+            template,
+            epoch,
+            OwnerTimeouts(lost_ns=_ns(config.lost_s), expire_ns=_ns(config.expire_s)),
+            has_template=self.address.unit == MAIN,
         )
-        self.local_subscriptions = LocalSubscriptions(platform, [rule.rule() for rule in config.rules], keep)
+        rules = [rule.rule() for rule in config.rules]
+        self.local_subscriptions = LocalSubscriptions(self.address, rules, keep, self.local.holds)
         intervals = Intervals(
             coalesce_ns=_ns(config.coalesce_s),
             min_interval_ns=_ns(config.min_interval_s),
             retry_ns=retry_ns,
         )
-        self.subscribers = Subscribers(platform, self.local, intervals, emit, access or Access())
+        self.subscribers = Subscribers(self.address, self.local, intervals, emit, access or Access())
         timeouts = ReplicaTimeouts(
             lease_ns=_ns(config.lease_s),
             retry_ns=retry_ns,
@@ -60,9 +67,11 @@ class SwarmTree:
             whole_swarm=config.whole_swarm,
         )
         self.replicas = Replicas(
-            self.local, platform, self.local_subscriptions, (template, *templates), timeouts, emit
+            self.local, self.address, self.local_subscriptions, (template, *templates), timeouts, emit
         )
         self._planned: tuple[int, int, int] | None = None
+        self._unit_version = 0
+        """Version of what other computers of this platform provide that the own tree has taken."""
 
     def _take_actions(self) -> list[Action]:
         """Return the actions of the current event, in order."""
@@ -76,11 +85,24 @@ class SwarmTree:
         self, provided: Iterable[Resource], patterns: Iterable[str], now_ns: int
     ) -> list[Action]:
         """Resources and read patterns of the running applications."""
+        held = self.local.held_version
         if self.local.set_live(provided, now_ns):
             self.subscribers.on_structure(now_ns)
-        if self.local_subscriptions.set_patterns(patterns):
+        changes_units = held != self.local.held_version and bool(self.replicas.units.of(self.platform))
+        if changes_units:
+            self._actions += self.replicas.units.prune_own()
+        if self.local_subscriptions.set_patterns(patterns) or changes_units:
             self.replicas.on_subscriptions()
         return self._take_actions()
+
+    def _follow_units(self, now_ns: int) -> None:
+        """Leave to the other computers of this platform what they provide."""
+        if self._unit_version == self.replicas.unit_version:
+            return
+        self._unit_version = self.replicas.unit_version
+        if self.local.set_elsewhere(self.replicas.units.provided()):
+            self.subscribers.on_structure(now_ns)
+        self.replicas.on_subscriptions()
 
     def on_value(self, item: TreeItem, now_ns: int) -> list[Action]:
         """A value of a resource that is watched."""
@@ -145,6 +167,7 @@ class SwarmTree:
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> list[Action]:
         """Reply to `RequestStructure`; None: there was none."""
         self.replicas.on_structure(platform, reply, now_ns)
+        self._follow_units(now_ns)
         return self._take_actions()
 
     def on_subscribed(
@@ -156,8 +179,9 @@ class SwarmTree:
 
     def on_notify(self, notify: TreeNotify, now_ns: int) -> list[Action]:
         """A notification from an owner was received."""
-        items = self.replicas.on_notify(notify, now_ns)
-        return [*(WriteMirror(notify.platform, item, notify.epoch) for item in items), *self._take_actions()]
+        values = self.replicas.on_notify(notify, now_ns)
+        self._follow_units(now_ns)
+        return [*values, *self._take_actions()]
 
     def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> list[Action]:
         """Result of `SendNotify`: the notification was delivered, or has failed."""
@@ -171,6 +195,7 @@ class SwarmTree:
         if self.local.advance(now_ns):
             self.subscribers.on_structure(now_ns)
         self.replicas.advance(now_ns)
+        self._follow_units(now_ns)
         self.subscribers.advance(now_ns)
         return self._take_actions()
 

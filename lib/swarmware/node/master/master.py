@@ -11,7 +11,7 @@ from swarmware.errors import Conflict, Denied
 from swarmware.model import paths
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind, encode
-from swarmware.model.names import ANY, application_id, data_id
+from swarmware.model.names import ANY, MAIN, application_id, data_id, has_unit_branch
 from swarmware.model.resource import Resource
 from swarmware.node.master.record import NOBODY, Holder
 from swarmware.node.master.role import LeaderCandidate
@@ -136,7 +136,10 @@ class Master:
                 self._changed()
 
     def table(self, *, full: bool) -> ApplicationTable:
-        """The register of this computer; `full`: with endpoints and served paths, which are not published."""
+        """The register of this computer; `full`: with endpoints and served paths, which are not published.
+
+        A unit that is not `main` publishes the served paths by which it is found.
+        """
         self._apps.refresh()
         entries = list(self._apps)
         holder = self.holder
@@ -148,7 +151,10 @@ class Master:
             version=self._version,
             master=holder.label,
             stamp_ns=self._node.clock.now_ns(),
-            applications=tuple(_application(entry, full=full) for entry in entries[:APPLICATIONS_LIMIT]),
+            applications=tuple(
+                _application(entry, full=full, is_unit=self._unit != MAIN)
+                for entry in entries[:APPLICATIONS_LIMIT]
+            ),
             omitted=max(0, len(entries) - APPLICATIONS_LIMIT),
         )
 
@@ -252,7 +258,8 @@ class Master:
         return removed
 
 
-def _application(entry: AppEntry, *, full: bool) -> Application:
+def _application(entry: AppEntry, *, full: bool, is_unit: bool) -> Application:
+    serves = (served.path for served in entry.serves if full or not has_unit_branch(served.path))
     return Application(
         name=entry.name,
         instance=entry.instance,
@@ -260,5 +267,5 @@ def _application(entry: AppEntry, *, full: bool) -> Application:
         started_ns=entry.started_ns,
         endpoint=entry.endpoint if full else "",
         provides=len(entry.provides),
-        serves=tuple(served.path for served in entry.serves) if full else (),
+        serves=tuple(serves) if full or is_unit else (),
     )

@@ -292,12 +292,13 @@ class RingReader:
         `reopen()`."""
         return self._words[_MOVED] != 0
 
-    def reopen(self) -> "RingReader":
-        """A reader of the file at the path, which continues at the position of this one; closes this one.
+    def reopen(self, path: Path | None = None) -> "RingReader":
+        """A reader of the file at its path, or at another one, which continues at the position of this one;
+        closes this one.
 
         Missed frames are counted in its `lost`. Raises: as the constructor; this reader then stays open.
         """
-        fresh = RingReader(self.path)
+        fresh = RingReader(path or self.path)
         fresh.lost = self.lost
         fresh.position, fresh.seen = (self.position, self.seen) if fresh.same_epoch(self) else (0, 0)
         self.close()

@@ -17,10 +17,11 @@ UNKNOWN: Final = "unknown"
 class AccessFilter:
     """Checks the rights of frames for applications of this platform."""
 
-    def __init__(self, roles: Mapping[str, Role] | None, access: Access) -> None:
-        """`roles`: role of each member; None without a roster: every frame passes, as only this computer is
-        served."""
+    def __init__(self, own: str, roles: Mapping[str, Role] | None, access: Access) -> None:
+        """`own`: this platform; `roles`: role of each member; None without a roster: every frame passes, as
+        only this computer is served."""
         self._access = access
+        self._own = own
         self._open = roles is None
         self._roles = roles or {}
         self._senders: dict[str, Sender] = {}
@@ -61,6 +62,9 @@ class AccessFilter:
         if self._open:
             return None
         sender = self._senders.get(platform)
+        if sender is None and platform == self._own:
+            # another computer of this platform: the applications there have the rights of those here
+            sender = self._senders[platform] = Sender(platform, Role.MAINTAINER)
         if sender is None:
             sender = Sender(platform, self._roles.get(platform, Role.OBSERVER))
             if platform in self._roles:

@@ -8,7 +8,7 @@ import msgspec
 from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformCode
 from swarmd.broker.core.beacon.beacon_codec import member_bytes
 from swarmware.errors import InvalidInput
-from swarmware.model.names import check_platform, hardware_id
+from swarmware.model.names import Address, hardware_id
 
 REPEAT_NS: Final = 30_000_000_000
 """Period in which an unchanged member row is repeated."""
@@ -33,7 +33,7 @@ class KnownNode(msgspec.Struct, gc=False):
     @property
     def name(self) -> str:
         """Its name as encoded in beacons."""
-        return wire_name(self.platform, self.unit)
+        return str(Address(self.platform, self.unit))
 
 
 class NodeTable:
@@ -64,8 +64,7 @@ class NodeTable:
         if node is None or node.name != name:
             if not is_named(hw, name) or len(self._all) >= MEMBER_LIMIT:
                 return False
-            platform, _, unit = name.partition(".")
-            node = self._all[hw] = KnownNode(hw, platform, unit or "main")
+            node = self._all[hw] = KnownNode(hw, *Address.parse(name))
             self.version += 1
         if node.tree_version != tree_version or node.kind != kind:
             node.tree_version = tree_version
@@ -83,6 +82,11 @@ class NodeTable:
         """Platform of a hardware id, or the id in hex while the name is unknown."""
         node = self._all.get(hw)
         return node.platform if node is not None else f"{hw:08x}"
+
+    def name(self, hw: int) -> str:
+        """Name of a hardware id, platform and unit, or the id in hex while it is unknown."""
+        node = self._all.get(hw)
+        return node.name if node is not None else f"{hw:08x}"
 
     def remove(self, hw: int) -> None:
         """Removes a node that is not a member any more."""
@@ -126,16 +130,7 @@ class NodeTable:
 
 def is_named(hw: int, name: str) -> bool:
     """Whether a name as encoded in beacons is valid and belongs to this hardware id."""
-    platform, _, unit = name.partition(".")
     try:
-        check_platform(platform)
-        if unit:
-            check_platform(unit)
+        return Address.parse(name).hardware == hw
     except InvalidInput:
         return False
-    return hardware_id(platform, unit or "main") == hw
-
-
-def wire_name(platform: str, unit: str) -> str:
-    """`uav3`, or `uav3.fc1` where the unit is not `main`."""
-    return platform if unit == "main" else f"{platform}.{unit}"

@@ -35,13 +35,18 @@ class Feed:
         "rule",
     )  # fmt: skip
 
-    def __init__(self, resource: Resource, rule: Rule, default_interval_ns: int) -> None:
+    def __init__(
+        self, resource: Resource, rule: Rule, default_interval_ns: int, *, over_wire: bool = False
+    ) -> None:
+        """`over_wire`: for another computer of this platform, at up to twice the board's rate: a value does
+        not wait because the one before was late."""
         self.resource = resource
         self.rule = rule
         self.latest_only = resource.kind in LATEST_ONLY
         wanted_ns = _ns(rule.min_interval_s)
         if not wanted_ns and self.latest_only:
-            wanted_ns = max(default_interval_ns, round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0)
+            period_ns = round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0
+            wanted_ns = period_ns // 2 if over_wire else max(default_interval_ns, period_ns)
         self._interval_ns = wanted_ns
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._limit_ns: int | None = 0

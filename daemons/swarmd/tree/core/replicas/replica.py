@@ -1,25 +1,44 @@
-"""Replica of one other platform: its structure, the subscription there, its notifications."""
+"""Replica of one other node: its structure, the subscription there, its notifications."""
 
 from swarmd.tree.core.notification.condition import rule_for
 from swarmd.tree.core.notification.reorder_buffer import NotificationReceiver
 from swarmd.tree.core.replicas.remote_subscription import RemoteSubscription
 from swarmd.tree.core.replicas.structure_replica import StructureReplica
 from swarmd.tree.core.structure.index import Index, Leaf, pattern
-from swarmd.tree.core.subscription import Subscription, subscribable
-from swarmware.model.resource import Resource
+from swarmd.tree.core.subscription import LocalSubscriptions, subscribable
+from swarmware.model.names import Address
+from swarmware.types.net import BoardSubscription
 from swarmware.types.tree import BoardLimit
 
 
 class Replica:
-    """State for one other platform."""
+    """State for one other node."""
 
     __slots__ = (
-        "_matched_digests", "demanded", "failures", "gone_ns", "limits", "near", "notifications",
-        "platform", "structure", "subscription", "up", "wants",
+        "address",
+        "computer_patterns",
+        "demanded",
+        "failures",
+        "gone_ns",
+        "limits",
+        "matched",
+        "name",
+        "near",
+        "notifications",
+        "platform_patterns",
+        "structure",
+        "subscription",
+        "up",
+        "wants",
     )  # fmt: skip
 
-    def __init__(self, platform: str, wanted: Subscription) -> None:
-        self.platform = platform
+    def __init__(self, address: Address, subscriptions: LocalSubscriptions) -> None:
+        self.address = address
+        self.name = str(address)
+        self.platform_patterns = subscriptions.of_platform(address)
+        """Patterns for its platform, whichever computer provides the resource."""
+        self.computer_patterns = subscriptions.of_computer(address)
+        """Patterns for exactly this computer."""
         self.up = False
         """It is reachable."""
         self.near = False
@@ -29,15 +48,29 @@ class Replica:
         self.demanded = False
         """A user has requested its structure, and did not get it yet."""
         self.structure = StructureReplica()
-        self.subscription = RemoteSubscription(wanted)
+        self.subscription = RemoteSubscription(subscriptions.of(address))
         self.notifications = NotificationReceiver()
         self.failures = 0
         """Requests in a row without a reply."""
         self.limits: tuple[BoardLimit, ...] = ()
         """Limits of its rates that operators have set, for what is subscribed."""
-        self.wants: tuple[Resource, ...] = ()
+        self.wants: tuple[BoardSubscription, ...] = ()
         """Its boards that are expected in beacons."""
-        self._matched_digests: tuple[int, int] | None = None
+        self.matched: tuple[int, ...] | None = None
+        """Digests of the structures and the subscription from which `wants` was made."""
+
+    def set_wanted(self, subscriptions: LocalSubscriptions) -> bool:
+        """Applications subscribe to something else; whether that concerns this node."""
+        platform = subscriptions.of_platform(self.address)
+        computer = subscriptions.of_computer(self.address)
+        wanted = subscriptions.of(self.address)
+        same = (self.platform_patterns, self.computer_patterns) == (platform, computer)
+        if same and wanted.digest == self.subscription.wanted.digest:
+            return False
+        self.platform_patterns, self.computer_patterns = platform, computer
+        self.matched = None
+        self.subscription.set_wanted(wanted)
+        return True
 
     @property
     def index(self) -> Index | None:
@@ -70,19 +103,3 @@ class Replica:
         for one in limits:
             pattern(one.pattern)
         self.limits = limits
-
-    def update_wants(self) -> bool:
-        """Match structure and subscription; whether `wants` changed."""
-        wanted, index = self.subscription.wanted, self.index
-        digests = (self.digest, wanted.digest)
-        if digests == self._matched_digests:
-            return False
-        self._matched_digests = digests
-        found = {
-            item.resource.path: item.resource
-            for text in wanted.patterns
-            for item in (() if index is None else index.match(text))
-            if item.resource.link == "tick" and subscribable(item, wanted.patterns)
-        }
-        before, self.wants = self.wants, tuple(found[path] for path in sorted(found))
-        return self.wants != before

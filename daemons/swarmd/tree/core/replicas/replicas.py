@@ -1,4 +1,4 @@
-"""Replicas of the trees of other platforms: structure exchange (S0.54–57) and subscriptions."""
+"""Replicas of the trees of other nodes: structure exchange (S0.54–57) and subscriptions."""
 
 import logging
 from collections.abc import Callable, Iterable, Iterator
@@ -7,16 +7,17 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.action import Action, PruneMirrors, RemoveMirrors, RequestStructure, RequestSubscription
+from swarmd.tree.core.action import Action, RemoveMirrors, RequestStructure, RequestSubscription, WriteMirror
+from swarmd.tree.core.replicas.platform_units import PlatformUnits
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.core.replicas.structure_replica import StructureState
-from swarmd.tree.core.structure.index import Index, pattern
+from swarmd.tree.core.structure.index import Index
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.structure.structure_decoder import StructureDecoder
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import InvalidInput, OutOfRange, WireError
-from swarmware.model.names import check_platform
+from swarmware.model.names import Address
 from swarmware.model.resource import Resource
 from swarmware.runtime.backoff import pause_after
 from swarmware.types.net import BoardSubscription
@@ -26,7 +27,6 @@ from swarmware.types.tree import (
     StructureRequest,
     SubscribeReply,
     SubscribeRequest,
-    TreeItem,
     TreeNotify,
 )
 
@@ -74,7 +74,7 @@ class Replicas:
     def __init__(
         self,
         tree: LocalTree,
-        own: str,
+        own: Address,
         subscriptions: LocalSubscriptions,
         templates: Iterable[Iterable[Resource]],
         timeouts: ReplicaTimeouts,
@@ -82,33 +82,33 @@ class Replicas:
     ) -> None:
         self._tree = tree
         self._own = own
+        self._own_name = str(own)
+        self.units = PlatformUnits(own, tree)
         self._subscriptions = subscriptions
         self._timeouts = timeouts
         self._emit = emit
         self._replicas: dict[str, Replica] = {}
-        self._decoder = StructureDecoder(templates)
+        self._decoder = StructureDecoder([(), *templates])
         self._timers: Timers[tuple[str, _Due]] = Timers()
         self.plan_version = 0
         """Incremented by each change of `wants`."""
+        self.unit_version = 0
+        """Incremented by each change of what other computers of this platform provide."""
 
     def __iter__(self) -> Iterator[Replica]:
         return iter(self._replicas.values())
 
     def get(self, platform: str) -> Replica | None:
-        """The replica of a platform; None: unknown."""
+        """The replica of a node; None: unknown."""
         return self._replicas.get(platform)
 
     def platforms(self) -> list[str]:
-        """Names of all known platforms."""
+        """Names of all known nodes."""
         return list(self._replicas)
 
     def wants(self) -> list[BoardSubscription]:
         """Boards that are expected in beacons."""
-        return [
-            BoardSubscription(platform, resource.path, resource.type, resource.data_id)
-            for platform in sorted(self._replicas)
-            for resource in self._replicas[platform].wants
-        ]
+        return [want for name in sorted(self._replicas) for want in self._replicas[name].wants]
 
     def sync(self) -> SyncState:
         """How many of the followed platforms agree with what is known of them here."""
@@ -167,6 +167,10 @@ class Replicas:
 
     def on_former_mirrors(self, platform: str, now_ns: int) -> None:
         """Mirrors of it exist from a former start: they expire like those of a lost platform."""
+        if platform == self._own.platform:
+            self._timers.set((platform, _Due.FORGET), now_ns + self._timeouts.forget_ns)
+            return
+        platform = str(Address.parse(platform))
         if platform not in self._replicas and len(self._replicas) < PLATFORMS_LIMIT:
             replica = self._add(platform)
             replica.gone_ns = now_ns
@@ -237,11 +241,10 @@ class Replicas:
         replica.structure.on_announced(reply.epoch, reply.digest)
         self._request_structure(replica)
 
-    def on_notify(self, notify: TreeNotify, now_ns: int) -> list[TreeItem]:
+    def on_notify(self, notify: TreeNotify, now_ns: int) -> list[WriteMirror]:
         """A notification; returns its values for mirrors. Raises: InvalidInput, WireError."""
         replica = self._replicas.get(notify.platform)
         if replica is None:
-            check_platform(notify.platform)
             if len(self._replicas) >= PLATFORMS_LIMIT:
                 raise OutOfRange(f"{notify.platform}: no room; {PLATFORMS_LIMIT} platforms are known")
             # it has a route to this node before this node has one to it
@@ -259,7 +262,7 @@ class Replicas:
             self._request_structure(replica)
         return [item for ready in replica.notifications.take(notify) for item in self._accept(replica, ready)]
 
-    def _accept(self, replica: Replica, notify: TreeNotify) -> list[TreeItem]:
+    def _accept(self, replica: Replica, notify: TreeNotify) -> list[WriteMirror]:
         if notify.base:
             self._on_changes(replica, notify)
         if notify.limits is not None:
@@ -268,7 +271,11 @@ class Replicas:
         if notify.items and not patterns and not replica.subscription.is_held:
             replica.subscription.on_former(notify.epoch)
             self._request_subscription(replica)
-        return [item for item in notify.items if any(pattern(text).matches(item.path) for text in patterns)]
+        return [
+            WriteMirror(name, item, notify.epoch, replica.address.unit)
+            for item in notify.items
+            for name in self.units.mirrors(replica, item.path)
+        ]
 
     def _on_changes(self, replica: Replica, notify: TreeNotify) -> None:
         known = replica.index
@@ -277,7 +284,7 @@ class Replicas:
         try:
             index = self._decoder.of_notification(known, notify)
         except WireError as error:
-            log.warning("structure of %s: %s", replica.platform, error)
+            log.warning("structure of %s: %s", replica.name, error)
             index = None
         if index is None:
             replica.structure.on_changes_lost()
@@ -298,10 +305,8 @@ class Replicas:
     def on_subscriptions(self) -> None:
         """The subscriptions of the applications have changed."""
         for replica in self._replicas.values():
-            wanted = self._subscriptions.of(replica.platform)
-            if wanted.digest != replica.subscription.wanted.digest:
-                replica.subscription.set_wanted(wanted)
-                self.plan_version += replica.update_wants()
+            if replica.set_wanted(self._subscriptions):
+                self.plan_version += self.units.update_wants(replica.address.platform)
                 replica.structure.compare()
                 self._request_due(replica)
 
@@ -311,6 +316,8 @@ class Replicas:
             platform, due = key
             replica = self._replicas.get(platform)
             match due:
+                case _Due.FORGET if platform == self._own.platform and not self.units.of(platform):
+                    self._emit(RemoveMirrors(platform))
                 case _ if replica is None:
                     continue
                 case _Due.STRUCTURE:
@@ -329,16 +336,25 @@ class Replicas:
     # -- inside
 
     def _add(self, platform: str) -> Replica:
-        replica = self._replicas[platform] = Replica(platform, self._subscriptions.of(platform))
+        replica = Replica(Address.parse(platform), self._subscriptions)
+        self._replicas[platform] = replica
+        self.units.add(replica)
         return replica
 
     def _forget_later(self, replica: Replica, now_ns: int) -> None:
-        self._timers.set((replica.platform, _Due.FORGET), now_ns + self._timeouts.forget_ns)
+        self._timers.set((replica.name, _Due.FORGET), now_ns + self._timeouts.forget_ns)
 
     def _forget(self, replica: Replica) -> None:
-        del self._replicas[replica.platform]
+        del self._replicas[replica.name]
         self.plan_version += bool(replica.wants)
-        self._emit(RemoveMirrors(replica.platform))
+        for action in self.units.remove(replica):
+            self._emit(action)
+        self.plan_version += self.units.update_wants(replica.address.platform)
+        self._note_unit(replica)
+
+    def _note_unit(self, replica: Replica) -> None:
+        """What another computer of this platform provides may have changed."""
+        self.unit_version += replica.address.platform == self._own.platform
 
     def _make_room(self) -> bool:
         """Remove the platform that was lost first; False if none is lost."""
@@ -349,6 +365,8 @@ class Replicas:
 
     def _is_followed(self, replica: Replica) -> bool:
         """Whether its tree is kept up to date, not only requested by users."""
+        if replica.address.platform == self._own.platform:
+            return True
         return replica.near or bool(replica.subscription.wanted.patterns) or self._timeouts.whole_swarm
 
     def _request_due(self, replica: Replica) -> None:
@@ -367,10 +385,12 @@ class Replicas:
         )
         if not (is_due and replica.up and (replica.demanded or self._is_followed(replica))):
             return
-        self._timers.drop((replica.platform, _Due.STRUCTURE))
+        self._timers.drop((replica.name, _Due.STRUCTURE))
         full = structure.on_asked()
-        request = StructureRequest(self._own, self._tree.epoch, self._tree.digest, structure.digest, full)
-        self._emit(RequestStructure(replica.platform, request))
+        request = StructureRequest(
+            self._own_name, self._tree.epoch, self._tree.digest, structure.digest, full
+        )
+        self._emit(RequestStructure(replica.name, request))
 
     def _request_subscription(self, replica: Replica) -> None:
         """Subscribe, renew or end the subscription, if that is due; to subscribe, after the structure."""
@@ -380,10 +400,10 @@ class Replicas:
         is_first = structure.index is None or structure.is_due or structure.is_asking
         if not (replica.up and subscription.is_due) or (wanted.patterns and is_first):
             return
-        self._timers.drop((replica.platform, _Due.SUBSCRIPTION))
+        self._timers.drop((replica.name, _Due.SUBSCRIPTION))
         renew = subscription.on_asked()
         request = SubscribeRequest(
-            self._own,
+            self._own_name,
             self._tree.epoch,
             wanted.digest,
             self._timeouts.lease_ns / 1e9,
@@ -392,24 +412,26 @@ class Replicas:
             () if renew else wanted.patterns,
             () if renew else wanted.rules,
         )
-        self._emit(RequestSubscription(replica.platform, request))
+        self._emit(RequestSubscription(replica.name, request))
 
     def _take_limits(self, replica: Replica, limits: tuple[BoardLimit, ...]) -> None:
         try:
             replica.set_limits(limits)
         except InvalidInput as error:
-            log.warning("limits of %s: refused: %s", replica.platform, error)
+            log.warning("limits of %s: refused: %s", replica.name, error)
 
     def _retry(self, replica: Replica, due: _Due, now_ns: int) -> None:
         if replica.up:
             replica.failures += 1
             pause_ns = pause_after(replica.failures, self._timeouts.retry_ns)
-            self._timers.set((replica.platform, due), now_ns + pause_ns)
+            self._timers.set((replica.name, due), now_ns + pause_ns)
 
     def _on_index(self, replica: Replica, former: Index | None) -> None:
         """Its structure was replaced."""
         index = replica.index
         assert index is not None
         if former is None or any(item.resource.path not in index for item in former):
-            self._emit(PruneMirrors(replica.platform, frozenset(item.resource.path for item in index)))
-        self.plan_version += replica.update_wants()
+            for action in self.units.prune(replica):
+                self._emit(action)
+        self.plan_version += self.units.update_wants(replica.address.platform)
+        self._note_unit(replica)

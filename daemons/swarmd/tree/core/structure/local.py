@@ -1,7 +1,7 @@
-"""The tree of this platform: its template, and the resources of running applications."""
+"""The tree of this computer: the template of its platform, and the resources of running applications."""
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Final
 
 import msgspec
@@ -51,16 +51,29 @@ def merge(base: Resource | None, live: Resource) -> Resource:
 class LocalTree:
     """The template's resources, merged with those of running applications.
 
-    A resource of an ended application is `lost` after a time, and later in its state before the start.
+    A resource of an ended application is `lost` after a time, and later in its state before the start. The
+    unit `main` has the template's resources without an application, except those that another unit provides.
     """
 
-    def __init__(self, template: Iterable[Resource], epoch: int, timing: OwnerTimeouts) -> None:
+    def __init__(
+        self,
+        template: Iterable[Resource],
+        epoch: int,
+        timing: OwnerTimeouts,
+        *,
+        has_template: bool = True,
+    ) -> None:
+        """`has_template`: whether resources of the template without an application are part of this tree."""
         self._timing = timing
         self._base = {resource.path: resource for resource in template}
-        self._template = Index(leaf(resource) for resource in self._base.values())
+        self._elsewhere: frozenset[str] = frozenset()
+        """Paths that other units of this platform provide."""
+        self._template = Index(leaf(resource) for resource in self._base.values() if has_template)
         self.index = self._template.copy()
         self.epoch = epoch
         self._live: dict[str, Resource] = {}
+        self.held_version = 0
+        """Incremented when applications provide other paths."""
         self._gone: dict[str, int] = {}
         """Path of an ended owner → when it ended."""
         self._history = History()
@@ -84,14 +97,43 @@ class LocalTree:
             # an application may have an inbox at the path of its board: the board is the resource
             if other is None or other.kind is Kind.COMMAND:
                 live[resource.path] = resource
-        for path in self._live.keys() - live.keys():
+        ended = self._live.keys() - live.keys()
+        for path in ended - self._elsewhere:
             self._gone.setdefault(path, now_ns)
         for path in live:
             self._gone.pop(path, None)
         changed = {path for path, resource in live.items() if self._live.get(path) != resource}
+        self.held_version += self._live.keys() != live.keys()
         self._live = live
         leaves = {path: leaf(merge(self._base.get(path), live[path])) for path in changed}
-        return self._change(leaves.values(), ())
+        return self._change(leaves.values(), ended & self._elsewhere)
+
+    def set_elsewhere(self, paths: Collection[str]) -> bool:
+        """Set what other units of this platform provide; whether the structure changed."""
+        before, self._elsewhere = self._elsewhere, frozenset(paths)
+        removed = [path for path in self._elsewhere - before if path not in self._live]
+        for path in removed:
+            self._gone.pop(path, None)  # it runs there now
+        back = [
+            item
+            for path in before - self._elsewhere
+            if path not in self._live and (item := self._template.get(path)) is not None
+        ]
+        return self._change(back, removed)
+
+    def holds(self, path: str) -> bool:
+        """Whether an application of this computer provides it, or it is a setting that is kept here."""
+        if path in self._live:
+            return True
+        item = self.index.get(path)
+        return item is not None and item.resource.kind is Kind.SETTING
+
+    def setting(self, path: str, owner: str) -> Resource | None:
+        """A setting of the template with this owner; None: there is none."""
+        base = self._base.get(path)
+        if base is None or base.kind is not Kind.SETTING:
+            return None
+        return msgspec.structs.replace(base, owner=owner)
 
     def advance(self, now_ns: int) -> bool:
         """Mark resources as lost, remove expired ones; whether the structure changed."""
@@ -103,11 +145,11 @@ class LocalTree:
                 del self._gone[path]
             elif now_ns >= since_ns + self._timing.lost_ns + self._timing.expire_ns:
                 del self._gone[path]
-                base = self._base.get(path)
+                base = self._template.get(path)
                 if base is None:
                     removed.append(path)
                 else:
-                    lost.append(leaf(base))
+                    lost.append(base)
             elif now_ns >= since_ns + self._timing.lost_ns and not item.lost:
                 lost.append(leaf(item.resource, lost=True))
         return self._change(lost, removed)

@@ -21,13 +21,15 @@ class Subscriber:
     """State of one subscriber."""
 
     __slots__ = (
-        "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns", "limits_sent", "plan",
-        "platform", "sender", "structure", "structure_ns", "subscription", "up",
+        "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns", "limits_sent",
+        "over_wire", "plan", "platform", "sender", "structure", "structure_ns", "subscription", "up",
     )  # fmt: skip
 
-    def __init__(self, platform: str, epoch: int, serial: int = 0) -> None:
-        """`serial`: of the notification before the first one."""
+    def __init__(self, platform: str, epoch: int, serial: int = 0, *, over_wire: bool = False) -> None:
+        """`serial`: of the notification before the first one. `over_wire`: another computer of this
+        platform."""
         self.platform = platform
+        self.over_wire = over_wire
         self.epoch = epoch
         self.sender: Sender | None = None
         """As authenticated; None: without keys."""
@@ -106,7 +108,7 @@ class Subscriber:
         if first_ns is None:
             return None
         due_ns = max(first_ns, lane.backoff_until_ns)
-        return max(due_ns, lane.sent_ns + COALESCE_NS) if lane else due_ns
+        return max(due_ns, lane.sent_ns + COALESCE_NS) if lane and not self.over_wire else due_ns
 
     def owes_structure(self, lane: NotificationLane) -> bool:
         """Whether a change of the structure is to be sent in this lane; one at a time."""

@@ -16,7 +16,7 @@ from swarmd.tree.core.subscribers.watched_resources import WatchedResources
 from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmd.tree.core.timers import Timers
 from swarmware.model.access import Access, Role, Sender
-from swarmware.model.names import check_platform
+from swarmware.model.names import Address
 from swarmware.types.net import BoardPublication, ChannelLimit
 from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
@@ -41,13 +41,14 @@ class Subscribers:
 
     def __init__(
         self,
-        own: str,
+        own: Address,
         tree: LocalTree,
         intervals: Intervals,
         emit: Callable[[Action], None],
         access: Access,
     ) -> None:
         self._own = own
+        self._name = str(own)
         self._tree = tree
         self._intervals = intervals
         self._emit = emit
@@ -114,7 +115,7 @@ class Subscribers:
 
         Raises: InvalidInput for an invalid platform, pattern, interval or lease.
         """
-        check_platform(request.platform)
+        over_wire = Address.parse(request.platform).platform == self._own.platform
         reply = SubscribeReply(self._tree.epoch, self._tree.digest)
         one = self._subscribers.get(request.platform)
         is_same = one is not None and one.subscription.digest == request.set_digest
@@ -128,14 +129,14 @@ class Subscribers:
         else:
             asked = one.subscription if one is not None and is_same else _asked(request)
             held = {} if one is None else one.feeds
-            plan = self._planner.plan(asked, held, self._watched.newest, sender)
+            plan = self._planner.plan(asked, held, self._watched.newest, sender, over_wire=over_wire)
         self._lapsed.pop(request.platform, None)
         if not asked.patterns:
             if one is not None:
                 self._drop(one)  # it ends its subscription
             return reply
         if one is None:
-            one = Subscriber(request.platform, request.epoch, self._serial)
+            one = Subscriber(request.platform, request.epoch, self._serial, over_wire=over_wire)
             self._subscribers[request.platform] = one
         one.sender = sender
         one.lease_span_ns = lease_span_ns
@@ -278,7 +279,7 @@ class Subscribers:
             self._lapsed[one.platform] = None
 
     def _notify_lapsed(self, platform: str) -> None:
-        self._emit(SendNotify(platform, TreeNotify(self._own, self._tree.epoch, 0, lapsed=True)))
+        self._emit(SendNotify(platform, TreeNotify(self._name, self._tree.epoch, 0, lapsed=True)))
 
     def _drop(self, one: Subscriber) -> None:
         self._watched.replace(one, one.feeds, {})
@@ -288,7 +289,9 @@ class Subscribers:
         self._timers.drop(one.platform)
 
     def _replan(self, one: Subscriber, now_ns: int) -> None:
-        plan = self._planner.plan(one.subscription, one.feeds, self._watched.newest, one.sender)
+        plan = self._planner.plan(
+            one.subscription, one.feeds, self._watched.newest, one.sender, over_wire=one.over_wire
+        )
         self._set_plan(one, plan, now_ns)
 
     def _set_plan(self, one: Subscriber, plan: SubscriptionPlan, now_ns: int) -> None:
@@ -328,7 +331,7 @@ class Subscribers:
             base, digest = one.structure or 1, self._tree.digest
             structure = self._tree.changes_since(one.structure) or b""
         limits = one.take_limits() if one.owes_limits(lane) else None
-        notify = TreeNotify(self._own, self._tree.epoch, 0, items, base, digest, structure, limits=limits)
+        notify = TreeNotify(self._name, self._tree.epoch, 0, items, base, digest, structure, limits=limits)
         self._emit(SendNotify(one.platform, lane.send(notify, parts, now_ns)))
 
 

@@ -72,10 +72,13 @@ class SubscriptionPlanner:
         held: Mapping[str, Feed],
         newest: Mapping[str, TreeItem],
         sender: Sender | None = None,
+        *,
+        over_wire: bool = False,
     ) -> SubscriptionPlan:
         """The plan for a subscription; feeds that are held continue, new ones begin with the newest value.
 
-        Resources to which `sender` may not subscribe are left out, as if they did not exist.
+        `over_wire`: of another computer of this platform, to which all values are notified. Resources to
+        which `sender` may not subscribe are left out, as if they did not exist.
         """
         permits = self._access.permits
         matched = [
@@ -85,19 +88,18 @@ class SubscriptionPlanner:
         # boards first: each has one value, a stream may fill a notification alone
         for item in sorted(matched, key=lambda item: item.resource.kind not in LATEST_ONLY):
             resource = item.resource
-            if resource.link == "tick":
+            if resource.link == "tick" and not over_wire:
                 continue
             rule = self.rule(resource.path, subscription)
             feed = held.get(resource.path)
             if feed is None or feed.resource != resource or feed.rule != rule:
-                feed = Feed(resource, rule, self._min_interval_ns)
+                feed = Feed(resource, rule, self._min_interval_ns, over_wire=over_wire)
                 value = newest.get(resource.path)
                 if value is not None and feed.latest_only:
                     feed.offer(value)
             feeds[resource.path] = feed
-        return SubscriptionPlan(
-            tuple(item.resource for item in matched if item.resource.link == "tick"), feeds
-        )
+        in_beacons = () if over_wire else (one.resource for one in matched if one.resource.link == "tick")
+        return SubscriptionPlan(tuple(in_beacons), feeds)
 
     def limit(self, plan: SubscriptionPlan) -> tuple[BoardLimit, ...]:
         """Apply the limits in force to the feeds of a plan; returns those that hold for its boards."""

@@ -1,0 +1,158 @@
+"""The computers of each platform: which of them provides a resource, and where its values are mirrored."""
+
+from collections.abc import Iterator
+
+from swarmd.tree.core.action import PruneMirrors, RemoveMirrors
+from swarmd.tree.core.replicas.replica import Replica
+from swarmd.tree.core.structure.index import Leaf, pattern
+from swarmd.tree.core.structure.local import LocalTree
+from swarmd.tree.core.subscription import subscribable
+from swarmware.model import names
+from swarmware.model.names import MAIN, Address
+from swarmware.types.net import BoardSubscription
+
+
+class PlatformUnits:
+    """Merges the trees of the computers of a platform: a path belongs to the first one that provides it.
+
+    The first one is this computer, then those whose application runs, those that are reachable, and `main`.
+    """
+
+    def __init__(self, own: Address, tree: LocalTree) -> None:
+        self._own = own
+        self._tree = tree
+        self._by_platform: dict[str, list[Replica]] = {}
+
+    # -- the computers
+
+    def add(self, replica: Replica) -> None:
+        """A computer is known."""
+        units = self._by_platform.setdefault(replica.address.platform, [])
+        units.append(replica)
+        units.sort(key=lambda unit: (unit.address.unit != MAIN, names.natural(unit.name)))
+
+    def remove(self, replica: Replica) -> list[PruneMirrors | RemoveMirrors]:
+        """A computer is not known any more: its mirrors are to be removed."""
+        platform = replica.address.platform
+        units = self._by_platform[platform]
+        units.remove(replica)
+        actions: list[PruneMirrors | RemoveMirrors] = []
+        if replica.address.unit != MAIN:
+            actions.append(RemoveMirrors(replica.address.path))
+        if units:
+            return actions + self._prune_platform(platform)
+        del self._by_platform[platform]
+        return [RemoveMirrors(platform), *actions]
+
+    def platforms(self) -> list[str]:
+        """Every other platform."""
+        return [platform for platform in self._by_platform if platform != self._own.platform]
+
+    def of(self, platform: str) -> list[Replica]:
+        """The known computers of a platform, except this one; `main` first."""
+        return self._by_platform.get(platform, [])
+
+    # -- their resources
+
+    def provider(self, platform: str, path: str) -> Replica | None:
+        """The computer that provides a path of a platform; None: this one, or none that is known."""
+        units = self.of(platform)
+        if platform == self._own.platform:
+            if self._tree.holds(path):
+                return None
+        elif len(units) == 1:
+            return units[0]
+        best: tuple[bool, bool, bool] | None = None
+        found = None
+        for unit in units:
+            item = None if unit.index is None else unit.index.get(path)
+            if item is None:
+                continue
+            rank = (item.lost, not unit.up, unit.address.unit != MAIN)
+            if best is None or rank < best:
+                best, found = rank, unit
+        return found
+
+    def leaf(self, platform: str, path: str) -> tuple[Replica | None, Leaf] | None:
+        """A resource of a platform and the computer that provides it, None: this one; None: there is none."""
+        unit = self.provider(platform, path)
+        index = self._tree.index if unit is None and platform == self._own.platform else None
+        if unit is not None:
+            index = unit.index
+        item = None if index is None else index.get(path)
+        return None if item is None else (unit, item)
+
+    def provided(self) -> set[str]:
+        """Paths that the other computers of this platform provide."""
+        return {
+            item.resource.path
+            for unit in self.of(self._own.platform)
+            if unit.index is not None
+            for item in unit.index
+            if not item.lost
+        }
+
+    # -- their values
+
+    def mirrors(self, replica: Replica, path: str) -> Iterator[str]:
+        """Names under which a value of a computer is mirrored: of its platform, and its own."""
+        platform = replica.address.platform
+        if any(pattern(text).matches(path) for text in replica.platform_patterns):
+            provider = self.provider(platform, path)
+            own = platform == self._own.platform and self._tree.holds(path)
+            # a value may arrive before the structure that has its resource
+            if provider is replica or (provider is None and not own):
+                yield platform
+        if any(pattern(text).matches(path) for text in replica.computer_patterns):
+            yield replica.address.path
+
+    def update_wants(self, platform: str) -> bool:
+        """Match structures and subscriptions of a platform; whether what beacons should bring changed."""
+        if platform == self._own.platform:
+            return False  # this platform's values are notified
+        units = self.of(platform)
+        digests = tuple(unit.digest for unit in units)
+        changed = False
+        for unit in units:
+            matched = (*digests, unit.subscription.wanted.digest)
+            if matched != unit.matched:
+                unit.matched = matched
+                before, unit.wants = unit.wants, self._wants(unit)
+                changed |= unit.wants != before
+        return changed
+
+    def _wants(self, unit: Replica) -> tuple[BoardSubscription, ...]:
+        wanted, index = unit.subscription.wanted, unit.index
+        found = {
+            item.resource.path: item.resource
+            for text in wanted.patterns
+            for item in (() if index is None else index.match(text))
+            if item.resource.link == "tick" and subscribable(item, wanted.patterns)
+        }
+        return tuple(
+            BoardSubscription(name, path, found[path].type, found[path].data_id, unit.address.unit)
+            for path in sorted(found)
+            for name in self.mirrors(unit, path)
+        )
+
+    def prune(self, replica: Replica) -> list[PruneMirrors | RemoveMirrors]:
+        """Resources of a computer were removed: the mirrors that stay."""
+        actions = self._prune_platform(replica.address.platform)
+        if replica.computer_patterns and replica.index is not None:
+            kept = frozenset(item.resource.path for item in replica.index)
+            actions.append(PruneMirrors(replica.address.path, kept))
+        return actions
+
+    def prune_own(self) -> list[PruneMirrors | RemoveMirrors]:
+        """Applications of this computer have joined or left: mirrors of what they provide are removed."""
+        return self._prune_platform(self._own.platform)
+
+    def _prune_platform(self, platform: str) -> list[PruneMirrors | RemoveMirrors]:
+        kept: set[str] = set()
+        for unit in self.of(platform):
+            if unit.index is None:
+                return []  # its mirrors of a former start may be valid
+            kept.update(item.resource.path for item in unit.index)
+        if platform == self._own.platform:
+            kept = {path for path in kept if not self._tree.holds(path)}
+        return [PruneMirrors(platform, frozenset(kept))]

@@ -1,0 +1,119 @@
+"""Two computers of one platform and a ground station: everything is reached by its path alone."""
+
+import asyncio
+from pathlib import Path
+
+from tests.integration.tree.pair import PATIENCE_S, SERVICES, on_uvloop, platforms, until
+
+from swarmware.errors import SwarmError
+from swarmware.model.access import Role
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.types.scalar import Float, Int, Text
+from swarmware.types.vehicle import Pose
+
+GAIN = Resource(
+    path="config/attitude/gain", kind=Kind.SETTING, type="Float", access="rw", default=2.5, range=(0.0, 9.0)
+)
+
+
+def answer(request: Text, meta: Meta) -> Text:
+    who = "itself" if meta.sender is None else f"{meta.sender}:{Role(meta.sender.role).name}"
+    return Text(f"{request.value} to {who}")
+
+
+async def until_answered(module: Module, path: str) -> str:
+    """The answer of a path, as soon as somebody is known to serve it."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            try:
+                return (await module.request(path, Text("hello"), Text, timeout_s=1)).value
+            except SwarmError:
+                await asyncio.sleep(0.05)
+
+
+@on_uvloop
+async def test_units_of_a_platform_and_others_reach_each_other_by_path_alone(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "uav1.fc", "gcs") as (main, fc, gcs):
+        # boards, both ways, and at another platform; each unit reads them at the same path
+        attitude = fc.probe.writer("nav/attitude", Float, rate_hz=50, link="tick")
+        goal = main.probe.writer("nav/goal_height", Float)
+        attitude.write(Float(0.25))
+        goal.write(Float(30.0))
+        for reader in (
+            main.probe.reader("nav/attitude", Float),
+            main.probe.reader("/uav1/nav/attitude", Float),
+            fc.probe.reader("nav/attitude", Float),
+            gcs.probe.reader("/uav1/nav/attitude", Float),
+        ):
+            assert (await until(reader, lambda _: True)).value == 0.25
+        for reader in (
+            fc.probe.reader("nav/goal_height", Float),
+            gcs.probe.reader("/uav1/nav/goal_height", Float),
+        ):
+            assert (await until(reader, lambda _: True)).value == 30.0
+
+        # streams: each item, in order
+        steps = main.probe.stream_reader("plan/steps", Int)
+        seen = gcs.probe.stream_reader("/uav1/plan/steps", Int)
+        written = fc.probe.stream_writer("plan/steps", Int, kind="event")
+        await main.until_listed("/uav1/plan/steps", lambda entry: entry is not None)
+        await gcs.until_listed("/uav1/plan/steps", lambda entry: entry is not None)
+        await asyncio.sleep(0.5)
+        for number in range(50):
+            written.write(Int(number))
+        for stream in (steps, seen):
+            assert [(await stream.next(PATIENCE_S)).value for _ in range(50)] == list(range(50))
+
+        # requests and messages: to whoever serves the path
+        fc.probe.serve("cmd/attitude", Text, answer, reply=Text)
+        main.probe.serve("cmd/plan", Text, answer, reply=Text)
+        box = fc.probe.inbox("cmd/note", Text)
+        assert await until_answered(fc.probe, "cmd/plan") == "hello to maintainer@uav1:MAINTAINER"
+        assert await until_answered(main.probe, "cmd/attitude") == "hello to maintainer@uav1:MAINTAINER"
+        assert await until_answered(main.probe, "/uav1/cmd/plan") == "hello to itself"
+        assert await until_answered(gcs.probe, "/uav1/cmd/attitude") == "hello to maintainer@gcs:MAINTAINER"
+        assert await gcs.probe.send("/uav1/cmd/note", Text("from gcs"))
+        assert await main.probe.send("cmd/note", Text("from main"))
+        assert [(await box.next(PATIENCE_S)).value for _ in range(2)] == ["from gcs", "from main"]
+
+        # one tree: every node lists the resources of all units once, under the platform
+        for node in (main, fc, gcs):
+            await node.until_listed("/uav1/nav/goal_height", lambda entry: entry is not None)
+            listed = await node.list("/uav1/nav/*")
+            assert {"/uav1/nav/attitude", "/uav1/nav/goal_height"} <= listed.keys()
+            assert not [path for path in await node.list("/**") if path.startswith("/uav1.fc/")]
+        assert (await gcs.list("/uav1.fc/net/routes")).keys() == {"/uav1.fc/net/routes"}
+
+        # values and settings of another unit, asked of the platform
+        assert (await gcs.get("/uav1/nav/attitude", fresh=True)).source == "own"
+        fc.probe.provide(GAIN)
+        await gcs.until_listed("/uav1/config/attitude/gain", lambda entry: entry is not None)
+        done = await gcs.set("/uav1/config/attitude/gain", 4.0)
+        assert (done.path, done.version) == ("/uav1/config/attitude/gain", 1)
+        gain = fc.probe.reader("config/attitude/gain", Float)
+        assert (await until(gain, lambda value: value.value == 4.0)).value == 4.0
+
+
+@on_uvloop
+async def test_resources_of_a_killed_unit_are_lost_and_return_with_it(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "uav1.fc", "gcs", start=False) as (main, fc, gcs):
+        _, killed, _ = [await node.start(*SERVICES) for node in (main, fc, gcs)]
+        pose = fc.probe.writer("nav/pose", Pose)
+        pose.write(Pose(1.0, 2.0, 3.0))
+        readers = {main: main.probe.reader("nav/pose", Pose), gcs: gcs.probe.reader("/uav1/nav/pose", Pose)}
+
+        async def until_quality(*expected: str) -> None:
+            for node, reader in readers.items():
+                await until(reader, lambda value: value.x_m == 1.0)
+                await node.until_listed(
+                    "/uav1/nav/pose", lambda entry: entry is not None and entry.quality in expected
+                )
+
+        await until_quality("live", "stale")
+        await killed.kill()
+        await until_quality("lost")
+        assert (await main.get("/uav1/nav/pose")).source == "mirror"
+        await fc.start(*SERVICES)
+        await until_quality("live", "stale")

@@ -1,0 +1,167 @@
+"""Trees of the computers of one platform: each path belongs to one of them, and all are one tree."""
+
+from tests.unit.tree.pair import BATTERY, POSE, TEMPLATE, S, Tree, core, value
+
+from swarmd.tree.core.action import (
+    PruneMirrors,
+    RemoveMirrors,
+    RequestStructure,
+    RequestSubscription,
+    SendNotify,
+    WriteMirror,
+)
+from swarmware.model.resource import Kind, Resource
+
+SPEED = Resource(path="config/speed", kind=Kind.SETTING, type="Float", default=1.0, access="rw")
+ROUTES = Resource(path="net/routes", type="Routes", owner="broker")
+BEACON_POSE = Resource(path="nav/pose", type="Pose", rate_hz=20.0, owner="navigator", link="tick")
+
+
+class Units:
+    """Tree cores that reach each other; every message is carried at once."""
+
+    def __init__(self, *trees: Tree) -> None:
+        self.trees = {str(tree.address): tree for tree in trees}
+        self.now_ns = 0
+        self.mirrored: dict[str, list[tuple[str, str, str]]] = {name: [] for name in self.trees}
+        """At each node: name of the mirror, path and unit that sent the value."""
+        self.removed: dict[str, list[PruneMirrors | RemoveMirrors]] = {name: [] for name in self.trees}
+
+    def meet(self) -> None:
+        for name, tree in self.trees.items():
+            for other, there in self.trees.items():
+                if other != name:
+                    tree.on_up(other, there.local.version, True, self.now_ns)
+        self.carry()
+
+    def part(self, name: str) -> None:
+        for other, tree in self.trees.items():
+            if other != name:
+                tree.on_gone(name, self.now_ns)
+        self.carry()
+
+    def wait(self, seconds: float) -> None:
+        self.now_ns += round(seconds * S)
+        for tree in self.trees.values():
+            tree.on_timer(self.now_ns)
+        self.carry()
+
+    def carry(self) -> None:
+        while pending := [(name, one) for name, tree in self.trees.items() for one in tree.drain()]:
+            for name, action in pending:
+                self._carry(name, action)
+
+    def _carry(self, name: str, action: object) -> None:
+        tree, now_ns = self.trees[name], self.now_ns
+        match action:
+            case RequestStructure(to, request):
+                tree.on_structure(to, self.trees[to].on_structure_asked(request, now_ns), now_ns)
+            case RequestSubscription(to, request):
+                reply = self.trees[to].on_subscribe_asked(request, None, now_ns)
+                tree.on_subscribed(to, reply, request.set_digest, now_ns)
+            case SendNotify(to, notify):
+                for one in self.trees[to].core.on_notify(notify, now_ns):
+                    if isinstance(one, WriteMirror):
+                        self.mirrored[to].append((one.platform, one.item.path, one.unit))
+                    else:
+                        self._carry(to, one)
+                tree.on_notified(to, notify, True, now_ns)
+            case PruneMirrors() | RemoveMirrors():
+                self.removed[name].append(action)
+            case _:
+                pass
+
+
+def test_main_leaves_to_a_unit_what_that_provides_and_has_it_again_when_the_unit_is_forgotten() -> None:
+    main, fc = core("uav1", TEMPLATE), core("uav1.fc", TEMPLATE)
+    units = Units(main, fc)
+    fc.on_applications([POSE], [], 0)
+    assert [item.resource.path for item in fc.local.index] == ["nav/pose"]
+    assert "nav/pose" in main.local.index
+    units.meet()
+    assert "nav/pose" not in main.local.index
+    assert BATTERY.path in main.local.index
+    units.part("uav1.fc")
+    assert "nav/pose" not in main.local.index
+    units.wait(601)
+    assert "nav/pose" in main.local.index
+    assert RemoveMirrors("uav1.fc") in units.removed["uav1"]
+
+
+def test_a_unit_gets_the_values_of_another_at_the_path_of_the_platform_also_those_of_beacons() -> None:
+    main, fc = core("uav1", (BEACON_POSE,)), core("uav1.fc", (BEACON_POSE,))
+    units = Units(main, fc)
+    main.on_applications([], ["nav/pose"], 0)
+    fc.on_applications([BEACON_POSE], [], 0)
+    units.meet()
+    assert main.replicas.wants() == []
+    assert fc.subscribers.offers() == []
+    for sequence in range(1, 4):
+        fc.on_value(value("nav/pose", sequence, sequence), units.now_ns)
+        units.wait(0.05)
+    assert units.mirrored["uav1"] == [("uav1", "nav/pose", "fc")] * 3
+
+
+def test_another_platform_subscribes_at_the_unit_that_provides_a_board() -> None:
+    main, fc, gcs = core("uav1", (BEACON_POSE,)), core("uav1.fc", (BEACON_POSE,)), core("gcs", ())
+    units = Units(main, fc, gcs)
+    gcs.on_applications([], ["/*/nav/pose"], 0)
+    fc.on_applications([BEACON_POSE], [], 0)
+    units.meet()
+    units.wait(1)
+    wants = [(want.platform, want.unit, want.path) for want in gcs.replicas.wants()]
+    assert wants == [("uav1", "fc", "nav/pose")]
+    assert [offer.path for offer in fc.subscribers.offers()] == ["nav/pose"]
+
+
+def test_resources_that_each_unit_has_are_those_of_main_for_others_and_its_own_inside() -> None:
+    main, fc, gcs = core("uav1"), core("uav1.fc"), core("gcs", ())
+    units = Units(main, fc, gcs)
+    for tree in (main, fc):
+        tree.on_applications([ROUTES], ["net/routes"], 0)
+    gcs.on_applications([], ["/uav1/net/routes", "/uav1.fc/net/routes"], 0)
+    units.meet()
+    units.wait(1)
+    for tree in (main, fc):
+        tree.on_value(value("net/routes", 1.0), units.now_ns)
+    units.wait(1)
+    assert sorted(units.mirrored["gcs"]) == [
+        ("uav1", "net/routes", "main"),
+        ("uav1.fc", "net/routes", "fc"),
+    ]
+    assert units.mirrored["uav1"] == units.mirrored["uav1.fc"] == []
+
+
+def test_an_application_that_moves_to_another_unit_takes_its_resource_along() -> None:
+    main, fc, gcs = core("uav1", ()), core("uav1.fc", ()), core("gcs", ())
+    units = Units(main, fc, gcs)
+    main.on_applications([POSE], ["nav/pose"], 0)
+    fc.on_applications([], ["nav/pose"], 0)
+    gcs.on_applications([], ["/uav1/nav/pose"], 0)
+    units.meet()
+    place = gcs.replicas.units.leaf("uav1", "nav/pose")
+    assert place is not None
+    assert place[0] is gcs.replicas.get("uav1")
+    main.on_applications([], ["nav/pose"], units.now_ns)
+    fc.on_applications([POSE], ["nav/pose"], units.now_ns)
+    units.wait(2)
+    fc.on_value(value("nav/pose", 1.0), units.now_ns)
+    units.wait(1)
+    place = gcs.replicas.units.leaf("uav1", "nav/pose")
+    assert place is not None
+    assert place[0] is gcs.replicas.get("uav1.fc")
+    assert units.mirrored["uav1"] == [("uav1", "nav/pose", "fc")]
+    assert PruneMirrors("uav1", frozenset()) in units.removed["uav1.fc"]
+
+
+def test_a_setting_is_kept_where_an_application_uses_it() -> None:
+    main, fc = core("uav1", (SPEED,)), core("uav1.fc", (SPEED,))
+    units = Units(main, fc)
+    used = fc.local.setting("config/speed", "navigator")
+    assert used is not None
+    fc.on_applications([used], [], 0)
+    assert main.local.holds("config/speed")
+    units.meet()
+    assert not main.local.holds("config/speed")
+    assert fc.local.holds("config/speed")
+    assert fc.local.setting("nav/pose", "navigator") is None
