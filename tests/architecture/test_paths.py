@@ -23,8 +23,6 @@ EXCEPTIONS: Final = {
     ): "the one place of the labs' folder: the completion of the shell imports nothing else",
     ("daemons/swarmd/health/core/apps.py", "f'app/{self.name}'"): "the name of a check, no path",
     ("daemons/swarmd/health/core/apps.py", "f\"app/{self.id.replace('#', '_')}\""): "the name of a check",
-    ("daemons/swarmd/tree/operator_api.py", "f'sys/tree/{verb}'"): "the verb of the request",
-    ("cli/swarmctl/resources/access.py", "f'sys/tree/{verb}'"): "the verb of the request",
 }
 """Texts that are composed elsewhere, each with its reason."""
 

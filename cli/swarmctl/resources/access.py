@@ -13,6 +13,7 @@ from swarmctl.resources.newest import newest
 from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
 from swarmware.errors import NotFound, SwarmError
+from swarmware.model import paths
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, split
 from swarmware.types.tree import (
@@ -139,7 +140,7 @@ async def write(session: Session, path: str, text: str, version: int | None = No
 async def _ask_owner(session: Session, verb: str, path: str, request: msgspec.Struct) -> TreeSetDone:
     """Asks the platform of a resource for a change: it decides with the rights of this session."""
     platform = split(path)[0] or session.here
-    return await session.ask(join(platform, f"sys/tree/{verb}"), request, TreeSetDone, about=path)
+    return await session.ask(join(platform, paths.tree_request(verb)), request, TreeSetDone, about=path)
 
 
 async def _written(session: Session, done: TreeSetDone) -> Written:

@@ -19,7 +19,7 @@ from swarmd.tree.tree_view import TreeView, json_text
 from swarmd.tree.type_catalogue import TypeCatalogue
 from swarmd.tree.unit_forwarder import UnitForwarder
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
-from swarmware.model import names
+from swarmware.model import names, paths
 from swarmware.model.access import Access, Verb
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
@@ -144,7 +144,7 @@ class OperatorApi:
 
     def _not_its_owner(self, platform: str, path: str, verb: str) -> Denied:
         """A request that only the owner of the resource decides, with the rights of who asks."""
-        owner = names.join(platform, f"sys/tree/{verb}")
+        owner = names.join(platform, paths.tree_request(verb))
         return Denied(f"{path}: asked of {self._module.platform}; expected a request to its owner, {owner}")
 
     # -- type

@@ -9,7 +9,7 @@ from swarmd.tree.core.action import Action, RequestStructure, RequestSubscriptio
 from swarmd.tree.core.notification.lane import WINDOW
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.errors import Denied, SwarmError
-from swarmware.model import names
+from swarmware.model import names, paths
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
@@ -128,7 +128,7 @@ class TreeExchange:
 
 def _at(node: str, verb: str) -> str:
     """Path of a request to the tree of exactly this node."""
-    return names.join(names.Address.parse(node).path, f"sys/tree/{verb}")
+    return names.join(names.Address.parse(node).path, paths.tree_request(verb))
 
 
 def _check_sender(platform: str, meta: Meta) -> None:

@@ -111,8 +111,7 @@ class TreeView:
         The name is that of the platform; that of a computer where the pattern has a point.
         """
         last, last_local = names.split(after) if after else (None, "")
-        of_computers = "." in wanted.text
-        for name in self._computers() if of_computers else self.platforms():
+        for name in self._computers() if wanted.names_unit else self.platforms():
             if not wanted.matches(name):
                 continue
             if last is not None and names.natural(name) < names.natural(last):

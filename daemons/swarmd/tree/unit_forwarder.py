@@ -6,7 +6,7 @@ import msgspec
 
 from swarmd.tree.tree_view import TreeView
 from swarmware.errors import NotFound
-from swarmware.model import names
+from swarmware.model import names, paths
 from swarmware.model.access import Sender
 from swarmware.model.names import Address
 from swarmware.module.meta import Meta
@@ -55,7 +55,7 @@ class UnitForwarder:
         if path:
             request = msgspec.structs.replace(request, path=names.join(unit.path, names.split(path)[1]))
         return await self._module.request(
-            names.join(unit.path, f"sys/tree/{verb}"),
+            names.join(unit.path, paths.tree_request(verb)),
             request,
             reply,
             timeout_s=self._answer_s,

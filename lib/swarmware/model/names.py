@@ -63,7 +63,7 @@ class Address(NamedTuple):
 
     @property
     def hardware(self) -> int:
-        """Hardware id."""
+        """Hardware id in frame headers."""
         return hardware_id(self.platform, self.unit)
 
     @property
@@ -204,6 +204,11 @@ class Pattern:
         if self._compiled is None:
             self._compiled = re.compile(self._regex)
         return self._compiled.fullmatch(path) is not None
+
+    @property
+    def names_unit(self) -> bool:
+        """Whether it matches names of computers with their unit: `uav*.fc`."""
+        return self.text.count(".") > 0
 
     @property
     def literal(self) -> bool:

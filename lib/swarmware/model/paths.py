@@ -94,6 +94,11 @@ def status(application: str) -> str:
     return f"app/{segment(application)}/status"
 
 
+def tree_request(verb: str) -> str:
+    """Resource path of a request to a tree: get, set, undo, structure and others."""
+    return f"sys/tree/{verb}"
+
+
 def setting(key: str) -> str:
     """Resource path of a live setting: of `navigator/speed_m_s`."""
     return f"config/{key}"

@@ -45,7 +45,7 @@ class PlatformUnits:
         return [RemoveMirrors(platform), *actions]
 
     def platforms(self) -> list[str]:
-        """Every other platform."""
+        """Every other platform that is known."""
         return [platform for platform in self._by_platform if platform != self._own.platform]
 
     def of(self, platform: str) -> list[Replica]:
