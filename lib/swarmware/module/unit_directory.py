@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 from swarmware.errors import WireError
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
-from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 
 if TYPE_CHECKING:
+    from swarmware.node.follower import RingFollower
     from swarmware.types.register import PartnerUnit
 
 PATH: Final = "register/partners"
@@ -50,8 +50,13 @@ class UnitDirectory:
     def _refresh(self) -> None:
         follower = self._follower
         if follower is None:
+            ring = ring_file(self._node.shm_dir, PATH)
+            if not ring.exists():
+                return  # no register has run here
+            from swarmware.node.follower import RingFollower
+
             follower = self._follower = RingFollower(
-                ring_file(self._node.shm_dir, PATH),
+                ring,
                 name=f"board {PATH}",
                 data_id=names.data_id(PATH, "PartnerTable"),
             )
