@@ -154,6 +154,19 @@ def test_an_application_that_moves_to_another_unit_takes_its_resource_along() ->
     assert PruneMirrors("uav1", frozenset()) in units.removed["uav1.fc"]
 
 
+def test_a_value_that_arrives_before_main_leaves_the_path_to_its_unit_is_not_lost() -> None:
+    main, fc, gcs = core("uav1", (BATTERY,)), core("uav1.fc", (BATTERY,)), core("gcs", ())
+    units = Units(main, fc, gcs)
+    gcs.on_applications([], ["/uav1/power/battery"], 0)
+    fc.on_applications([BATTERY], [], 0)
+    for one, other in ((gcs, main), (gcs, fc), (fc, gcs), (main, gcs)):  # main and fc have not met
+        one.on_up(str(other.address), other.local.version, True, 0)
+    units.carry()
+    fc.on_value(value("power/battery", 1.0), 0)
+    units.wait(1)
+    assert units.mirrored["gcs"] == [("uav1", "power/battery", "fc")]
+
+
 def test_a_setting_is_kept_where_an_application_uses_it() -> None:
     main, fc = core("uav1", (SPEED,)), core("uav1.fc", (SPEED,))
     units = Units(main, fc)

@@ -22,6 +22,8 @@ class PlatformUnits:
         self._own = own
         self._tree = tree
         self._by_platform: dict[str, list[Replica]] = {}
+        self._sent: set[tuple[str, str]] = set()
+        """Computers and paths of which they have sent values: not only their template has them."""
 
     # -- the computers
 
@@ -36,6 +38,7 @@ class PlatformUnits:
         platform = replica.address.platform
         units = self._by_platform[platform]
         units.remove(replica)
+        self._forget_sent(replica)
         actions: list[PruneMirrors | RemoveMirrors] = []
         if replica.address.unit != MAIN:
             actions.append(RemoveMirrors(replica.address.path))
@@ -43,6 +46,9 @@ class PlatformUnits:
             return actions + self._prune_platform(platform)
         del self._by_platform[platform]
         return [RemoveMirrors(platform), *actions]
+
+    def _forget_sent(self, replica: Replica) -> None:
+        self._sent = {one for one in self._sent if one[0] != replica.name}
 
     def platforms(self) -> list[str]:
         """Every other platform that is known."""
@@ -98,10 +104,13 @@ class PlatformUnits:
         """Names under which a value of a computer is mirrored: of its platform, and its own."""
         platform = replica.address.platform
         if any(pattern(text).matches(path) for text in replica.platform_patterns):
-            provider = self.provider(platform, path)
             own = platform == self._own.platform and self._tree.holds(path)
-            # a value may arrive before the structure that has its resource
-            if provider is replica or (provider is None and not own):
+            provider = None if own else self.provider(platform, path)
+            if replica.index is not None and path in replica.index:
+                self._sent.add((replica.name, path))
+            # a value may arrive before the structures that show who provides it, and it is not sent again
+            others = provider is not None and (provider.name, path) in self._sent
+            if not own and (provider is replica or not others):
                 yield platform
         if any(pattern(text).matches(path) for text in replica.computer_patterns):
             yield replica.address.path
@@ -137,6 +146,7 @@ class PlatformUnits:
 
     def prune(self, replica: Replica) -> list[PruneMirrors | RemoveMirrors]:
         """Resources of a computer were removed: the mirrors that stay."""
+        self._forget_sent(replica)
         actions = self._prune_platform(replica.address.platform)
         if replica.computer_patterns and replica.index is not None:
             kept = frozenset(item.resource.path for item in replica.index)
