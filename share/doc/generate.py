@@ -21,8 +21,8 @@ import msgspec
 
 import swarmware.types
 from swarmctl.commandline.arguments import meaning
-from swarmctl.commands.fleet.hosts import hosts_schema
 from swarmctl.main import cli
+from swarmctl.membership.hosts import hosts_schema
 from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
 from swarmlab.report import report

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 from struct_tables import cell, field_docs
 
-from swarmctl.commands.fleet.hosts import FleetFile, HostDefaults, HostEntry
+from swarmctl.membership.hosts import FleetFile, HostDefaults, HostEntry
 from swarmctl.terminal import documents
 from swarmd.control.core.modes import DECISIONS, TRANSITIONS, Source
 from swarmware import errors

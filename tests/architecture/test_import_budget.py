@@ -30,7 +30,7 @@ HEAVY: Final = {
         "tomllib",
     ),
     *("jsonschema", "matplotlib", "mcap", "msgpack", "msgspec", "nacl", "numpy", "psutil", "pymongo"),
-    *("rich", "sortedcontainers", "tomli_w", "uvloop", "zmq", "zstandard"),
+    *("rich", "tomli_w", "uvloop", "zmq", "zstandard"),
     *("swarmware.module", "swarmware.node", "swarmware.types", "swarmware.model.config"),
     *("swarmctl.terminal.output", "swarmlab.command"),
 }
@@ -42,7 +42,7 @@ BUDGET: Final = 60
 READER_HEAVY: Final = {
     *("importlib.metadata", "multiprocessing", "shutil", "tempfile", "http", "email", "xml", "unittest"),
     *("jsonschema", "matplotlib", "mcap", "msgpack", "nacl", "numpy", "psutil", "pymongo", "rich", "sphinx"),
-    *("sortedcontainers", "uvloop", "yaml", "zmq", "zstandard", "swarmd", "ssl"),
+    *("uvloop", "yaml", "zmq", "zstandard", "swarmd", "ssl"),
 }
 """A command that reads a running node uses none of these: each takes milliseconds."""
 

@@ -33,6 +33,7 @@ THIN = {
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
     "daemons/swarmd/tree/core/rate.py": "the rate of a resource",
     "cli/swarmctl/resources/described_fields.py": "fields of types of modules, imported for a new one",
+    "cli/swarmctl/membership/options.py": "options that --help imports, without what the commands do",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
     "cli/swarmlab/provision/command_line.py": "the command that repeats a run",
     "cli/swarmlab/provision/prerequisites.py": "what a lab needs of the computer, before it makes anything",

@@ -62,6 +62,8 @@ SERVED = {
     "sys/vehicle/kill": OPERATOR,
     # what stops services, limits links, changes members
     "sys/broker/roster": MAINTAINER,
+    "sys/register/forget": MAINTAINER,
+    "sys/tree/forget": MAINTAINER,
     "sys/broker/set_channel": MAINTAINER,
     "sys/guard/restart": MAINTAINER,
     "sys/guard/start": MAINTAINER,

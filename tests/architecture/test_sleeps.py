@@ -9,7 +9,7 @@ MEANT: Final = {
     "cli/swarmctl/commands/app/stopping.py:_until": "the stopped tree or register would carry the event",
     "cli/swarmctl/commands/fleet/agent.py:HostAgent._start": "another process started it: no notification",
     "cli/swarmctl/commands/fleet/synchronisation.py:Synchronisation.until": "an equal digest has no event",
-    "cli/swarmctl/commands/keys/activation.py:_reached": "the restarted broker would carry the event",
+    "cli/swarmctl/membership/activation.py:_reached": "the restarted broker would carry the event",
     "cli/swarmctl/resources/restart.py:restart_one": "the restarted broker or tree would carry the event",
     "cli/swarmlab/run/capacity.py:Capacity.measure": "the interval over which load is measured",
     "daemons/swarmd/broker/beacon_transport.py:BeaconTransport.look_up_seeds": "period of name resolution",

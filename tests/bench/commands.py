@@ -64,7 +64,8 @@ COMMANDS: Final = (
 )
 """Commands that a person waits for, and the help of each top command."""
 NOT_MEASURED: Final = {
-    "acts": "node restart, node drain, node undrain, app restart, app start, app stop, tree set, tree undo,"
+    "acts": "node restart, node drain, node undrain, node add, node remove,"
+    " node rename, app restart, app start, app stop, tree set, tree undo,"
     " tree rule, tree load, pub,"
     " traffic set, mission start, mission abort, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"

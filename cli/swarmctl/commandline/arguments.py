@@ -25,6 +25,7 @@ ARGUMENTS: Final = {
     "shell": "The shell: bash, zsh or fish.",
     "token": "The word that `swarmctl keys invite` printed.",
     "value": "JSON, one plain word, or a word field=value for each field.",
+    "node rename new": "Its name from the next start on.",
     "keys invite platforms": "Names of platforms, as in `node.toml` of each.",
     "call path": "/PLATFORM/COMMAND, or a COMMAND of the platform of -n.",
     "pub path": "Path on the joined node, such as test/height.",

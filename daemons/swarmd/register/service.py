@@ -24,7 +24,7 @@ from swarmware.module.unit_directory import PATH as PARTNERS
 from swarmware.node.master.master import RESOURCE
 from swarmware.service.service import Service
 from swarmware.types.net import Routes, RouteState
-from swarmware.types.register import ApplicationTable, PartnerTable
+from swarmware.types.register import ApplicationTable, PartnerTable, PlatformRemoval, PlatformRemoved
 from swarmware.types.register import Register as RegisterReply
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
@@ -68,6 +68,13 @@ class Registrar(Service):
             self._apps,
             reply=RegisterReply,
             description="Applications of all units",
+        )
+        module.serve(
+            "sys/register/forget",
+            PlatformRemoval,
+            self._forget,
+            reply=PlatformRemoved,
+            description="Removes the applications of a platform that has left the swarm",
         )
         module.serve(
             "sys/node/info",
@@ -127,6 +134,11 @@ class Registrar(Service):
         routes = self._routes.value
         hops = {(route.platform, route.unit): route.hops for route in routes.routes} if routes else {}
         return RegisterReply(self._core.units(own, hops, self.module.now_ns()))
+
+    def _forget(self, request: PlatformRemoval, _: Meta) -> PlatformRemoved:
+        known, actions = self._core.on_removal(request.platform, self.module.now_ns())
+        self._driver.feed(actions)
+        return PlatformRemoved(known)
 
     def _info(self, _: Empty, __: Meta) -> NodeInfo:
         node = self.module.node

@@ -29,6 +29,7 @@ from swarmware.module.requester import requester
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
 from swarmware.types.description import TypeDescription
+from swarmware.types.register import PlatformRemoval, PlatformRemoved
 from swarmware.types.tree import (
     Rule,
     TreeChange,
@@ -53,7 +54,7 @@ DEMAND_S: Final = 1.0
 
 
 class OperatorApi:
-    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `rule`, `list` and `type`."""
+    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `rule`, `list`, `forget` and `type`."""
 
     def __init__(
         self,
@@ -95,6 +96,7 @@ class OperatorApi:
         serve("sys/tree/reset", TreeReset, self._reset, reply=TreeSetDone)
         serve("sys/tree/rule", TreeRule, self._rule, reply=TreeRules)
         serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
+        serve("sys/tree/forget", PlatformRemoval, self._forget, reply=PlatformRemoved)
         serve("sys/tree/type", TypeRequest, self._type, reply=TypeDescription)
 
     def _check(self, meta: Meta, verb: Verb, path: str) -> None:
@@ -301,6 +303,14 @@ class OperatorApi:
         except OSError as error:
             raise SwarmError(f"rule {shown}: cannot be stored: {error}; the old rules stay") from error
         self._driver.feed(self._tree.on_rules(rules, self._module.now_ns()))
+
+    # -- platforms
+
+    def _forget(self, request: PlatformRemoval, _: Meta) -> PlatformRemoved:
+        """Raises: Conflict when the platform is reachable."""
+        known, actions = self._tree.on_removal(request.platform, self._module.now_ns())
+        self._driver.feed(actions)
+        return PlatformRemoved(known)
 
     # -- list
 

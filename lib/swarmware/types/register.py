@@ -1,5 +1,7 @@
 """Application register: the applications of this platform and of all others (S1.51–55)."""
 
+from typing import Annotated
+
 import msgspec
 
 from swarmware.types.registry import register
@@ -78,3 +80,19 @@ class PartnerTable(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """All units of other platforms (board `register/partners`); written when it changes only."""
 
     units: tuple[PartnerUnit, ...] = ()
+
+
+@register
+class PlatformRemoval(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/forget` and `sys/register/forget`: remove what is kept of a platform that has left
+    the swarm, before its time is over."""
+
+    platform: Annotated[str, msgspec.Meta(max_length=31)]
+
+
+@register
+class PlatformRemoved(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer to a `PlatformRemoval` of a node."""
+
+    known: bool
+    """Whether there was something to remove."""

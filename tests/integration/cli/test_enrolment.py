@@ -17,6 +17,7 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import Root
 from swarmware.types.net import Routes
+from swarmware.types.tree import TreeList, TreeListing
 
 PATIENCE_S = 30.0
 
@@ -27,16 +28,20 @@ class Operator:
     def __init__(self, root: Path) -> None:
         self._env = {**os.environ, "SWARMCTL_ROOT": str(root), "NO_COLOR": "1"}
 
-    async def start(self, config_dir: Path, *words: str) -> asyncio.subprocess.Process:
+    async def start(self, config_dir: Path, *words: str, group: str = "keys") -> asyncio.subprocess.Process:
         env = {**self._env, "SWARM_CONFIG": str(config_dir)}
         pipe = asyncio.subprocess.PIPE
         return await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "swarmctl", "keys", *words, env=env, stdout=pipe, stderr=pipe
+            sys.executable, "-m", "swarmctl", group, *words, env=env, stdout=pipe, stderr=pipe
         )
 
     async def keys(self, config_dir: Path, *words: str) -> str:
         """The output of a command that succeeds."""
         return await ended(await self.start(config_dir, *words))
+
+    async def run(self, config_dir: Path, group: str, *words: str) -> str:
+        """The output of a command of another group that succeeds."""
+        return await ended(await self.start(config_dir, *words, group=group))
 
     @asynccontextmanager
     async def inviting(self, config_dir: Path, *platforms: str) -> AsyncIterator[list[str]]:
@@ -58,7 +63,7 @@ class Operator:
 async def ended(process: asyncio.subprocess.Process) -> str:
     async with asyncio.timeout(PATIENCE_S):
         out, err = await process.communicate()
-    assert process.returncode == 0, err.decode()
+    assert process.returncode == 0, err.decode() + out.decode()
     return out.decode()
 
 
@@ -66,6 +71,12 @@ async def until(routes: BoardReader[Routes], *platforms: str) -> None:
     async with asyncio.timeout(PATIENCE_S):
         while routes.value is None or {route.platform for route in routes.value.routes} != set(platforms):
             await routes.changed()
+
+
+async def known(probe: Module) -> set[str]:
+    """Platforms that the tree of the ground station knows."""
+    found = await probe.request("sys/tree/list", TreeList("/gcs/none", 1), TreeListing, timeout_s=5)
+    return {one.platform for one in found.platforms}
 
 
 async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_path: Path) -> None:
@@ -98,14 +109,26 @@ async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_pat
             ]
             listed = await operator.keys(base, "ls")
             assert [line.split()[-2:] for line in listed.splitlines()[2:]] == [["4", "yes"]] * 3
-            shown = await operator.keys(base, "revoke", "uav2", "--yes")
-            assert [line.split()[:3] for line in shown.splitlines()[1:]] == [
-                ["gcs", "5", "yes"],
-                ["uav1", "5", "yes"],
+        await until(routes, "uav1")
+        async with operator.inviting(base, "scout") as (token,):
+            await operator.run(other, "node", "rename", "uav2", "scout", "--token", token, "--yes")
+        async with spawn(other, "broker", "tree"):
+            await until(routes, "uav1", "scout")
+            assert await known(probe) == {"gcs", "uav1", "uav2", "scout"}
+            shown = await operator.run(base, "node", "remove", "uav2", "--yes")
+            assert [line.split()[:2] for line in shown.splitlines()[1:]] == [
+                ["gcs", "yes"],
+                ["scout", "yes"],
+                ["uav1", "yes"],
             ]
+            assert await known(probe) == {"gcs", "uav1", "scout"}
+            await operator.run(base, "node", "remove", "scout", "--yes")
             await until(routes, "uav1")
-    for folder, name in ((base, "gcs"), (vehicle, "uav1")):
-        assert Keys.load(folder.parent / "keys", name).signed == Root.load(root).signed
+            assert await known(probe) == {"gcs", "uav1"}
+            shown = await operator.keys(base, "revoke", "uav1", "--yes")
+            assert [line.split()[:3] for line in shown.splitlines()[1:]] == [["gcs", "7", "yes"]]
+            await until(routes)
+    assert Keys.load(base.parent / "keys", "gcs").signed == Root.load(root).signed
 
 
 async def test_an_inviter_that_is_killed_leaves_a_root_that_invites_again(tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ class Cell(VirtualTime):
         super().__init__()
         self.bytes: dict[str, int] = {}
         self.structure_bytes: dict[str, int] = {}
+        self.frames: dict[str, int] = {}
         self.trees: dict[str, SwarmTree] = {}
         self._drivers: dict[str, CoreDriver[Action]] = {}
         self.up: set[str] = set()
@@ -49,7 +50,7 @@ class Cell(VirtualTime):
         self._drivers[name] = self.drive(
             tree, lambda action: self.after(0.005, partial(self._carry, name, action))
         )
-        self.bytes[name] = self.structure_bytes[name] = 0
+        self.bytes[name] = self.structure_bytes[name] = self.frames[name] = 0
         running = [resource for resource in own if resource.owner]
         extra = Resource(path=f"app/{name}", type="Text", owner="planner")
         tree.on_applications([*running, extra], patterns, 0)
@@ -80,6 +81,8 @@ class Cell(VirtualTime):
     def _count(self, one: str, two: str, size: int) -> None:
         self.bytes[one] += size
         self.bytes[two] += size
+        self.frames[one] += 1
+        self.frames[two] += 1
 
     def _carry(self, name: str, action: Action) -> None:
         tree = self.trees[name]

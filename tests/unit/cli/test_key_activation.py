@@ -10,9 +10,9 @@ import pytest
 from tests.unit.cli.test_commands import ScriptedSession
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.keys import activation
-from swarmctl.commands.keys.activation import ActivatedKeys, activate, show_activation
-from swarmctl.commands.keys.node_keys import NodeKeys
+from swarmctl.membership import activation
+from swarmctl.membership.activation import ActivatedKeys, activate, show_activation
+from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer
 from swarmware.testing.tmpnode import make_node

@@ -4,9 +4,9 @@ from contextlib import closing
 
 import pytest
 
-from swarmctl.commands.keys.addresses import host_and_port, reachable
-from swarmctl.commands.keys.inviting import InvitationPlan, check_plan
-from swarmctl.commands.keys.listener import listening_socket
+from swarmctl.membership.addresses import host_and_port, reachable
+from swarmctl.membership.inviting import InvitationPlan, check_plan
+from swarmctl.membership.listener import listening_socket
 from swarmware.errors import Conflict, InvalidInput
 
 

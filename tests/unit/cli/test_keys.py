@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.keys import changing, node_keys
-from swarmctl.commands.keys.inviting import InvitationPlan, invite_nodes
-from swarmctl.commands.keys.joining import join
 from swarmctl.commands.keys.listing import list_members, show_member
 from swarmctl.commands.keys.making import make_root
-from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.membership import changing, node_keys
+from swarmctl.membership.inviting import InvitationPlan, invite_nodes
+from swarmctl.membership.joining import join
+from swarmctl.membership.root_folder import RootFolder
 from swarmctl.terminal.output import Output
 from swarmware.errors import (
     ConfigError,
@@ -205,7 +205,7 @@ def test_a_clock_that_differs_from_the_inviters_is_a_warning(
     base: Station, vehicle: Station, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = time.time_ns() - 3600 * 1_000_000_000
-    monkeypatch.setattr("swarmctl.commands.keys.joining.utc_ns", lambda: late)
+    monkeypatch.setattr("swarmctl.membership.joining.utc_ns", lambda: late)
     with inviting_at(base, root, plan()) as token:
         join(vehicle, token("uav1"), None, replace=False)
     assert "behind that of the inviter" in vehicle.stderr.getvalue()
@@ -409,7 +409,7 @@ def test_a_file_expires_by_the_clock_of_the_node(
     invite_nodes(base, root, plan(file=str(file), valid_s=60.0))
     text = base.stdout.getvalue().split()[-3]
     later = time.time_ns() + 100 * 1_000_000_000
-    monkeypatch.setattr("swarmctl.commands.keys.joining.utc_ns", lambda: later)
+    monkeypatch.setattr("swarmctl.membership.joining.utc_ns", lambda: later)
     with pytest.raises(Denied, match="by this computer's clock"):
         join(vehicle, text, file, replace=False)
     assert not (vehicle.keys_dir / "node.key").exists()

@@ -56,6 +56,18 @@ async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_on
         assert full.endpoint == node.messaging.address
 
 
+async def test_a_holder_that_becomes_the_preferred_one_goes_on_counting_its_tables(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        board = m.reader("register/apps", ApplicationTable)
+        first = await table_where(m, lambda names: names == {"planner"})
+        node.master.volunteer("register#1")
+        async with asyncio.timeout(10):
+            while (table := board.value) is None or table.master != "register#1":
+                await board.changed()
+        assert table.epoch == first.epoch, "it had the role already"
+        assert table.version > first.version
+
+
 async def test_what_a_dead_process_left_is_set_aside_and_its_sockets_and_bells_go(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         apps = node.run_dir / "apps"

@@ -55,6 +55,18 @@ def test_the_first_table_of_a_master_may_grow_without_another_number() -> None:
     assert len(core.units(table("uav1"), {}, SECOND)[1].table.applications) == 3
 
 
+def test_a_platform_that_was_removed_is_forgotten_at_once_and_known_again_when_it_is_back() -> None:
+    core = RegisterCore("uav1", "main", Config())
+    for platform in ("uav2", "uav3"):
+        core.on_table(PublishedTable(table(platform), 0), 0)
+    assert core.on_removal("uav2", SECOND)[0]
+    assert names(core) == ["uav1", "uav3"]
+    assert [unit.table.platform for unit in core.partners().units] == ["uav3"]
+    assert not core.on_removal("uav2", SECOND)[0]
+    core.on_table(PublishedTable(table("uav2"), 2 * SECOND), 2 * SECOND)
+    assert names(core) == ["uav1", "uav2", "uav3"]
+
+
 def test_what_others_say_about_us_is_not_taken() -> None:
     core = RegisterCore("uav1", "main", Config())
     core.on_table(PublishedTable(table("uav1", epoch=99), 0), 0)

@@ -15,6 +15,7 @@ from swarmd.tree.core.replicas.replicas import SyncState
 from swarmd.tree.core.structure import structure
 from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree
+from swarmware.errors import Conflict
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureReply
 
@@ -248,6 +249,21 @@ def test_a_platform_whose_mirrors_were_left_behind_is_forgotten_unless_it_comes(
     gcs.drain()
     gcs.on_timer(600 * S)
     assert gcs.drain() == [RemoveMirrors("uav1")]
+
+
+def test_a_platform_that_left_the_swarm_is_forgotten_by_order_also_where_its_loss_matters() -> None:
+    both = pair("/uav1/nav/pose")
+    gcs = both.trees["gcs"]
+    with pytest.raises(Conflict, match="uav1: reachable from gcs"):
+        gcs.on_removal("uav1", 0)
+    gcs.on_gone("uav1", 0)
+    gcs.drain()
+    assert gcs.on_removal("uav1", 1)
+    assert gcs.drain() == [RemoveMirrors("uav1")]
+    assert gcs.replicas.get("uav1") is None
+    assert not gcs.on_removal("uav1", 2)
+    gcs.on_timer(600 * S)
+    assert gcs.drain() == []
 
 
 def test_a_platform_that_stays_away_is_forgotten() -> None:

@@ -1,10 +1,11 @@
 """The index: digest follows content, searches are by prefix and pattern, wrong paths get hints."""
 
+import tracemalloc
+
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from swarmd.tree.core.structure import index as index_module
 from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmware.errors import InvalidInput
 from swarmware.model.names import Pattern
@@ -129,22 +130,23 @@ def test_a_search_finds_exactly_what_a_look_at_every_path_would(
 
 
 @given(
-    changes=st.lists(st.tuples(st.booleans(), _path), max_size=30),
+    changes=st.lists(st.tuples(st.booleans(), st.booleans(), _path), max_size=30),
     pattern=_pattern,
     after=st.one_of(st.just(""), _path),
 )
-def test_a_search_by_segments_finds_the_same_after_any_changes(
-    changes: list[tuple[bool, str]], pattern: str, after: str
+def test_a_search_finds_the_same_after_any_changes_of_an_index_and_of_its_copy(
+    changes: list[tuple[bool, bool, str]], pattern: str, after: str
 ) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(index_module, "SCAN_LIMIT", 0)
-        index = Index([board("a"), board("b/a")])
-        list(index.match("*/b"))  # a search builds the segments, which must then be kept
-        for add, path in changes:
-            if add:
-                index.put(board(path))
-            else:
-                index.remove(path)
+    first = Index([board("a"), board("b/a")])
+    both = [first, first.copy()]
+    for number, (add, which, path) in enumerate(changes):
+        if add:
+            both[which].put(board(path))
+        else:
+            both[which].remove(path)
+        if number % 5 == 4:
+            both[0] = both[1].copy()
+    for index in both:
         paths = {item.resource.path for item in index}
         expected = sorted(path for path in paths if Pattern(pattern).matches(path) and path > after)
         assert [item.resource.path for item in index.match(pattern, after=after)] == expected
@@ -155,7 +157,7 @@ def test_the_digest_is_that_of_a_fresh_index_after_any_changes(changes: list[tup
     index = Index()
     for step, (add, path) in enumerate(changes):
         if step % 3 == 0:
-            list(index.match("**"))  # a search builds the order, which must then be kept
+            list(index.match("**"))
         if add:
             index.put(board(path))
         else:
@@ -164,7 +166,7 @@ def test_the_digest_is_that_of_a_fresh_index_after_any_changes(changes: list[tup
     assert [item.resource.path for item in index.match("**")] == sorted(item.resource.path for item in index)
 
 
-def test_of_a_hundred_thousand_resources_only_those_below_the_prefix_are_looked_at(
+def test_of_a_hundred_thousand_resources_a_search_looks_at_few_also_the_first_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     index = Index(board(f"unit{i // 100}/value{i % 100}") for i in range(100_000))
@@ -176,12 +178,34 @@ def test_of_a_hundred_thousand_resources_only_those_below_the_prefix_are_looked_
         return matches(pattern, path)
 
     monkeypatch.setattr(Pattern, "matches", counting)
-    assert len(list(index.match("unit500/*"))) == 100
-    assert len(looked) == 100
-    assert len(list(index.match("unit500/**"))) == 100
-    assert len(looked) == 100, "all below a branch match"
     index.put(board("unit5/extra/deep"))
-    for pattern, found, at_most in (("*/value7", 1000, 1000), ("**/deep", 1, 0), ("**/extra/*", 1, 1)):
+    for pattern, found, at_most in (
+        ("unit500/*", 100, 0),
+        ("unit500/**", 100, 0),
+        ("*/value7", 1000, 0),
+        ("**/deep", 1, 0),
+        ("**/extra/*", 1, 0),
+        ("unit5*/value7", 111, 1000),
+        ("{unit5,unit6}/value*7", 20, 1200),
+    ):
         looked.clear()
         assert len(list(index.match(pattern))) == found
         assert len(looked) <= at_most, pattern
+
+
+def test_copies_share_the_branches_that_neither_has_changed() -> None:
+    template = Index(board(f"group{i // 20}/value{i % 20}") for i in range(500))
+    copies = [template.copy() for _ in range(50)]
+    for number, one in enumerate(copies):
+        one.put(board(f"group1/own{number}"))
+    tracemalloc.start()
+    try:
+        further = template.copy()
+        before, _ = tracemalloc.get_traced_memory()
+        further._paths.add("group2/own")
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 8_000, "the root and one branch"
+    assert [len(list(one.match("group1/*"))) for one in copies] == [21] * 50
+    assert len(list(template.match("group1/*"))) == 20

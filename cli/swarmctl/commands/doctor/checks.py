@@ -24,6 +24,7 @@ from swarmware.model.frame import decode
 from swarmware.recorder.address import password_in, without_password
 from swarmware.service.installed import find
 from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.security.keys import FORMER_MAX
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.reap import reap
 from swarmware.transport.shm.ring import RingReader
@@ -46,6 +47,9 @@ ADVICE: Final = {
     "connect": "stop it, or give it keys: swarmctl keys invite; block outsiders by a firewall",
 }
 """What to do about a denial, by its verb."""
+MISSED: Final = (
+    "a member with an old roster joins again: `swarmctl keys invite`, then `swarmctl keys join --replace`"
+)
 
 Verdict = Literal["ok", "warning", "error"]
 
@@ -286,10 +290,26 @@ def foreign(shm_dir: Path) -> Iterator[CheckResult]:
         traffic = _traffic(shm_dir)
     except SwarmError:
         return  # `processor` reports a board that cannot be read
-    if traffic is not None and traffic.refused.forged:
-        text = f"{traffic.refused.forged} datagrams that no member has sealed: of another swarm, or forged"
-        advice = "compare `root` of `swarmctl keys show` on the nodes that do not see each other"
+    if traffic is None:
+        return
+    refused = traffic.refused
+    if refused.forged:
+        text = (
+            f"{refused.forged} datagrams that no member has sealed: of another swarm, forged, or of a member"
+            f" that missed more than {FORMER_MAX} changes of the group key"
+        )
+        advice = (
+            "compare `root` and the roster of `swarmctl keys show` on the nodes that do not see each other;"
+            f" {MISSED}"
+        )
         yield CheckResult("keys", "warning", text, advice)
+    if refused.other_epoch:
+        text = (
+            f"{refused.other_epoch} datagrams with a group key that is not known here: normal for seconds"
+            f" after a change; if they continue, this node or their sender missed more than {FORMER_MAX}:"
+            f" {MISSED}"
+        )
+        yield CheckResult("keys", "ok", text)
 
 
 def _traffic(shm_dir: Path) -> Traffic | None:

@@ -20,15 +20,15 @@ from typing import Final, Literal
 import msgspec
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.fleet.hosts import CONFIG, DATA, NODE_FILE, digest, digest_of, sums
 from swarmctl.commands.fleet.plan import HostStatus
 from swarmctl.installation.host import Host
 from swarmctl.installation.plan import TARGET, start_unit
+from swarmctl.membership.hosts import CONFIG, DATA, NODE_FILE, digest, digest_of, sums
 from swarmctl.resources.restart import is_armed
 from swarmctl.session.processes import ProcessIdentity, identity, wait_gone
 from swarmctl.session.session import connect
 from swarmware import __version__
-from swarmware.errors import Conflict, Denied, InvalidInput, NoAnswer, SwarmError
+from swarmware.errors import Conflict, Denied, InvalidInput, NoAnswer, NotFound, SwarmError
 from swarmware.model.config import NodeConfig, load_node, parse
 from swarmware.model.document import text
 from swarmware.model.platform_kind import VEHICLES
@@ -37,6 +37,7 @@ from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.service.installed import find
 from swarmware.service.notify import NotificationSocket
 from swarmware.transport.appfile.table import populated
+from swarmware.types.mission import INACTIVE, MissionState, MissionStatus
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
 
@@ -280,7 +281,7 @@ class HostAgent:
         order, node, record = self._order, load_node(self._folder), self._record()
         ours = record.process.alive()
         if ours or populated(node.run_path):
-            self._check_disarmed(node)
+            self._check_idle(node)
             if order.resume:
                 self._save(msgspec.structs.replace(record, resume=True))
             if order.supervisor == "systemd":
@@ -293,14 +294,30 @@ class HostAgent:
                     raise NoAnswer(f"the node, process {record.pid}, has not ended within {order.wait_s:g} s")
         self._save(FleetRecord(record.files, resume=order.resume))
 
-    def _check_disarmed(self, node: NodeConfig) -> None:
-        if self._order.force or node.kind not in VEHICLES:
+    def _check_idle(self, node: NodeConfig) -> None:
+        if self._order.force:
+            return
+        mission = asyncio.run(self._mission())
+        if mission is not None and mission.state not in INACTIVE:
+            raise Conflict(
+                f"{node.platform}: mission {mission.mission} {mission.state}; expected its end (`swarmctl"
+                f" node drain {node.platform}`), or --force"
+            )
+        if node.kind not in VEHICLES:
             return
         info, armed = asyncio.run(self._answer(node))
         if armed:
             raise Denied(f"{node.platform} is armed; expected a disarmed vehicle, or --force")
         if info is None:
             raise Denied(f"{node.platform} runs and does not answer, so it may be armed; expected --force")
+
+    async def _mission(self) -> MissionState | None:
+        """State of the mission; None: there is no mission service, or it does not answer."""
+        try:
+            async with connect(CliSettings(config=str(self._folder), timeout_s=ANSWER_S)) as session:
+                return (await session.ask("sys/mission/status", Empty(), MissionStatus)).state
+        except (NoAnswer, NotFound):
+            return None
 
 
 def check_file(name: str, data: bytes) -> None:

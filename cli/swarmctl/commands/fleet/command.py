@@ -32,7 +32,7 @@ class HostName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generic
         """Names in the file, also after a comma."""
         from click.shell_completion import CompletionItem
 
-        from swarmctl.commands.fleet.hosts import host_names
+        from swarmctl.membership.hosts import host_names
 
         begun, comma, word = incomplete.rpartition(",")
         found = host_names(str(ctx.params.get("hosts_file") or ""), word)

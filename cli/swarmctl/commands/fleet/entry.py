@@ -6,11 +6,11 @@ from pathlib import Path
 from swarmctl.commandline.nodes import joined
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet.executing import execute as execute_at
-from swarmctl.commands.fleet.hosts import FleetHost, choose, read_hosts
 from swarmctl.commands.fleet.listing import list_hosts
 from swarmctl.commands.fleet.plan import FleetGoal
 from swarmctl.commands.fleet.remote import read_wheel
 from swarmctl.commands.fleet.running import bring
+from swarmctl.membership.hosts import FleetHost, choose, read_hosts
 from swarmctl.terminal.confirmation import confirm
 
 

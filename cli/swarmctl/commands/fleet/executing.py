@@ -8,7 +8,7 @@ import msgspec
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet import ssh
-from swarmctl.commands.fleet.hosts import FleetHost
+from swarmctl.membership.hosts import FleetHost
 from swarmctl.terminal.node_output import raise_errors
 from swarmctl.terminal.output import Output
 from swarmware.errors import SwarmError

@@ -7,10 +7,10 @@ from typing import Final
 import msgspec
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.fleet.hosts import FleetHost, digest, files
 from swarmctl.commands.fleet.plan import HostStatus
 from swarmctl.commands.fleet.remote import Remote
 from swarmctl.commands.fleet.synchronisation import Synchronisation, synchronisation
+from swarmctl.membership.hosts import FleetHost, digest, files
 from swarmctl.terminal.node_output import raise_errors
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken

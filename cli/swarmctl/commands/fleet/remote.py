@@ -7,13 +7,15 @@ from typing import Final
 import msgspec
 
 from swarmctl.commands.fleet import ssh
-from swarmctl.commands.fleet.hosts import FleetHost, digest, files
 from swarmctl.commands.fleet.plan import ABSENT, HostStatus
-from swarmware.errors import KINDS, InvalidInput, SwarmError
+from swarmctl.membership.hosts import FleetHost, digest, files
+from swarmware.errors import KINDS, Conflict, InvalidInput, SwarmError
 
 AGENT: Final = "swarmctl.commands.fleet.agent"
 NOT_INSTALLED: Final = 61
 """Exit code of the script below when the environment is missing or has no agent."""
+RUNS_WITHOUT_AGENT: Final = 62
+"""Exit code of the script below when there is no agent, and daemons of the environment run."""
 
 _PROGRAM: Final = f"""import sys
 try:
@@ -22,7 +24,13 @@ except ModuleNotFoundError as error:
     sys.exit({NOT_INSTALLED} if (error.name or "").startswith("swarm") else str(error))
 sys.exit(main(sys.argv[1:]))
 """
-_CALL: Final = f'test -x "$1/bin/python" || exit {NOT_INSTALLED}; exec "$1/bin/python" -c "$2" "$3"'
+# the words of all processes are compared with a path that this script and `grep` do not have in theirs
+_CALL: Final = (
+    f'test -x "$1/bin/python" || exit {NOT_INSTALLED}; "$1/bin/python" -c "$2" "$3"; code=$?; '
+    f"if test $code = {NOT_INSTALLED} && "
+    'printf "%s/bin/swarmd\\n" "$1" | grep -qsaFf - /proc/[0-9]*/cmdline; '
+    f"then exit {RUNS_WITHOUT_AGENT}; fi; exit $code"
+)
 _UPLOAD: Final = (
     'set -e; umask 022; mkdir -p "$1/wheel"; cat >"$1/wheel/.received"; '
     'printf "%s  %s\\n" "$3" "$1/wheel/.received" | sha256sum --check --status || '
@@ -133,6 +141,12 @@ class Remote:
         done = await ssh.run(self.host, words, self._connect_s, stdin)
         if done.code == NOT_INSTALLED:
             return ABSENT
+        if done.code == RUNS_WITHOUT_AGENT:
+            raise Conflict(
+                f"a node runs from {keys.prefix}, whose version does not know `fleet`, so that it cannot be"
+                " asked whether it flies; expected it to be ended there (systemctl stop swarm.target"
+                " 'swarmd@*', or end of `swarmd node`)"
+            )
         return status_of(done)
 
 

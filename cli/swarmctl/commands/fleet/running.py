@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.fleet.hosts import FleetHost, digest, files
 from swarmctl.commands.fleet.plan import FleetGoal, FleetStep, HostState, HostStatus, Step, Wanted, next_step
 from swarmctl.commands.fleet.progress import FleetProgress
 from swarmctl.commands.fleet.remote import Remote, Wheel
 from swarmctl.commands.fleet.synchronisation import Synchronisation, synchronisation
+from swarmctl.membership.hosts import FleetHost, digest, files
 from swarmctl.terminal.node_output import raise_errors
 from swarmctl.terminal.output import Output
 from swarmware.errors import Conflict, NoAnswer, SwarmError

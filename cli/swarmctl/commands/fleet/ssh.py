@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.fleet.hosts import FleetHost
+from swarmctl.membership.hosts import FleetHost
 from swarmware.errors import Denied, NoAnswer, SwarmError
 
 FAILED: Final = 255

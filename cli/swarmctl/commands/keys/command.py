@@ -8,15 +8,7 @@ import click
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import PLATFORM
 from swarmctl.commandline.settings import Nodes, settings
-
-root_option: Final = click.option(
-    "--root",
-    "root_dir",
-    type=click.Path(file_okay=False, path_type=Path),
-    envvar="SWARMCTL_ROOT",
-    metavar="DIR",
-    help="Folder of the swarm's root key; default: ~/.local/share/swarmware/root.",
-)
+from swarmctl.membership.options import root_option
 
 read_root_option: Final = click.option(
     "--root",
@@ -92,7 +84,7 @@ def invite(
 
     Example: swarmctl keys invite uav1 uav2 --valid 30m
     """
-    from swarmctl.commands.keys.inviting import InvitationPlan, invite_nodes
+    from swarmctl.membership.inviting import InvitationPlan, invite_nodes
     from swarmctl.terminal.output import Output
     from swarmctl.terminal.quantities import span_s
 
@@ -117,7 +109,7 @@ def join(ctx: click.Context, token: str, file: Path | None, replace: bool) -> No
 
     Example: swarmctl keys join 04m8xkw2
     """
-    from swarmctl.commands.keys.joining import join as join_swarm
+    from swarmctl.membership.joining import join as join_swarm
     from swarmctl.terminal.output import Output
 
     join_swarm(Output(settings(ctx)), token, file, replace=replace)
@@ -164,7 +156,7 @@ def revoke(ctx: click.Context, platforms: tuple[str, ...], root_dir: Path | None
 
     Example: swarmctl keys revoke uav1 --yes
     """
-    from swarmctl.commands.keys import changing
+    from swarmctl.membership import changing
     from swarmctl.terminal.output import Output
 
     changing.revoke(Output(settings(ctx)), root_dir, platforms, yes=yes)
@@ -178,7 +170,7 @@ def rotate(ctx: click.Context, root_dir: Path | None) -> None:
 
     Example: swarmctl keys rotate
     """
-    from swarmctl.commands.keys import changing
+    from swarmctl.membership import changing
     from swarmctl.terminal.output import Output
 
     changing.rotate(Output(settings(ctx)), root_dir)

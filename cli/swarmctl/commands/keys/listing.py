@@ -1,16 +1,19 @@
 """`swarmctl keys ls` and `keys show`: members of the swarm, as this computer's node or the root has them."""
 
 import asyncio
+import os
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
-from swarmctl.commands.keys.distribution import reached_rosters
-from swarmctl.commands.keys.node_keys import NodeKeys
-from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.membership.distribution import reached_rosters
+from swarmctl.membership.node_keys import NodeKeys
+from swarmctl.membership.root_folder import RootFolder
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
 from swarmware.errors import NotFound
+from swarmware.model.clock import utc_ns
 from swarmware.transport.security.root import fingerprint
 from swarmware.transport.security.roster import Roster, RosterMember
 
@@ -28,6 +31,9 @@ class ListedMember(msgspec.Struct, frozen=True):
     """X25519 public key, hexadecimal."""
     roster: int | None = None
     """Version of the roster that the node has now; None: it was not asked, or not reached."""
+    invited: Literal["", "open", "expired"] = ""
+    """Admitted by a file that was not seen in use; `expired`: no node can use it any more. Known where the
+    root is on this computer."""
 
 
 class MemberList(msgspec.Struct, frozen=True):
@@ -52,6 +58,7 @@ def list_members(out: Output, root_dir: Path | None) -> None:
     asked = node is not None and node.runs
     if asked:
         found = asyncio.run(_with_rosters(out, found))
+    found = _with_invitations(out, found, RootFolder(root_dir))
     if out.settings.structured:
         out.document(found)
         return
@@ -68,7 +75,7 @@ def list_members(out: Output, root_dir: Path | None) -> None:
             one.platform,
             one.role,
             one.serial,
-            "revoked" if one.revoked else "member",
+            _state(one),
             *((one.roster, _synchronous(one, found.version)) if asked else ()),
             one.sign_public,
         )
@@ -100,7 +107,7 @@ def show_member(out: Output, root_dir: Path | None, platform: str) -> None:
         ("platform", one.platform),
         ("role", one.role),
         ("serial", str(one.serial)),
-        ("state", "revoked" if one.revoked else "member"),
+        ("state", _state(one)),
         ("key", one.sign_public),
         ("swarm", found.swarm),
         ("root", found.fingerprint),
@@ -140,6 +147,36 @@ async def _with_rosters(out: Output, found: MemberList) -> MemberList:
         for one in found.members
     ]
     return msgspec.structs.replace(found, members=members)
+
+
+def _with_invitations(out: Output, found: MemberList, folder: RootFolder) -> MemberList:
+    """The members with the state of their files, if the root of this swarm is on this computer."""
+    if not os.access(folder.path, os.R_OK | os.X_OK) or folder.fingerprint != found.fingerprint:
+        return found
+    files = folder.unused_files()
+    seen = {(one.platform, one.serial) for one in found.members if one.roster is not None} & files.keys()
+    if seen:
+        folder.note_used(seen)
+    utc_s, members = utc_ns() // 1_000_000_000, []
+    for one in found.members:
+        expires_s = None if one.revoked else files.get((one.platform, one.serial))
+        if expires_s is None or (one.platform, one.serial) in seen:
+            members.append(one)
+            continue
+        members.append(msgspec.structs.replace(one, invited="open" if utc_s < expires_s else "expired"))
+        if utc_s >= expires_s:
+            out.warn(
+                f"{one.platform}: its file has expired, and no node was seen with it; expected"
+                f" `swarmctl keys revoke {one.platform}`, unless it has joined meanwhile"
+            )
+    return msgspec.structs.replace(found, members=members)
+
+
+def _state(member: ListedMember) -> str:
+    """member | revoked | invited | invitation expired."""
+    if member.revoked:
+        return "revoked"
+    return {"": "member", "open": "invited", "expired": "invitation expired"}[member.invited]
 
 
 def _synchronous(member: ListedMember, version: int) -> str | None:

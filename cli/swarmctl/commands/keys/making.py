@@ -6,9 +6,9 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.keys.activation import activate, show_activation
-from swarmctl.commands.keys.node_keys import NodeKeys
-from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.membership.activation import activate, show_activation
+from swarmctl.membership.node_keys import NodeKeys
+from swarmctl.membership.root_folder import RootFolder
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
 from swarmware.errors import Conflict

@@ -1,10 +1,13 @@
 """`swarmctl node`: nodes of the swarm."""
 
+from pathlib import Path
+
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import at_nodes, named_nodes, nodes_argument
-from swarmctl.commandline.settings import settings
+from swarmctl.commandline.parameters import PLATFORM, at_nodes, named_nodes, nodes_argument
+from swarmctl.commandline.settings import Nodes, settings
+from swarmctl.membership.options import hosts_option, root_option
 from swarmctl.vehicles.options import timeout_option
 
 
@@ -100,3 +103,122 @@ def undrain(ctx: click.Context, platforms: tuple[str, ...]) -> None:
     from swarmctl.session.each_node import run_each
 
     run_each(named_nodes(ctx, platforms), draining.undrain)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("platform", metavar="PLATFORM", type=PLATFORM)
+@root_option
+@hosts_option
+@click.option("--address", default="", metavar="HOST", help="Name or IP address, for the file of --hosts.")
+@click.option(
+    "--kind",
+    type=click.Choice(["uav", "ugv", "usv", "gcs"]),
+    default="",
+    help="Kind in its node.toml, for the file of --hosts.",
+)
+@click.option("--template", default="", metavar="NAME", help="Template in its node.toml, for --hosts.")
+@click.option(
+    "--role",
+    type=click.Choice(["observer", "node", "operator", "maintainer"]),
+    default="node",
+    show_default=True,
+    help="What it may do at the others.",
+)
+@click.option("--valid", default="10m", show_default=True, metavar="TIME", help="30s, 10m, 2h: time to join.")
+@click.option("--listen", default="", metavar="HOST[:PORT]", help="Where the node reaches this computer.")
+@click.option(
+    "--file",
+    default="",
+    metavar="FILE",
+    type=click.Path(dir_okay=False),
+    help="Write its credentials to a file, for a node without a network.",
+)
+@click.pass_context
+def add(
+    ctx: click.Context,
+    platform: str,
+    root_dir: Path | None,
+    hosts_file: Path | None,
+    address: str,
+    kind: str,
+    template: str,
+    role: str,
+    valid: str,
+    listen: str,
+    file: str,
+) -> None:
+    """Add a node before it comes: invite it, and with --hosts enter it in the file of `swarmctl fleet`.
+
+    The name must be free. It prints what is typed on the node, and waits until it has joined, as
+    `swarmctl keys invite`.
+
+    Example: swarmctl node add uav4 --hosts HOSTS.toml --address 10.0.0.14 --kind uav
+    """
+    from swarmctl.commands.node.adding import NewNode, add_node
+    from swarmctl.membership.inviting import InvitationPlan
+    from swarmctl.terminal.output import Output
+    from swarmctl.terminal.quantities import span_s
+
+    plan = InvitationPlan((platform,), role, span_s(valid), listen, file)
+    add_node(Output(settings(ctx)), NewNode(platform, address, kind, template), plan, root_dir, hosts_file)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("platforms", nargs=-1, required=True, metavar="PLATFORM…", type=PLATFORM)
+@root_option
+@hosts_option
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.option("--force", is_flag=True, help="Also with a mission, armed, or without an answer.")
+@timeout_option(15.0)
+@click.pass_context
+def remove(
+    ctx: click.Context,
+    platforms: tuple[str, ...],
+    root_dir: Path | None,
+    hosts_file: Path | None,
+    yes: bool,
+    force: bool,
+    wait_s: float,
+) -> None:
+    """Remove nodes from the swarm: revoke their keys, and make all others forget them.
+
+    Their files and logs stay where they are. Refused while a mission runs there; in a swarm without keys
+    while they run.
+
+    Example: swarmctl node remove uav4 --hosts HOSTS.toml --yes
+    """
+    from swarmctl.commands.node.removing import Removal
+    from swarmctl.terminal.output import Output
+
+    Removal(Output(settings(ctx)), platforms, root_dir, hosts_file).run(wait_s, yes=yes, force=force)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("platform", metavar="PLATFORM", type=PLATFORM)
+@click.argument("new", metavar="NEW")
+@click.option(
+    "--token", default="", metavar="TOKEN", help="Of `swarmctl keys invite NEW`, where the root is not here."
+)
+@root_option
+@hosts_option
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.pass_context
+def rename(
+    ctx: click.Context,
+    platform: str,
+    new: str,
+    token: str,
+    root_dir: Path | None,
+    hosts_file: Path | None,
+    yes: bool,
+) -> None:
+    """Give the node on this computer another name: its key is admitted with it; settings and logs stay.
+
+    The node must be stopped. Older records keep the former name.
+
+    Example: swarmctl node rename uav4 scout --yes
+    """
+    from swarmctl.commands.node.renaming import Renaming
+    from swarmctl.terminal.output import Output
+
+    Renaming(Output(settings(ctx)), platform, new).run(token, root_dir, hosts_file, yes=yes)

@@ -106,6 +106,14 @@ class RegisterCore:
         self._changed = True
         return []
 
+    def on_removal(self, platform: str, now_ns: int) -> tuple[bool, list[Action]]:
+        """A platform has left the swarm: remove its tables; whether there was one."""
+        gone = [unit for unit in self._remote_tables if unit[0] == platform]
+        for unit in gone:
+            del self._remote_tables[unit]
+        self._changed = self._changed or bool(gone)
+        return bool(gone), []
+
     def on_routes_read(self, reached: Mapping[Unit, ReachedUnit], now_ns: int) -> list[Action]:
         """Computers with a route and their newest tables: alive although their tables do not change."""
         known = set(self._remote_tables)

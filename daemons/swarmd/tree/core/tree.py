@@ -149,6 +149,10 @@ class SwarmTree:
         self.subscribers.on_gone(platform, now_ns)
         return self._take_actions()
 
+    def on_removal(self, platform: str, now_ns: int) -> tuple[bool, list[Action]]:
+        """A platform has left the swarm: whether it was known. Raises: Conflict when it is reachable."""
+        return self.replicas.remove(platform), self._take_actions()
+
     def on_structure_asked(
         self, request: StructureRequest, now_ns: int
     ) -> tuple[StructureReply, list[Action]]:

@@ -91,6 +91,8 @@ class Master:
         self._listening = False
         self._processes = ProcessWatcher(self._died)
         self._watched: dict[str, int] = {}
+        self._epoch = 0
+        """Fencing number for which `_version` counts."""
         self._version = 0
         self._timer: asyncio.TimerHandle | None = None
         self._published_s = -PAUSE_S
@@ -171,7 +173,9 @@ class Master:
         if not self._listening:
             self._listening = True
             self._node.listen(self._apps_table)
-        self._version = 0
+        if epoch != self._epoch:  # the holder that volunteers continues its count
+            self._epoch = epoch
+            self._version = 0
         self._published_s = -PAUSE_S
         self._apps.refresh(probe=True)
         self._tidy()

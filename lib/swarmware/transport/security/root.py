@@ -98,7 +98,7 @@ class Root:
 
     def admit(self, *candidates: Candidate) -> bytes:
         """Admit platforms; a member that comes with another key replaces its former entry, and the group
-        key is rotated. Returns the signed roster.
+        key is rotated. A key that comes with another name ends its former name. Returns the signed roster.
 
         Raises: InvalidInput for a wrong name, role or key, Denied when one has not proven its key.
         """
@@ -111,7 +111,14 @@ class Root:
             if former is not None:
                 revoked.append(former.serial)
                 rotate = rotate or former.sign_public != candidate.sign_public
-            members = [each for each in members if each.platform != candidate.platform]
+            renamed = [
+                each
+                for each in before.valid()
+                if each.sign_public == candidate.sign_public and each.platform != candidate.platform
+            ]
+            revoked += [each.serial for each in renamed]
+            left = {candidate.platform, *(each.platform for each in renamed)}
+            members = [each for each in members if each.platform not in left]
             members.append(fresh)
         return self._next(members, revoked, rotate=rotate)
 

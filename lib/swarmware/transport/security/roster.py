@@ -79,10 +79,10 @@ class RosterChange(msgspec.Struct, frozen=True):
 def difference(before: Roster, after: Roster) -> RosterChange:
     """Who came and went between two rosters; the caller determines `revoked_self`.
 
-    A member is the same as long as it has the same key, also when it was admitted again.
+    A member is the same as long as it has the same key and name, also when it was admitted again.
     """
-    former = {member.curve_public: member for member in before.valid()}
-    present = {member.curve_public: member for member in after.valid()}
+    former = {(member.curve_public, member.platform): member for member in before.valid()}
+    present = {(member.curve_public, member.platform): member for member in after.valid()}
     return RosterChange(
         after,
         came=tuple(member for key, member in present.items() if key not in former),

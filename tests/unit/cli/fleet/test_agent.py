@@ -14,8 +14,8 @@ from tests.unit.cli.fleet.test_hosts import HOST, read
 
 from swarmctl.commands.fleet import agent, remote, ssh
 from swarmctl.commands.fleet.agent import FleetRecord, HostAgent, HostOrder
-from swarmctl.commands.fleet.hosts import digest
 from swarmctl.commands.fleet.plan import HostStatus
+from swarmctl.membership.hosts import digest
 from swarmctl.session.processes import identity
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound, SwarmError
 from swarmware.runtime.filewriter import replace_file

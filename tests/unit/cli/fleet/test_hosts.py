@@ -7,8 +7,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from swarmctl.commands.fleet import hosts
 from swarmctl.commands.fleet.ssh import command_line
+from swarmctl.membership import hosts
 from swarmware.errors import ConfigError, InvalidInput, NotFound
 
 TWO = """

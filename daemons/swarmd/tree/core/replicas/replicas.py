@@ -16,7 +16,7 @@ from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.structure.structure_decoder import StructureDecoder
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmd.tree.core.timers import Timers
-from swarmware.errors import InvalidInput, OutOfRange, WireError
+from swarmware.errors import Conflict, InvalidInput, OutOfRange, WireError
 from swarmware.model.names import Address
 from swarmware.model.resource import Resource
 from swarmware.runtime.backoff import pause_after
@@ -164,6 +164,23 @@ class Replicas:
             self._timers.drop((platform, _Due.STRUCTURE))
             self._timers.drop((platform, _Due.SUBSCRIPTION))
             self._forget_later(replica, now_ns)
+
+    def remove(self, platform: str) -> bool:
+        """Forget a platform that has left the swarm, also its last values; whether it was known.
+
+        Raises: Conflict when it is reachable, and would be known again at once.
+        """
+        found = [
+            replica
+            for replica in self._replicas.values()
+            if replica.address.platform == platform != self._own.platform
+        ]
+        if any(replica.up for replica in found):
+            raise Conflict(f"{platform}: reachable from {self._own}; expected a platform that has ended")
+        for replica in found:
+            self._timers.drop((replica.name, _Due.FORGET))
+            self._forget(replica)
+        return bool(found)
 
     def on_former_mirrors(self, platform: str, now_ns: int) -> None:
         """Mirrors of it exist from a former start: they expire like those of a lost platform."""

@@ -116,6 +116,11 @@ class NodeKeys(NamedTuple):
         (self.folder / JOIN_KEY).unlink(missing_ok=True)
         self._give_to_service_user()
 
+    def replace_roster(self, credentials: Credentials) -> None:
+        """Write a roster that has the key of the node with another name. Raises: OSError."""
+        write_keys(self.folder, credentials.seed, credentials.root_public, credentials.roster)
+        self._give_to_service_user()
+
     def take(self, signed: bytes) -> None:
         """Write a newer roster of the root, which the node reads at its next start.
 

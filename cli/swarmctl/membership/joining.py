@@ -7,8 +7,8 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.keys.activation import activate, show_activation
-from swarmctl.commands.keys.node_keys import NodeKeys
+from swarmctl.membership.activation import activate, show_activation
+from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Column
@@ -50,20 +50,34 @@ def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
     when a folder cannot be written.
     """
     token = JoinToken.parse(text)
-    if file is None and not token.hosts:
-        raise InvalidInput(
-            "token: it belongs to a file; expected --file FILE with the one that `keys invite` wrote"
-        )
+    if file is None:
+        _check_network(token)
     node = NodeKeys.find(out.settings)
     node.check_free(replace=replace)
     if file is None:
-        joiner = Joiner(token, node.platform, node.pending_seed())
-        credentials = asyncio.run(_ask(token, joiner, out.settings.timeout_s))
+        credentials = credentials_for(out, token, node.platform, node.pending_seed())
     else:
         data, utc_s = file.read_bytes(), utc_ns() // 1_000_000_000
         credentials = from_file(token, node.platform, data, str(file), utc_s)
     node.write(credentials)
     _show(out, node, credentials)
+
+
+def credentials_for(out: Output, token: JoinToken, platform: str, seed: bytes) -> Credentials:
+    """What the inviter of a token answers to a platform with this key.
+
+    Raises: InvalidInput for the token of a file; NoAnswer when no inviter answers; Denied for a token that
+    was used or has expired.
+    """
+    _check_network(token)
+    return asyncio.run(_ask(token, Joiner(token, platform, seed), out.settings.timeout_s))
+
+
+def _check_network(token: JoinToken) -> None:
+    if not token.hosts:
+        raise InvalidInput(
+            "token: it belongs to a file; expected --file FILE with the one that `keys invite` wrote"
+        )
 
 
 def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:

@@ -3,7 +3,7 @@
 import asyncio
 from typing import Final
 
-from swarmctl.commands.keys.node_keys import NodeKeys
+from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.resources.restart import is_armed, restart_one
 from swarmctl.session.session import Session, connect
 from swarmctl.terminal.output import Output

@@ -6,8 +6,8 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.keys.node_keys import NodeKeys
-from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.membership.node_keys import NodeKeys
+from swarmctl.membership.root_folder import RootFolder
 from swarmctl.resources.fanout import read_boards
 from swarmctl.session.session import NAME, Session, connect
 from swarmctl.terminal.output import Output

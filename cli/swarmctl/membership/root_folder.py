@@ -2,7 +2,7 @@
 
 import fcntl
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
@@ -14,8 +14,8 @@ from swarmware.model import document
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.enrolment.inviter import Invitation
 from swarmware.transport.enrolment.messages import JoinRefusal
-from swarmware.transport.security.keys import ROSTER
-from swarmware.transport.security.root import ROOT_KEY, Root
+from swarmware.transport.security.keys import ROOT_PUBLIC, ROSTER
+from swarmware.transport.security.root import ROOT_KEY, Root, fingerprint
 
 INVITATIONS: Final = "invitations.json"
 LOCK: Final = "lock"
@@ -32,6 +32,8 @@ class RecordedInvitation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     role: str
     expires_utc_s: int
     used: bool = False
+    serial: int = 0
+    """Of the member that a file admitted before it was used; 0: the invitation was over the network."""
 
 
 def default_root() -> Path:
@@ -50,6 +52,12 @@ class RootFolder:
     def exists(self) -> bool:
         """Whether there is a root in the folder."""
         return (self.path / ROOT_KEY).exists()
+
+    @property
+    def fingerprint(self) -> str:
+        """Fingerprint of the root in the folder; empty: there is none."""
+        path = self.path / ROOT_PUBLIC
+        return fingerprint(path.read_bytes()) if self.exists and path.exists() else ""
 
     def load(self) -> Root:
         """The root in the folder.
@@ -92,13 +100,32 @@ class RootFolder:
             for one in self._record()
         }
 
-    def record(self, *invitations: Invitation, used: bool = False) -> None:
-        """Add invitations to the record, or note that they were used."""
+    def unused_files(self) -> dict[tuple[str, int], int]:
+        """Platform and serial of each member whose file was not seen in use → expiry of the file, in UTC."""
+        return {
+            (one.platform, one.serial): one.expires_utc_s
+            for one in self._record()
+            if one.serial and not one.used
+        }
+
+    def note_used(self, members: Collection[tuple[str, int]]) -> None:
+        """Note that the files of these members were used. Raises: OSError."""
+        with self.locked():
+            kept = [
+                msgspec.structs.replace(one, used=True) if (one.platform, one.serial) in members else one
+                for one in self._record()
+            ]
+            replace_file(self.path / INVITATIONS, msgspec.json.encode(kept), mode=0o600)
+
+    def record(self, *invitations: Invitation, used: bool = False, serial: int = 0) -> None:
+        """Add invitations to the record, or note that they were used; `serial`: of the member of a file."""
         with self.locked():
             known = {one.number: one for one in self._record()}
             for one in invitations:
                 number, expires_utc_s = one.token.number.hex(), one.token.expires_utc_s
-                known[number] = RecordedInvitation(number, one.platform, one.role, expires_utc_s, used)
+                known[number] = RecordedInvitation(
+                    number, one.platform, one.role, expires_utc_s, used, serial
+                )
             kept = list(known.values())[-KEPT_MAX:]
             replace_file(self.path / INVITATIONS, msgspec.json.encode(kept), mode=0o600)
 

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Awaitable, Callable
 from typing import Final
 
-from swarmctl.commands.keys.addresses import PORT
+from swarmctl.membership.addresses import PORT
 from swarmware.errors import Conflict
 from swarmware.transport.enrolment.messages import REQUEST_MAX, SIZE_BYTES, JoinRefusal, refuse
 

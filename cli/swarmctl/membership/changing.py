@@ -6,14 +6,14 @@ from pathlib import Path
 
 import msgspec
 
-from swarmctl.commands.keys.distribution import (
+from swarmctl.membership.distribution import (
     NodeRoster,
     current_root,
     follow,
     hand_over,
     local_member,
 )
-from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.membership.root_folder import RootFolder
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
@@ -60,30 +60,45 @@ def rotate(out: Output, root_dir: Path | None) -> None:
     _change(out, folder, lambda root: root.rotate(), ())
 
 
-def _change(
+def signed(
     out: Output, folder: RootFolder, change: Callable[[Root], bytes], revoked: tuple[str, ...]
-) -> None:
+) -> RosterChanged:
+    """Makes a change of the roster and hands it on. Raises: as `hand_over` and the change."""
     with folder.locked():
         root = folder.load()
         change(root)
     roster = root.roster
     nodes = asyncio.run(_distribute(out, root))
     members = [member.platform for member in roster.valid()]
+    return RosterChanged(roster.swarm, roster.version, roster.key_epoch, members, list(revoked), nodes)
+
+
+def warn_late(out: Output, changed: RosterChanged) -> None:
+    """Prints which members do not have the roster yet."""
+    if late := [one.platform for one in changed.nodes if not one.synchronous]:
+        out.warn(
+            f"{', '.join(late)}: without roster {changed.version} yet; each takes it when it is in reach"
+        )
+
+
+def _change(
+    out: Output, folder: RootFolder, change: Callable[[Root], bytes], revoked: tuple[str, ...]
+) -> None:
+    changed = signed(out, folder, change, revoked)
     if out.settings.structured:
-        changed = RosterChanged(roster.swarm, roster.version, roster.key_epoch, members, list(revoked), nodes)
         out.document(changed)
         return
-    if not nodes:
+    if not changed.nodes:
         columns = [Column("ROSTER", right=True), Column("GROUP KEY", right=True), Column("MEMBERS")]
-        out.table(columns, [(roster.version, roster.key_epoch, ", ".join(members))])
+        out.table(columns, [(changed.version, changed.key_epoch, ", ".join(changed.members))])
         return
     columns = [Column("NODE"), Column("ROSTER", right=True), Column("SYNC"), Column("REASON")]
     rows = [
-        (one.platform, one.version, "yes" if one.synchronous else "no", one.reason or None) for one in nodes
+        (one.platform, one.version, "yes" if one.synchronous else "no", one.reason or None)
+        for one in changed.nodes
     ]
     out.table(columns, rows)
-    if late := [one.platform for one in nodes if not one.synchronous]:
-        out.warn(f"{', '.join(late)}: without roster {roster.version} yet; each takes it when it is in reach")
+    warn_late(out, changed)
 
 
 async def _distribute(out: Output, root: Root) -> list[NodeRoster]:

@@ -8,10 +8,10 @@ from typing import Final, Literal
 
 import msgspec
 
-from swarmctl.commands.keys.addresses import host_and_port, own_addresses
-from swarmctl.commands.keys.distribution import current_root, hand_over
-from swarmctl.commands.keys.listener import JoinListener, listening_socket
-from swarmctl.commands.keys.root_folder import RootFolder
+from swarmctl.membership.addresses import host_and_port, own_addresses
+from swarmctl.membership.distribution import current_root, hand_over
+from swarmctl.membership.listener import JoinListener, listening_socket
+from swarmctl.membership.root_folder import RootFolder
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
 from swarmware.errors import Denied, InvalidInput, NoAnswer, Partial, SwarmError
@@ -35,7 +35,8 @@ class InvitedNode(msgspec.Struct, frozen=True):
     """A platform that may join, or what became of its invitation."""
 
     platform: str
-    state: Literal["invited", "joined", "expired"]
+    state: Literal["invited", "joined", "expired", "open"]
+    """`open`: the swarm has no keys, and needs no invitation."""
     role: str
     command: str
     """What is typed on the node."""
@@ -223,6 +224,8 @@ def _to_file(out: Output, folder: RootFolder, plan: InvitationPlan) -> None:
         content = JoinFile(platform, seed, root.public, signed)
         replace_file(path, seal_file(token, os.urandom(NONCE_BYTES), content), mode=0o600)
     invitation = Invitation(platform, plan.role, token, 0)
+    admitted = root.roster.find(platform)
+    folder.record(invitation, serial=0 if admitted is None else admitted.serial)
     asyncio.run(hand_over(out, root))
     show_invited(out, invitation, "invited", file=plan.file)
     out.say(

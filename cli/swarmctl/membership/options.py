@@ -1,0 +1,23 @@
+"""Options of commands that change who belongs to the swarm."""
+
+from pathlib import Path
+from typing import Final
+
+import click
+
+root_option: Final = click.option(
+    "--root",
+    "root_dir",
+    type=click.Path(file_okay=False, path_type=Path),
+    envvar="SWARMCTL_ROOT",
+    metavar="DIR",
+    help="Folder of the swarm's root key; default: ~/.local/share/swarmware/root.",
+)
+
+hosts_option: Final = click.option(
+    "--hosts",
+    "hosts_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="HOSTS.toml",
+    help="Change the file of `swarmctl fleet`, too.",
+)
