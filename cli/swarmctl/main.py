@@ -44,6 +44,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "arm": Lazy("swarmctl.commands.motors.command:arm", "Arm vehicles on the ground."),
     "disarm": Lazy("swarmctl.commands.motors.command:disarm", "Disarm vehicles on the ground."),
     "kill": Lazy("swarmctl.commands.motors.command:kill", "Stop the motors of one vehicle, also in the air."),
+    "hal": Lazy("swarmctl.commands.hal.command:cmd", "Drivers of sensors and actuators."),
     "time": Lazy("swarmctl.commands.time.command:cmd", "Clock conversions between nodes."),
     "health": Lazy("swarmctl.commands.health.command:cmd", "State and faults of the nodes."),
     "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),

@@ -47,6 +47,7 @@ COMMANDS: Final = (
     "mission ls",
     "mission status",
     "mission check formation",
+    "hal ls",
     "time ls",
     "health ls",
     "health faults",
@@ -69,6 +70,7 @@ NOT_MEASURED: Final = {
     " tree rule, tree load, pub,"
     " traffic set, mission start, mission abort, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
+    " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
     " host install, host uninstall, fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
     " lab up, lab down, lab run,"

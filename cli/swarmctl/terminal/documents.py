@@ -71,6 +71,8 @@ DOCUMENTS: Final = {
     "arm": "swarmctl.vehicles.observer:CommandResult",
     "disarm": "swarmctl.vehicles.observer:CommandResult",
     "kill": "swarmctl.vehicles.observer:CommandResult",
+    "hal ls": "swarmctl.commands.hal.drivers:DriverList",
+    "hal calibrate": "swarmctl.commands.hal.calibration:CalibrationStarted",
     "time ls": "swarmware.types.time:TimeFunctions",
     "health ls": "swarmctl.commands.health.report:HealthStates",
     "health info": "swarmware.types.health:HealthReport",

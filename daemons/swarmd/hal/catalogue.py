@@ -1,5 +1,6 @@
 """Registry of drivers by name: built-in, and plug-ins of the entry-point group `swarmware.drivers`."""
 
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Final
 
@@ -40,12 +41,21 @@ def make_all(config: Config, site: Site) -> list[Device]:
     found: list[Device] = []
     for name in config.drivers:
         found += find(name)(config, site)
-    names = [driver.name for driver in found]
+    check_names(found, ())
+    return found
+
+
+def check_names(devices: Sequence[Device], present: Sequence[Device]) -> None:
+    """Checks drivers beside those that are present.
+
+    Raises: ConfigError when two have the same name, or both are chassis.
+    """
+    both = [*present, *devices]
+    names = [device.name for device in both]
     if doubles := sorted({name for name in names if names.count(name) > 1}):
         raise ConfigError(f"services/hal.toml: key drivers: {doubles[0]} is listed twice, expected once")
-    chassis = [device.name for device in found if isinstance(device, Chassis)]
+    chassis = [device.name for device in both if isinstance(device, Chassis)]
     if len(chassis) > 1:
         raise ConfigError(
             f"services/hal.toml: key drivers: {' and '.join(chassis)} both drive the vehicle, expected one"
         )
-    return found

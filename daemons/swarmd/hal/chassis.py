@@ -1,6 +1,7 @@
 """Driver of a chassis: set-points with a watchdog, and orders that are answered by its reports."""
 
 import asyncio
+import logging
 from abc import abstractmethod
 from collections.abc import Coroutine
 from typing import Any, Final
@@ -16,6 +17,8 @@ from swarmware.module.writer import BoardWriter
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.control import Drive
 from swarmware.types.vehicle import Setpoint, VehicleState
+
+log = logging.getLogger("swarm.hal")
 
 _REFRESH_NS: Final = 1_000_000_000
 """Period of `vehicle/state` without a change."""
@@ -35,6 +38,10 @@ class Chassis(Actuator):
         self._answers: Wakeup | None = None
         self._one_by_one = asyncio.Lock()
         """Held by an order until it is answered; a kill does not wait for it."""
+        self._gains = dict(config.gains)
+        """Gains in force: those of the configuration, changed by requests."""
+        self._gains_order: ChassisOrder | None = None
+        """Order that carries them after the opening; None: not sent yet."""
         self._drive: BoardReader[Drive] | None = None
         self._taken: Drive | None = None
         self._state: BoardWriter[VehicleState] | None = None
@@ -62,6 +69,7 @@ class Chassis(Actuator):
         """Opens the board of set-points and the state of the vehicle."""
         self.module = module
         self._core.on_opened(module.now_ns())
+        self._gains_order = None
         self._answers = Wakeup()
         self._drive, self._taken = module.reader(self._config.drive, Drive), None
         self._state, self._written = module.writer("vehicle/state", VehicleState), None
@@ -99,6 +107,7 @@ class Chassis(Actuator):
             self._core.on_setpoint(command.setpoint, self._stamp_ns(drive, now_ns))
         for order in self._core.repeated(now_ns):
             self.send_order(order)
+        self._send_gains(now_ns)
         self._publish(now_ns)
         state = self.state
         self.period_s = self._period_s(resting=state is not None and state.resting)
@@ -108,6 +117,13 @@ class Chassis(Actuator):
         self.send_setpoint(output.setpoint, output.stamp_ns)
         return True
 
+    def _send_gains(self, now_ns: int) -> None:
+        """Sends the gains once the opened device has reported."""
+        core = self._core
+        if self._gains and self._gains_order is None and core.report is not None and core.idle:
+            self._gains_order = core.on_order(ChassisAction.GAINS, now_ns, self._gains)
+            self.send_order(self._gains_order)
+
     def failsafe(self, now_ns: int) -> str:
         """Reason, when the chassis is armed and gets no set-points."""
         if not self._core.failsafe(now_ns):
@@ -116,6 +132,14 @@ class Chassis(Actuator):
 
     def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
         """Takes a report of the device, with the instant at which it was made."""
+        order = self._gains_order
+        if order is not None and report.answered >= order.number and self._core.has_open(order):
+            if report.answered > order.number:
+                self._gains_order = None  # overtaken by another order: they are sent again
+            elif report.refused:
+                log.warning("chassis %s: gains refused: %s", self.name, report.refused)
+            else:
+                log.info("chassis %s: gains set", self.name)
         self._core.on_report(report, stamp_ns)
         self._publish(stamp_ns)
         if self._answers is not None:
@@ -129,7 +153,11 @@ class Chassis(Actuator):
         if action is ChassisAction.KILL:
             return await self._execute(action, {})
         async with self._one_by_one:
-            return await self._execute(action, gains or {})
+            if self._core.killing:
+                raise Denied(f"{action}: a kill is being executed")
+            state = await self._execute(action, gains or {})
+            self._gains.update(gains or {})
+            return state
 
     async def _execute(self, action: ChassisAction, gains: dict[str, float]) -> VehicleState:
         module, answers, core = self.module, self._answers, self._core

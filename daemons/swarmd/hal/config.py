@@ -11,6 +11,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
 """Rate at rest; `max_age_s` in the templates is three of its periods."""
+Gain = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=3600)]
 
 
@@ -44,6 +45,8 @@ class ChassisConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """The same while the vehicle is disarmed and on the ground."""
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
     """Age of the newest set-point above which an armed vehicle is stopped; an air vehicle hovers."""
+    gains: dict[str, Gain] = {}
+    """Gains of its controllers by name, sent whenever the chassis was opened; of others it keeps its own."""
     answer_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 1.0
     """Time within which the chassis must answer an order."""
 
@@ -74,11 +77,70 @@ class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Whether the recording is repeated."""
 
 
+class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `nmea`: a satellite receiver on a serial line."""
+
+    device: str = "/dev/ttyUSB0"
+    """Device file of the line."""
+    baud: int = 9600
+    """Rate of the line."""
+    rate_hz: Rate = 10.0
+    """Rate of fixes that is expected; each is published when it arrives."""
+    path: str = "sensor/gnss"
+    """Board of the fixes."""
+
+
+class SerialChassisDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `serial_chassis`: a chassis on a serial line."""
+
+    device: str = "/dev/ttyACM0"
+    """Device file of the line."""
+    baud: int = 115_200
+    """Rate of the line."""
+
+
+class AnalogueChannel(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One input of an analogue-digital converter."""
+
+    channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
+    """Number of the input at the converter."""
+    path: str
+    """Board of its values."""
+    per_volt: float = 1.0
+    """What one volt at the input means: 10 behind a divider of 1:10."""
+    unit: str = "V"
+    """Unit of the value."""
+
+
+class AdcDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `adc`: analogue inputs by the industrial I/O of Linux."""
+
+    device: str = "/sys/bus/iio/devices/iio:device0"
+    """Folder of the converter."""
+    rate_hz: Rate = 10.0
+    """Rate at which all channels are read."""
+    channels: tuple[AnalogueChannel, ...] = ()
+    """Inputs that are published."""
+
+
+class RecognitionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Recognition of devices that are plugged in (S4.30)."""
+
+    path: Annotated[str, msgspec.Meta(pattern=r"^/[^*?\[]*/[^/]+$")]
+    """Pattern of their device files: `/dev/ttyUSB*`; only the last name has wildcards."""
+    driver: str
+    """Driver that is started for each; its key `device` is the device file."""
+    usb: Annotated[str, msgspec.Meta(pattern="^([0-9a-fA-F]{4}:[0-9a-fA-F]{4})?$")] = ""
+    """`vendor:product` of the USB device, as `lsusb` prints it; empty: any."""
+    settings: dict[str, Any] = {}
+    """Other keys of the driver."""
+
+
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The drivers of the platform, and their parameters."""
 
     drivers: tuple[str, ...] = ("sim", "system")
-    """Names of drivers: sim, system, replay, or those of installed packages."""
+    """Names of drivers: sim, system, replay, nmea, serial_chassis, adc, or those of installed packages."""
     retry_s: Seconds = 2.0
     """Pause before a device is opened again."""
     failures: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 10
@@ -89,6 +151,11 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()
     replay: ReplayDriver = ReplayDriver()
+    nmea: NmeaDriver = NmeaDriver()
+    serial_chassis: SerialChassisDriver = SerialChassisDriver()
+    adc: AdcDriver = AdcDriver()
+    recognise: tuple[RecognitionRule, ...] = ()
+    """Rules for devices that are plugged in; the first that fits decides."""
     plugins: dict[str, dict[str, Any]] = {}
     """Tables of settings for drivers of installed packages, by their names: `[plugins.NAME]`."""
 

@@ -15,10 +15,15 @@ class DeviceError(SwarmError):
     """The device is missing, or gave an invalid answer."""
 
 
+class DeviceGone(DeviceError):
+    """The device was unplugged: it is opened again without further calls."""
+
+
 class Device(ABC):
     """One device behind its driver: opened, served once per period, closed.
 
-    Each method may raise DeviceError or OSError; the device is then opened again.
+    Each method may raise DeviceError or OSError: after some of them in a row, or at once after a
+    DeviceGone, the device is closed and opened again.
     """
 
     name: str

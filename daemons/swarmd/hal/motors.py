@@ -9,7 +9,7 @@ from swarmware.errors import Denied, SwarmError
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.requester import requester
-from swarmware.types.chassis import CalibrationRequest, ChassisAction
+from swarmware.types.chassis import CalibrationRequest, ChassisAction, GainsRequest
 from swarmware.types.vehicle import (
     ArmRequest,
     KillRequest,
@@ -60,6 +60,21 @@ class Motors:
             description="Calibrate the motor controllers of a disarmed vehicle; the motors may turn",
         )
 
+        serve(
+            "sys/vehicle/gains",
+            GainsRequest,
+            self._set_gains,
+            reply=VehicleState,
+            description="Change gains of the controllers of the chassis",
+        )
+
+    async def _set_gains(self, request: GainsRequest, meta: Meta) -> VehicleState:
+        names = ", ".join(f"{name}={value:g}" for name, value in request.gains.items())
+        refusal = "" if names else "gains: none given, expected at least one"
+        return await self._done(
+            MotorAction.GAINS, ChassisAction.GAINS, names, meta, refusal, gains=request.gains
+        )
+
     async def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
         if request.armed:
             return await self._done(MotorAction.ARM, ChassisAction.ARM, "", meta)
@@ -95,7 +110,14 @@ class Motors:
         return "calibration: expected a vehicle that is disarmed and on the ground"
 
     async def _done(
-        self, what: MotorAction, action: ChassisAction, reason: str, meta: Meta, refusal: str = ""
+        self,
+        what: MotorAction,
+        action: ChassisAction,
+        reason: str,
+        meta: Meta,
+        refusal: str = "",
+        *,
+        gains: dict[str, float] | None = None,
     ) -> VehicleState:
         by = requester(self._module, meta)
         pose = self._pose.value
@@ -103,7 +125,7 @@ class Motors:
         try:
             if refusal:
                 raise Denied(refusal)
-            state = await self._chassis.execute(action)
+            state = await self._chassis.execute(action, gains)
         except SwarmError as error:
             self._orders.write(msgspec.structs.replace(order, refused=str(error)))
             self._module.log.warning("%s by %s: refused: %s", what, by, error)

@@ -2,25 +2,37 @@
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
-from typing import ClassVar, Final
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from swarmd.hal import config as settings
-from swarmd.hal.catalogue import make_all
+from swarmd.hal.catalogue import check_names, find, make_all
 from swarmd.hal.chassis import Chassis
+from swarmd.hal.core.recognition import Recognition
 from swarmd.hal.core.schedule import Schedule
-from swarmd.hal.driver import Actuator, Device, DeviceError, Sensor, Site
+from swarmd.hal.driver import Actuator, Device, DeviceError, DeviceGone, Sensor, Site
+from swarmd.hal.hotplug import FolderWatch, configured, nodes
 from swarmd.hal.motors import Motors
 from swarmware.errors import SwarmError
+from swarmware.module.module import Module
+from swarmware.module.wakeup import Wakeup
 from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
 from swarmware.types.vehicle import DriverState, DriverTable
+
+if TYPE_CHECKING:
+    from swarmd.hal.precise_timer import PreciseTimer
 
 SENSOR_STAGE: Final = 1
 """Stage of an instant at which sensors are read: after the simulation has written, before consumers
 compute."""
 ACTUATOR_STAGE: Final = 4
 """Stage at which set-points are carried out: after navigation (2) and control (3) have computed them."""
+
+COARSE_S: Final = 0.02
+"""Periods from this one on wait by the event loop, up to 2 ms too long, and share their wakes with all other
+work; shorter ones have a timer of their own."""
 
 _FAILED: Final = {DriverState.FAILED: "failed", DriverState.WAITING: "unplugged"}
 """State of the health check of a driver, by that of the driver."""
@@ -35,30 +47,68 @@ class Hal(Service):
     Config: ClassVar = settings.Config
     config: settings.Config
 
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        node = module.node.config
+        self._site = Site(node.kind, str(node.share_path / "data"))
+        self._devices = make_all(config, self._site)
+        self._schedules: dict[str, Schedule] = {}
+        self._recognition = Recognition(config.recognise)
+        self._plugged = Wakeup()
+        """Notified when device files appear."""
+
     async def run(self) -> None:
         """Runs every driver in its own task until the service ends."""
-        module = self.module
-        node = module.node
-        site = Site(node.config.kind, str(node.config.share_path / "data"))
-        devices = make_all(self.config, site)
+        patterns = {rule.path for rule in self.config.recognise}
+        watch: FolderWatch | None = None
+        try:
+            async with asyncio.TaskGroup() as group:
+                self._start(group, self._devices)
+                group.create_task(self._report(), name="hal:report")
+                if patterns:
+                    folders = [pattern.rpartition("/")[0] or "/" for pattern in patterns]
+                    watch = FolderWatch(folders, lambda: self._recognise(group, patterns))
+                    self._recognise(group, patterns)
+        finally:
+            if watch is not None:
+                watch.close()
+
+    def _start(self, group: asyncio.TaskGroup, devices: Sequence[Device]) -> None:
+        """Starts the tasks of drivers."""
+        processes = self.module.node.config.processes
         for device in devices:
             if isinstance(device, Chassis):
-                Motors(module, device).serve()
-        now_ns = module.now_ns()
-        schedules = {
-            device.name: Schedule(
+                Motors(self.module, device).serve()
+            schedule = self._schedules[device.name] = Schedule(
                 device.name,
                 device.period_s,
-                now_ns,
-                stage_phase_ns(node.config.processes, _stage(device)),
+                self.module.now_ns(),
+                stage_phase_ns(processes, _stage(device)),
                 actuator=isinstance(device, Actuator),
             )
-            for device in devices
-        }
-        async with asyncio.TaskGroup() as group:
-            for device in devices:
-                group.create_task(self._keep(device, schedules[device.name]), name=f"driver:{device.name}")
-            group.create_task(self._report(list(schedules.values())), name="hal:report")
+            group.create_task(self._keep(device, schedule), name=f"driver:{device.name}")
+
+    def _recognise(self, group: asyncio.TaskGroup, patterns: set[str]) -> None:
+        """Starts the drivers of devices that were plugged in, and lets drivers that wait try at once."""
+        for one in self._recognition.on_nodes(nodes(patterns)):
+            try:
+                devices = find(one.rule.driver)(configured(self.config, one), self._site)
+                for device in devices:
+                    device.name = f"{device.name}.{Path(one.node.path).name}"
+                check_names(devices, self._devices)
+            except SwarmError as error:
+                log.warning("device %s: driver %s: %s", one.node.path, one.rule.driver, error)
+                self.health.report(
+                    "recognised",
+                    "refused",
+                    detail=f"{one.node.path}: {error}",
+                    description="Devices that were plugged in have a driver",
+                )
+                continue
+            log.info("device %s: recognised, driver %s", one.node.path, one.rule.driver)
+            self._devices += devices
+            self._start(group, devices)
+        self._plugged.notify()
 
     async def _keep(self, device: Device, schedule: Schedule) -> None:
         """Opens and serves the device; reopens it after failures, which are faults of the platform."""
@@ -74,7 +124,7 @@ class Hal(Service):
                     self.health.report(check)
                 await self._serve(device, schedule)
             except (DeviceError, OSError) as error:
-                failed = isinstance(error, DeviceError)
+                failed = isinstance(error, DeviceError) and not isinstance(error, DeviceGone)
                 state = DriverState.FAILED if failed else DriverState.WAITING
                 schedule.closed(state, str(error))
                 level = logging.DEBUG if str(error) == fault else logging.WARNING
@@ -88,28 +138,38 @@ class Hal(Service):
                 )
             finally:
                 await device.close()
-            await asyncio.sleep(self.config.retry_s)
+            await self._plugged.wait(self.config.retry_s)
 
     async def _serve(self, device: Device, schedule: Schedule) -> None:
         """Reads or writes the device once per period, which each call may change.
 
-        Raises: DeviceError after too many failures in a row.
+        Raises: DeviceError after too many failures in a row; DeviceGone.
         """
         now_ns, stage = self.module.now_ns, _stage(device)
         step = _step(device)
-        while True:
-            await until(self.module.clock, schedule.due_ns, stage)
-            begin_ns = now_ns()
-            schedule.begin(begin_ns)
-            try:
-                if await step(begin_ns):
-                    schedule.done()
-                schedule.retime(device.period_s)
-            except (SwarmError, OSError) as error:
-                if schedule.failed(str(error)) >= self.config.failures:
-                    raise DeviceError(f"{self.config.failures} calls failed in a row: {error}") from error
-            if isinstance(device, Actuator):
-                self._watch(device, schedule, begin_ns)
+        timer = _precise_timer() if device.period_s < COARSE_S else None
+        try:
+            while True:
+                if timer is None:
+                    await until(self.module.clock, schedule.due_ns, stage)
+                else:
+                    await timer.until(self.module.clock.to_mono_ns(schedule.due_ns))
+                begin_ns = now_ns()
+                schedule.begin(begin_ns)
+                try:
+                    if await step(begin_ns):
+                        schedule.done()
+                    schedule.retime(device.period_s)
+                except DeviceGone:
+                    raise
+                except (SwarmError, OSError) as error:
+                    if schedule.failed(str(error)) >= self.config.failures:
+                        raise DeviceError(f"{self.config.failures} calls failed in a row: {error}") from error
+                if isinstance(device, Actuator):
+                    self._watch(device, schedule, begin_ns)
+        finally:
+            if timer is not None:
+                timer.close()
 
     def _watch(self, actuator: Actuator, schedule: Schedule, now_ns: int) -> None:
         """Publishes and reports when the watchdog of an actuator takes over, and when it ends."""
@@ -128,11 +188,17 @@ class Hal(Service):
             description=f"Set-points for {actuator.name} arrive",
         )
 
-    async def _report(self, schedules: list[Schedule]) -> None:
+    async def _report(self) -> None:
         writer = self.module.writer("hal/drivers", DriverTable, rate_hz=self.config.report_hz)
         async for _ in self.module.every(1 / self.config.report_hz):
             now_ns = self.module.now_ns()
-            writer.write(DriverTable(tuple(schedule.report(now_ns) for schedule in schedules)))
+            writer.write(DriverTable(tuple(schedule.report(now_ns) for schedule in self._schedules.values())))
+
+
+def _precise_timer() -> "PreciseTimer":
+    from swarmd.hal.precise_timer import PreciseTimer  # loads ctypes, which few nodes need
+
+    return PreciseTimer()
 
 
 def _stage(device: Device) -> int:

@@ -15,7 +15,7 @@ SERVICE_GROUP: Final = "swarmware.services"
 DRIVER_GROUP: Final = "swarmware.drivers"
 BLOCK_GROUP: Final = "swarmware.blocks"
 
-OWN_DRIVERS: Final = ("replay", "sim", "system")
+OWN_DRIVERS: Final = ("adc", "nmea", "replay", "serial_chassis", "sim", "system")
 """Drivers of the daemon hal itself, whose names no plug-in can have."""
 
 _OWN: Final = "swarmd."

@@ -46,6 +46,14 @@ class ChassisReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class GainsRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Change gains of the controllers of a chassis (`sys/vehicle/gains`)."""
+
+    gains: dict[str, Finite]
+    """Gains by name; of others the chassis keeps its values."""
+
+
+@register
 class CalibrationRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Calibrate the motor controllers of a disarmed vehicle (`sys/vehicle/calibrate`)."""
 

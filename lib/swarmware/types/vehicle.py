@@ -260,6 +260,7 @@ class MotorAction(OpenEnum):
     DISARM = "disarm"
     KILL = "kill"
     CALIBRATE = "calibrate"
+    GAINS = "gains"
 
 
 @register

@@ -101,6 +101,13 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
         ("mission check formation", lambda d: d["missions"][0]["sound"] and not d["missions"][0]["findings"]),
         ("mission status -n uav1", lambda d: d["platform"] == "uav1" and "progress_ratio" in d["state"]),
         ("time ls", lambda d: platforms(d["functions"]) == {"uav1", "uav2", "ugv1"}),
+        ("hal ls", lambda d: platforms(d["platforms"]) == set(NODES) and d["silent"] == []),
+        (
+            "hal ls -n uav1",
+            lambda d: {driver["name"]: driver["actuator"] for driver in d["platforms"][0]["drivers"]}[
+                "sim.chassis"
+            ],
+        ),
         ("time ls -n uav1", lambda d: all(abs(int(f["offset_ns"])) < 11e9 for f in d["functions"])),
         ("health ls", lambda d: platforms(d["platforms"]) == set(NODES) and d["silent"] == []),
         ("health ls -n uav1", lambda d: d["platforms"][0]["state"]["guard"] == "alive"),
@@ -222,6 +229,8 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ("link ls -n uav9", 6, "node 'uav9'"),
         ("traffic ls -n uav9", 6, "node 'uav9'"),
         ("time ls -n uav9", 6, "node 'uav9'"),
+        ("hal ls -n uav9", 6, "node 'uav9'"),
+        ("hal calibrate uav1 --confirm uav2", 2, "expected the same name"),
         ("health ls -n uav9", 6, "node 'uav9'"),
         ("log stats -n uav9", 6, "node 'uav9'"),
         ("config get navigator/altitude_k -n uav1", 6, "did you mean navigator/altitude_k"),

@@ -156,13 +156,13 @@ async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(
     log = tmp_path / "uav1/data/log"
     async with (
         Module("mission", config_dir=config) as mission,
-        Module("sim", config_dir=config) as sim,
+        Module("hal", config_dir=config) as hal,
         Module("operator", config_dir=config) as operator,
         spawn(config, "logger"),
     ):
         aborts = mission.inbox("cmd/abort", MissionAbort)
         armed = VehicleState(True, True)
-        sim.serve("sys/vehicle/arm", ArmRequest, lambda *_: armed, reply=VehicleState)
+        hal.serve("sys/vehicle/arm", ArmRequest, lambda *_: armed, reply=VehicleState)
         operator.inbox("test/private", Text)  # the template does not log it
         for number in range(3):
             assert await operator.send("cmd/abort", MissionAbort(reason=f"no {number}"))
@@ -174,7 +174,7 @@ async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(
     found = [(entry.queue, entry.path, entry.kind, entry.sender) for entry in entries]
     assert found == [
         *[("uav1:mission:in", "cmd/abort", "command", "operator#1@uav1")] * 3,
-        ("uav1:sim:in", "sys/vehicle/arm", "command", "operator#1@uav1"),
+        ("uav1:hal:in", "sys/vehicle/arm", "command", "operator#1@uav1"),
     ]
     assert [entry.sequence for entry in entries] == [1, 2, 3, 1]
     aborted = [value.reason for entry in entries if isinstance(value := entry.value(), MissionAbort)]

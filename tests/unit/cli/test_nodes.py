@@ -158,6 +158,7 @@ WITHOUT_NODES = {
     "drive": "one vehicle, by one keyboard",
     "host install": "this computer",
     "host uninstall": "this computer",
+    "hal calibrate": "one vehicle, named twice",
     "kill": "one vehicle, named twice",
     "lab down": "of a lab",
     "lab env": "one node, named once",

@@ -15,6 +15,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app.listing import list_applications
 from swarmctl.commands.config.changes import print_history
 from swarmctl.commands.config.keys import describe, print_keys
+from swarmctl.commands.hal.drivers import list_drivers
 from swarmctl.commands.health.report import list_faults, list_states, show_checks
 from swarmctl.commands.link.neighbours import list_neighbours
 from swarmctl.commands.mission.status import list_missions, print_status
@@ -37,7 +38,7 @@ from swarmware.types import registry
 from swarmware.types.health import HealthState
 from swarmware.types.net import Routes, RouteState
 from swarmware.types.tree import Quality, TreeValue
-from swarmware.types.vehicle import Pose
+from swarmware.types.vehicle import DriverTable, Pose
 
 WIDTH = 80
 PLATFORMS = [f"harbour_survey_uav{number}" for number in range(1, 13)]
@@ -102,6 +103,10 @@ def text(name: str) -> str:
     return WORDS
 
 
+BOARDS: dict[str, type[msgspec.Struct]] = {"health/state": HealthState, "hal/drivers": DriverTable}
+"""Types of boards; of all others it is Pose."""
+
+
 class LongSession(Session):
     """A session in a swarm with long names; each request is answered by a full reply of its type."""
 
@@ -115,7 +120,7 @@ class LongSession(Session):
         self, path: str, value: Any, reply: type[Any], *, about: str = "", timeout_s: float | None = None
     ) -> Any:
         if reply is TreeValue:
-            cls = HealthState if value.path.endswith("health/state") else Pose
+            cls = BOARDS.get(value.path.partition("/")[2].partition("/")[2], Pose)
             data = registry.encode(filled(msgspec.inspect.type_info(cls)))
             return TreeValue(PATH, cls.__name__, data, 1, 1, 1, 0.25, Quality.LIVE, measured_hz=19.96)
         answer = filled(msgspec.inspect.type_info(reply))
@@ -140,6 +145,7 @@ COMMANDS: dict[str, Callable[[LongSession], Awaitable[Any]]] = {
     "config describe": lambda session: describe(session, ("**",)),
     "config get": lambda session: print_keys(session, "**", changed=False),
     "config history": lambda session: print_history(session, "**"),
+    "hal ls": list_drivers,
     "health faults": lambda session: list_faults(session, False),
     "health info": show_checks,
     "health ls": list_states,

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -25,8 +26,8 @@ REST = ChassisReport(armed=False, landed=True)
 class Bench(Chassis):
     """A chassis on the bench, which answers each order unless it loses some or is deaf."""
 
-    def __init__(self, **config: float) -> None:
-        super().__init__("bench", ChassisConfig(**config))  # type: ignore[arg-type]  # numbers only
+    def __init__(self, **config: Any) -> None:
+        super().__init__("bench", ChassisConfig(**config))
         self.report = REST
         self.setpoints: list[Setpoint] = []
         self.orders: list[ChassisOrder] = []
@@ -55,7 +56,7 @@ class Bench(Chassis):
 
 
 @asynccontextmanager
-async def bench(root: Path, **config: float) -> AsyncIterator[tuple[Bench, Module, Module]]:
+async def bench(root: Path, **config: Any) -> AsyncIterator[tuple[Bench, Module, Module]]:
     async with tmp_node(root) as node, Module("hal", node=node) as module, Module("test", node=node) as other:
         chassis = Bench(**config)
         await chassis.open(module)
@@ -113,6 +114,31 @@ async def test_a_kill_waits_for_no_other_order(tmp_path: Path) -> None:
         with pytest.raises(Denied, match="a later order replaced it"):
             await arming
         assert [order.action for order in chassis.orders] == ["arm", "kill"]
+
+
+async def test_no_other_order_overtakes_a_kill_that_is_not_answered(tmp_path: Path) -> None:
+    async with bench(tmp_path, answer_s=20.0) as (chassis, _, _):
+        await chassis.execute(ChassisAction.ARM)
+        chassis.loses = 1
+        kill = asyncio.create_task(chassis.execute(ChassisAction.KILL))
+        await asyncio.sleep(0)
+        for action in (ChassisAction.ARM, ChassisAction.GAINS):
+            with pytest.raises(Denied, match=f"{action}: a kill is being executed"):
+                await chassis.execute(action, {"rate_kp": 1.0})
+        assert not (await kill).armed
+        assert [order.action for order in chassis.orders] == ["arm", "kill", "kill"]
+
+
+async def test_gains_that_another_order_overtook_are_sent_again(tmp_path: Path) -> None:
+    async with bench(tmp_path, gains={"rate_kp": 0.2}) as (chassis, module, _):
+        chassis.loses = 1
+        await chassis.write(module.now_ns())
+        await chassis.execute(ChassisAction.ARM)
+        await chassis.write(module.now_ns())
+        await chassis.write(module.now_ns())
+        assert [order.action for order in chassis.orders] == ["gains", "arm", "gains"]
+        assert chassis.orders[0].number < chassis.orders[2].number
+        assert chassis.orders[2].gains == {"rate_kp": 0.2}
 
 
 async def test_only_a_vehicle_that_is_named_and_at_rest_is_calibrated(tmp_path: Path) -> None:

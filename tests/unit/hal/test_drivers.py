@@ -47,7 +47,10 @@ def test_periods_are_those_of_the_devices() -> None:
 
 
 def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
-    with pytest.raises(NotFound, match="'lidar': not installed; expected one of replay, sim, system"):
+    with pytest.raises(
+        NotFound,
+        match="'lidar': not installed; expected one of adc, nmea, replay, serial_chassis, sim, system",
+    ):
         make_all(Config(drivers=("lidar",)), UGV)
 
 

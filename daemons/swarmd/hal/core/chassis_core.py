@@ -71,14 +71,15 @@ class ChassisCore:
         return order
 
     def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
-        """Takes a report with its instant; it closes the order that it answers.
+        """Takes a report with its instant; it closes the order that it answers, and earlier ones.
 
         One from before the opening is of a device that may have ended.
         """
         if stamp_ns < self._reported_ns - SILENT_NS:
             return
         self._report, self._reported_ns = report, stamp_ns
-        self._orders.pop(report.answered, None)
+        for number in [number for number in self._orders if number <= report.answered]:
+            del self._orders[number]  # the chassis executes no order with a smaller number any more
 
     def answer(self, order: ChassisOrder) -> ChassisReport | None:
         """The report that answers an order; None: not yet.
@@ -92,6 +93,20 @@ class ChassisCore:
         if report.answered == order.number or (order.action in _STOPS and not report.armed):
             return report
         return msgspec.structs.replace(report, refused=f"{order.action}: a later order replaced it")
+
+    @property
+    def killing(self) -> bool:
+        """Whether a kill is not answered yet: no other order may overtake it."""
+        return any(order.action is ChassisAction.KILL for order, _ in self._orders.values())
+
+    @property
+    def idle(self) -> bool:
+        """Whether all orders are answered."""
+        return not self._orders
+
+    def has_open(self, order: ChassisOrder) -> bool:
+        """Whether an order was neither answered nor closed."""
+        return order.number in self._orders
 
     def forget(self, order: ChassisOrder) -> None:
         """Closes an order whose requester no longer waits."""

@@ -1,0 +1,1 @@
+"""The commands of `hal`: drivers with their timing, and the calibration of motor controllers."""

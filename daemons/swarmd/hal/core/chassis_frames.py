@@ -1,0 +1,158 @@
+"""Frames on the serial line of a chassis: COBS, CRC-16, and contents, as `chassis-protocol.md` states."""
+
+import binascii
+import math
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import InvalidInput, WireError
+from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.vehicle import BatteryState, Setpoint
+
+FRAME_BYTES: Final = 254
+"""Longest frame before its encoding: with this limit COBS adds exactly one byte."""
+_SETPOINT, _ORDER, _REPORT = 0x01, 0x02, 0x81
+_ACTIONS: Final = {
+    ChassisAction.ARM: 1,
+    ChassisAction.DISARM: 2,
+    ChassisAction.KILL: 3,
+    ChassisAction.GAINS: 4,
+    ChassisAction.CALIBRATE: 5,
+}
+_SETPOINT_BODY: Final = struct.Struct("<Bffff")
+_ORDER_BODY: Final = struct.Struct("<BQB")
+_GAIN: Final = struct.Struct("<16sf")
+_REPORT_BODY: Final = struct.Struct("<BQBfff")
+_CRC: Final = struct.Struct("<H")
+GAINS_LIMIT: Final = (FRAME_BYTES - _ORDER_BODY.size - _CRC.size) // _GAIN.size
+REASON_BYTES: Final = FRAME_BYTES - _REPORT_BODY.size - _CRC.size
+
+
+class Telemetry(msgspec.Struct, frozen=True):
+    """Content of a report on the line."""
+
+    report: ChassisReport
+    failsafe: bool
+    """Whether the chassis stopped by its own watchdog."""
+    battery: BatteryState | None
+    """None: the chassis does not measure it."""
+
+
+def setpoint_frame(setpoint: Setpoint) -> bytes:
+    """The frame of a set-point, with its delimiter."""
+    return framed(
+        _SETPOINT_BODY.pack(_SETPOINT, setpoint.vx_m_s, setpoint.vy_m_s, setpoint.vz_m_s, setpoint.wz_rad_s)
+    )
+
+
+def order_frame(order: ChassisOrder) -> bytes:
+    """The frame of an order, with its delimiter. Raises: InvalidInput when it has no form on the line."""
+    if order.action not in _ACTIONS:
+        raise InvalidInput(f"{order.action}: the protocol of the chassis has no such order")
+    body = _ORDER_BODY.pack(_ORDER, order.number, _ACTIONS[order.action])
+    if len(order.gains) > GAINS_LIMIT:
+        raise InvalidInput(f"{len(order.gains)} gains, expected at most {GAINS_LIMIT} in one order")
+    for name, value in order.gains.items():
+        spelled = name.encode("ascii", "replace")
+        if len(spelled) > 16:
+            raise InvalidInput(f"gain {name!r}: expected a name of at most 16 characters")
+        body += _GAIN.pack(spelled, value)
+    return framed(body)
+
+
+def telemetry(frame: bytes) -> Telemetry:
+    """The report in a frame without its framing. Raises: WireError."""
+    if frame[:1] != bytes([_REPORT]):
+        raise WireError(f"frame of kind {frame[0]}" if frame else "empty frame")
+    if not _REPORT_BODY.size <= len(frame) <= _REPORT_BODY.size + REASON_BYTES:
+        raise WireError("report of a wrong length")
+    _, answered, flags, voltage_v, current_a, remaining = _REPORT_BODY.unpack_from(frame)
+    if answered >= 1 << 63:
+        raise WireError("report with a number of more than 63 bits")
+    reason = frame[_REPORT_BODY.size :].decode("utf-8", "replace")
+    if not reason.isprintable():
+        raise WireError("report with an unprintable reason")
+    battery: BatteryState | None = None
+    if math.isfinite(voltage_v) and math.isfinite(current_a) and math.isfinite(remaining):
+        charge = min(max(remaining, 0.0), 1.0)
+        battery = BatteryState(round(voltage_v, 3), round(current_a, 3), charge)
+    return Telemetry(
+        ChassisReport(bool(flags & 1), bool(flags & 2), answered, reason, bool(flags & 4)),
+        bool(flags & 8),
+        battery,
+    )
+
+
+def framed(body: bytes) -> bytes:
+    """A body with its CRC, encoded by COBS, and the delimiter."""
+    return cobs(body + _CRC.pack(binascii.crc_hqx(body, 0xFFFF))) + b"\0"
+
+
+def cobs(data: bytes) -> bytes:
+    """Bytes without a zero. Source: Cheshire, Baker: Consistent Overhead Byte Stuffing."""
+    out = bytearray()
+    for block in data.split(b"\0"):
+        rest = block
+        while len(rest) >= 254:
+            out += b"\xff" + rest[:254]
+            rest = rest[254:]
+        out += bytes([len(rest) + 1]) + rest
+    return bytes(out)
+
+
+def uncobs(data: bytes) -> bytes:
+    """The inverse of `cobs`. Raises: WireError."""
+    out, at = bytearray(), 0
+    while at < len(data):
+        code = data[at]
+        block = data[at + 1 : at + code]
+        if code == 0 or len(block) != code - 1:
+            raise WireError("COBS: a block is cut short")
+        out += block
+        at += code
+        if code < 0xFF and at < len(data):
+            out.append(0)
+    return bytes(out)
+
+
+class FrameDecoder:
+    """Finds the frames in the bytes of a line. `refused`: damaged ones, by the reason."""
+
+    def __init__(self) -> None:
+        self.refused: Counter[str] = Counter()
+        self._open = bytearray()
+        self._overlong = False
+
+    def feed(self, data: bytes) -> Iterator[bytes]:
+        """The bodies of the valid frames in the next bytes."""
+        *complete, rest = data.split(b"\0")
+        for part in complete:
+            self._collect(part)
+            frame, overlong = bytes(self._open), self._overlong
+            self._open.clear()
+            self._overlong = False
+            if overlong:
+                self.refused["longer than a frame"] += 1
+            elif frame:
+                try:
+                    yield self._body(frame)
+                except WireError as error:
+                    self.refused[str(error)] += 1
+        self._collect(rest)
+
+    def _collect(self, part: bytes) -> None:
+        self._open += part
+        if len(self._open) > FRAME_BYTES + 1:
+            self._open.clear()
+            self._overlong = True
+
+    def _body(self, frame: bytes) -> bytes:
+        plain = uncobs(frame)
+        body = plain[: -_CRC.size]
+        if len(plain) <= _CRC.size or _CRC.unpack(plain[-_CRC.size :])[0] != binascii.crc_hqx(body, 0xFFFF):
+            raise WireError("CRC wrong")
+        return body

@@ -1,0 +1,87 @@
+"""Watches the folders of device files, and reads what the kernel says about them."""
+
+import asyncio
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmd.hal.config import Config, RecognitionRule
+from swarmd.hal.core.recognition import DeviceNode, Recognised
+from swarmware.errors import SwarmError
+from swarmware.model.config import convert
+
+SYS: Final = Path("/sys")
+_CREATED: Final = 0x100
+_MOVED_TO: Final = 0x80
+_ATTRIBUTES: Final = 0x4
+"""IN_CREATE, IN_MOVED_TO, IN_ATTRIB (udev gives access after the creation). Source: inotify(7)."""
+_EVENT_BYTES: Final = 4096
+
+
+def nodes(patterns: Iterable[str], sys: Path = SYS) -> Iterator[DeviceNode]:
+    """The device files that match patterns such as `/dev/ttyUSB*`."""
+    for pattern in patterns:
+        folder, _, name = pattern.rpartition("/")
+        for path in Path(folder or "/").glob(name):
+            yield DeviceNode(str(path), usb_id(path.name, sys))
+
+
+def usb_id(name: str, sys: Path = SYS) -> str:
+    """Vendor and product of the USB device to which a device file belongs; empty: to none."""
+    for link in sys.glob(f"class/*/{name}/device"):
+        place = link.resolve()
+        for folder in (place, *place.parents):
+            try:
+                vendor = (folder / "idVendor").read_text("ascii").strip()
+                return f"{vendor}:{(folder / 'idProduct').read_text('ascii').strip()}".lower()
+            except (OSError, UnicodeDecodeError):
+                continue  # an interface or a hub port: its parent may be the device
+    return ""
+
+
+def configured(config: Config, one: Recognised[RecognitionRule]) -> Config:
+    """The configuration in which the driver of the rule has this device and the settings of the rule."""
+    given = {"device": one.node.path, **one.rule.settings}
+    name = one.rule.driver
+    if name in Config.__struct_fields__:
+        table = msgspec.to_builtins(getattr(config, name))
+        settings = msgspec.to_builtins(config) | {name: table | given}
+    else:
+        plugins = {**config.plugins, name: {**config.plugins.get(name, {}), **given}}
+        settings = msgspec.to_builtins(config) | {"plugins": plugins}
+    return convert(settings, Config, f"services/hal.toml: rule for {one.rule.path}")
+
+
+class FolderWatch:
+    """Calls a function when files appear in folders, or their access rights change.
+
+    A folder that does not exist is not watched. Raises: SwarmError when the kernel refuses.
+    """
+
+    def __init__(self, folders: Iterable[str], changed: Callable[[], None]) -> None:
+        import ctypes  # few nodes need it
+
+        libc = ctypes.CDLL(None, use_errno=True)
+        self._changed = changed
+        self._fd: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+        if self._fd < 0:
+            raise SwarmError(f"inotify: {os.strerror(ctypes.get_errno())}")
+        for folder in sorted(set(folders)):
+            libc.inotify_add_watch(self._fd, os.fsencode(folder), _CREATED | _MOVED_TO | _ATTRIBUTES)
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._fd, self._readable)
+
+    def _readable(self) -> None:
+        try:
+            os.read(self._fd, _EVENT_BYTES)
+        except BlockingIOError:
+            return
+        self._changed()
+
+    def close(self) -> None:
+        """Ends the watch of all folders."""
+        self._loop.remove_reader(self._fd)
+        os.close(self._fd)

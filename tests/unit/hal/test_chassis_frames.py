@@ -1,0 +1,123 @@
+"""Frames of a serial chassis: the independent firmware reads them; damaged ones are refused."""
+
+import math
+import re
+import struct
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.unit.hal.firmware import decoded, encoded
+
+from swarmd.hal.core.chassis_frames import (
+    FRAME_BYTES,
+    GAINS_LIMIT,
+    FrameDecoder,
+    cobs,
+    framed,
+    order_frame,
+    setpoint_frame,
+    telemetry,
+    uncobs,
+)
+from swarmware.errors import InvalidInput, WireError
+from swarmware.types import registry
+from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.vehicle import BatteryState, Setpoint
+
+PAGE = Path(__file__).parents[3] / "share/doc/reference/chassis-protocol.md"
+
+
+def test_the_example_of_the_page_is_what_is_sent() -> None:
+    examples = [
+        bytes.fromhex(found) for found in re.findall(r"`((?:[0-9A-F]{2} )+[0-9A-F]{2})`", PAGE.read_text())
+    ]
+    body, crc, line = examples
+    assert order_frame(ChassisOrder(1, ChassisAction.ARM)) == line
+    assert framed(body) == line
+    assert uncobs(line[:-1]) == body + crc
+
+
+@given(st.binary(max_size=FRAME_BYTES - 2))
+def test_what_is_framed_is_what_the_firmware_reads_and_the_other_way_round(body: bytes) -> None:
+    assert decoded(framed(body)[:-1]) == body
+    assert list(FrameDecoder().feed(framed(body))) == ([body] if body else [])
+    assert encoded(body) == framed(body)
+
+
+@given(st.binary(max_size=1000))
+def test_the_encoding_has_no_zero_and_is_reversed(data: bytes) -> None:
+    assert b"\0" not in cobs(data)
+    assert uncobs(cobs(data)) == data
+
+
+@given(st.lists(st.binary(max_size=400), max_size=8), st.binary(max_size=40))
+def test_whatever_is_on_the_line_the_next_frame_is_found_and_memory_is_bounded(
+    chunks: list[bytes], last: bytes
+) -> None:
+    decoder = FrameDecoder()
+    for chunk in chunks:
+        for body in decoder.feed(chunk):
+            try:
+                registry.encode(telemetry(body).report)
+            except WireError:
+                continue
+    assert len(decoder._open) <= FRAME_BYTES + 1
+    list(decoder.feed(b"\0"))
+    assert list(decoder.feed(framed(b"\x81" + last))) == [b"\x81" + last]
+
+
+@given(st.binary(max_size=FRAME_BYTES))
+def test_a_report_of_any_bytes_is_a_report_or_refused(rest: bytes) -> None:
+    try:
+        found = telemetry(b"\x81" + rest)
+    except WireError:
+        return
+    assert registry.decode(ChassisReport, registry.encode(found.report)) == found.report
+    if found.battery is not None:
+        assert math.isfinite(found.battery.voltage_v)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (encoded(b"\x81" + bytes(21))[:-3] + b"\x7f\x7f\0", "CRC wrong"),
+        (b"\x09\x01\x02\0", "COBS: a block is cut short"),
+        (b"\x01" * 300 + b"\0", "longer than a frame"),
+    ],
+)
+def test_a_damaged_frame_is_refused_by_name(line: bytes, reason: str) -> None:
+    decoder = FrameDecoder()
+    assert list(decoder.feed(line)) == []
+    assert decoder.refused == {reason: 1}
+
+
+def test_a_report_has_all_flags_and_a_battery_only_if_it_is_measured() -> None:
+    body = struct.pack("<BQBfff", 0x81, 7, 0b1111, 24.5, 3.25, 1.5) + b"zu kalt"
+    found = telemetry(body)
+    assert found.report == ChassisReport(True, True, 7, "zu kalt", True)
+    assert found.failsafe
+    assert found.battery == BatteryState(24.5, 3.25, 1.0)
+    assert telemetry(struct.pack("<BQBfff", 0x81, 7, 0, math.nan, 0.0, 0.0)).battery is None
+
+
+def test_a_set_point_and_gains_arrive_as_they_were_sent() -> None:
+    body = decoded(setpoint_frame(Setpoint(1.0, -0.5, 0.25, 2.0))[:-1])
+    assert body is not None
+    assert struct.unpack("<Bffff", body) == (1, 1.0, -0.5, 0.25, 2.0)
+    body = decoded(order_frame(ChassisOrder(9, ChassisAction.GAINS, {"yaw_kp": 0.5}))[:-1])
+    assert body == struct.pack("<BQB16sf", 2, 9, 4, b"yaw_kp", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("order", "reason"),
+    [
+        (ChassisOrder(1, ChassisAction("wave")), "has no such order"),
+        (ChassisOrder(1, ChassisAction.GAINS, {"x" * 17: 1.0}), "at most 16 characters"),
+        (ChassisOrder(1, ChassisAction.GAINS, {f"g{n}": 1.0 for n in range(GAINS_LIMIT + 1)}), "at most 12"),
+    ],
+)
+def test_an_order_that_does_not_fit_the_protocol_is_refused(order: ChassisOrder, reason: str) -> None:
+    with pytest.raises(InvalidInput, match=reason):
+        order_frame(order)

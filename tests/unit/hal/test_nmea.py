@@ -1,0 +1,111 @@
+"""Sentences of receivers become fixes; damaged and foreign ones are refused, counted, and named."""
+
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmd.hal.core.nmea import LINE_BYTES, NmeaDecoder
+from swarmware.types import registry
+from swarmware.types.vehicle import GnssFix
+
+UBLOX = b"$GNGGA,092725.00,4717.11399,N,00833.91590,E,1,08,1.01,499.6,M,48.0,M,,*45\r\n"
+"""Source: u-blox M8 receiver description, GGA (with talker GN)."""
+CLASSIC = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
+"""Source: the example of NMEA 0183 descriptions."""
+SOUTH = "GPGGA,001038.00,3334.2313457,S,11211.0576940,W,2,04,5.4,354.682,M,-26.574,M,7.0,0138"
+RMC = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n"
+
+
+def sentence(text: str) -> bytes:
+    return b"$%s*%02X\r\n" % (text.encode(), reduce(xor, text.encode(), 0))
+
+
+def test_fixes_of_real_receivers() -> None:
+    decoder = NmeaDecoder()
+    (fix,) = decoder.feed(CLASSIC)
+    assert fix.lat_deg == pytest.approx(48 + 7.038 / 60)
+    assert fix.lon_deg == pytest.approx(11 + 31 / 60)
+    assert fix.alt_ellipsoid_m == pytest.approx(592.3), "above the ellipsoid, not above the sea"
+    assert (fix.satellites, fix.h_acc_m) == (8, 4.5)
+    (fix,) = decoder.feed(sentence(SOUTH))
+    assert fix.lat_deg == pytest.approx(-(33 + 34.2313457 / 60))
+    assert fix.lon_deg == pytest.approx(-(112 + 11.0576940 / 60))
+    assert fix.h_acc_m == 5.4
+    assert not decoder.refused
+
+
+def test_a_sentence_may_come_in_any_pieces_between_others() -> None:
+    line = RMC + CLASSIC + b"\r\n" + RMC + sentence(SOUTH)
+    for size in (1, 2, 7, 200):
+        decoder = NmeaDecoder()
+        fixes = [fix for at in range(0, len(line), size) for fix in decoder.feed(line[at : at + size])]
+        assert len(fixes) == 2
+        assert decoder.sentences == 4
+
+
+def test_the_accuracy_of_the_receiver_is_preferred_while_it_is_fresh() -> None:
+    decoder = NmeaDecoder()
+    list(decoder.feed(sentence("GPGST,001037.00,1.2,1.0,0.5,30.0,0.03,0.04,0.10")))
+    (fix,) = decoder.feed(sentence(SOUTH))
+    assert fix.h_acc_m == 0.05
+    (fix,) = decoder.feed(sentence(SOUTH.replace("001038", "001138")))
+    assert fix.h_acc_m == 5.4
+
+
+@pytest.mark.parametrize("quality", ["0", "6", "7", "8", ""])
+def test_without_a_measured_position_there_is_no_fix_and_no_error(quality: str) -> None:
+    decoder = NmeaDecoder()
+    assert list(decoder.feed(sentence(f"GPGGA,,,,,,{quality},00,99.9,,,,,,"))) == []
+    assert decoder.sentences == 1
+    assert not decoder.refused
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (CLASSIC.replace(b"*47", b"*48"), "checksum wrong"),
+        (CLASSIC.replace(b"*47", b"*4"), "checksum wrong"),
+        (CLASSIC.replace(b"4807", b"48\xff7"), "checksum or text invalid"),
+        (b"4807.038,N\r\n", "no sentence: expected $…*checksum"),
+        (b"$" + b"A" * LINE_BYTES + b"\r\n", f"longer than {LINE_BYTES} bytes"),
+        (sentence(SOUTH + ",1"), "GGA of 16 fields, expected 15"),
+        (sentence(SOUTH.replace("3334.2313457", "3360.0")), "position out of range"),
+        (sentence(SOUTH.replace("3334.2313457", "9034.0")), "position out of range"),
+        (sentence(SOUTH.replace(",S,", ",Q,")), "position out of range"),
+        (sentence(SOUTH.replace("354.682", "--3")), "height: no number"),
+        (sentence(SOUTH.replace("354.682", "1e5")), "height: no number"),
+        (sentence(SOUTH.replace(",04,", ",99999,")), "satellites out of range"),
+        (sentence("GPGST,1,2"), "GST of 3 fields, expected 9"),
+    ],
+)
+def test_what_is_not_understood_is_refused_by_name_and_the_next_fix_arrives(line: bytes, reason: str) -> None:
+    decoder = NmeaDecoder()
+    assert list(decoder.feed(line)) == []
+    assert decoder.refused == {reason: 1}
+    assert len(list(decoder.feed(CLASSIC))) == 1
+
+
+@given(
+    st.lists(
+        st.one_of(st.binary(max_size=300), st.text("$GPA,*0123456789.-\r\n").map(str.encode)), max_size=10
+    )
+)
+def test_whatever_is_on_the_line_is_a_fix_or_refused(chunks: list[bytes]) -> None:
+    decoder = NmeaDecoder()
+    for chunk in chunks:
+        for fix in decoder.feed(chunk):
+            assert registry.decode(GnssFix, registry.encode(fix)) == fix
+    assert len(decoder._line) <= LINE_BYTES
+    list(decoder.feed(b"\r\n"))
+    assert len(list(decoder.feed(CLASSIC))) == 1
+
+
+@given(st.lists(st.text("0123456789.-NSEW", max_size=12), min_size=14, max_size=14))
+def test_any_fields_with_a_valid_checksum_are_a_fix_or_refused(fields: list[str]) -> None:
+    for fix in NmeaDecoder().feed(sentence(f"GPGGA,{','.join(fields)}")):
+        assert -90 <= fix.lat_deg <= 90
+        assert -180 <= fix.lon_deg <= 180
+        assert registry.decode(GnssFix, registry.encode(fix)) == fix

@@ -1,0 +1,184 @@
+"""Devices on serial lines, simulated on pseudo-terminals: a receiver, a chassis, unplugged and back."""
+
+import asyncio
+import os
+import pty
+import tty
+from pathlib import Path
+
+import pytest
+from tests.unit.hal.firmware import Firmware
+from tests.unit.hal.rig import running
+from tests.unit.hal.test_nmea import CLASSIC, RMC
+from tests.unit.hal.test_service import status
+
+from swarmd.hal.buses.serial_line import SerialLine
+from swarmd.hal.config import ChassisConfig, Config, NmeaDriver, SerialChassisDriver
+from swarmd.hal.driver import DeviceError
+from swarmd.hal.drivers.nmea import NmeaReceiver
+from swarmd.hal.drivers.serial_chassis import SerialChassis
+from swarmware.errors import Denied
+from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.chassis import GainsRequest
+from swarmware.types.control import Drive
+from swarmware.types.vehicle import (
+    ArmRequest,
+    BatteryState,
+    DriverTable,
+    GnssFix,
+    KillRequest,
+    VehicleState,
+)
+
+RETRY = {"drivers": (), "retry_s": 0.05, "report_hz": 50.0, "failures": 2}
+
+
+async def test_a_vehicle_with_a_serial_chassis_is_armed_driven_and_killed_without_a_simulation(
+    tmp_path: Path,
+) -> None:
+    firmware = Firmware(tmp_path / "tty")
+    firmware.noise = b"\x07noise\0"
+    config = Config(**RETRY, serial_chassis=SerialChassisDriver(device=str(firmware.link)))  # type: ignore[arg-type]
+    firmware.plug()
+    try:
+        async with running(tmp_path, [SerialChassis(config)], config) as other:
+            state = other.reader("vehicle/state", VehicleState)
+            assert await state.changed(20.0) == VehicleState(armed=False, landed=True)
+            board = other.reader("hal/drivers", DriverTable)
+            battery = await other.reader("power/battery", BatteryState).changed(20.0)
+            assert battery == BatteryState(24.5, 3.25, 0.75)
+            firmware.deaf = 2
+            assert (
+                await other.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=20.0)
+            ).armed
+            drive = other.writer("act/drive", Drive)
+            async with asyncio.timeout(20.0):
+                while (1.5, 0.0, 0.0, 0.25) not in firmware.setpoints:
+                    drive.write(Drive(1.5, wz_rad_s=0.25))
+                    await asyncio.sleep(0.01)
+                while firmware.setpoints[-1] != (0.0, 0.0, 0.0, 0.0):  # no more set-points arrive
+                    await board.changed()
+            killed = await other.request(
+                "sys/vehicle/kill", KillRequest("uav1"), VehicleState, timeout_s=20.0
+            )
+            assert not killed.armed
+            assert not firmware.armed
+    finally:
+        firmware.unplug()
+
+
+async def test_gains_of_the_configuration_and_of_requests_are_sent_again_to_a_chassis_that_returns(
+    tmp_path: Path,
+) -> None:
+    firmware = Firmware(tmp_path / "tty")
+    firmware.gains["yaw_kp"] = 0.5
+    chassis = ChassisConfig(gains={"rate_kp": 0.25})
+    serial = SerialChassisDriver(device=str(firmware.link))
+    config = Config(**RETRY, chassis=chassis, serial_chassis=serial)  # type: ignore[arg-type]
+    firmware.plug()
+    async with running(tmp_path, [SerialChassis(config)], config) as other:
+        path, board = "sys/vehicle/gains", other.reader("hal/drivers", DriverTable)
+        async with asyncio.timeout(20.0):
+            while firmware.gains["rate_kp"] != 0.25:
+                await board.changed()
+        with pytest.raises(Denied, match="no gain sway_kp"):
+            gains = {"yaw_kp": 2.0, "sway_kp": 1.0}
+            await other.request(path, GainsRequest(gains), VehicleState, timeout_s=20.0)
+        with pytest.raises(Denied, match="expected at least one"):
+            await other.request(path, GainsRequest({}), VehicleState, timeout_s=20.0)
+        await other.request(path, GainsRequest({"yaw_kp": 1.5}), VehicleState, timeout_s=20.0)
+        assert firmware.gains == {"rate_kp": 0.25, "yaw_kp": 1.5}
+        firmware.unplug()
+        await status(board, "serial_chassis", state="waiting")
+        firmware.gains = {"rate_kp": 0.1, "yaw_kp": 0.5}
+        firmware.answered = 0
+        firmware.plug()
+        async with asyncio.timeout(20.0):
+            while firmware.gains != {"rate_kp": 0.25, "yaw_kp": 1.5}:
+                await board.changed()
+    firmware.unplug()
+
+
+async def test_an_unplugged_chassis_is_a_fault_and_is_reopened_when_it_is_back(tmp_path: Path) -> None:
+    firmware = Firmware(tmp_path / "tty")
+    config = Config(**RETRY, serial_chassis=SerialChassisDriver(device=str(firmware.link)))  # type: ignore[arg-type]
+    async with running(tmp_path, [SerialChassis(config)], config) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        assert "No such file" in (await status(board, "serial_chassis", state="waiting")).note
+        firmware.plug()
+        await status(board, "serial_chassis", state="running")
+        firmware.unplug()
+        assert "unplugged" in (await status(board, "serial_chassis", state="waiting")).note
+        firmware.plug()
+        await status(board, "serial_chassis", state="running")
+        firmware.unplug()
+
+
+async def test_a_receiver_publishes_its_fixes_and_garbage_does_not_end_it(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    config = NmeaDriver(device=os.ttyname(slave), rate_hz=50.0)
+    try:
+        async with running(tmp_path, [NmeaReceiver(config)], Config(**RETRY)) as other:  # type: ignore[arg-type]
+            board = other.reader("hal/drivers", DriverTable)
+            fixes = other.reader("sensor/gnss", GnssFix)
+            await status(board, "nmea", state="running")
+            os.write(master, os.urandom(200) + b"\n" + RMC + CLASSIC[:20])
+            os.write(master, CLASSIC[20:])
+            assert (await fixes.changed(20.0)).satellites == 8
+            assert (await status(board, "nmea", reads=1)).errors == 0
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+async def test_a_receiver_with_the_wrong_rate_is_an_error_that_names_what_arrived(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    receiver = NmeaReceiver(NmeaDriver(device=os.ttyname(slave)))
+    try:
+        async with tmp_node(tmp_path) as node, Module("hal", node=node) as module:
+            await receiver.open(module)
+            os.write(master, b"\xf0\x0f\n" * 3)
+            async with asyncio.timeout(20.0):
+                while not receiver.refused:  # noqa: ASYNC110 - the line is read by the event loop
+                    await asyncio.sleep(0)
+            with pytest.raises(DeviceError, match=r"no valid sentence for 5 s; refused: \d × no sentence"):
+                await receiver.read(module.now_ns() + 5_100_000_000)
+            await receiver.close()
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+async def test_a_line_is_refused_that_another_has_or_that_is_none(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    line = SerialLine(os.ttyname(slave), 9600, lambda data: None)
+    try:
+        with pytest.raises(DeviceError, match="another process has it open"):
+            SerialLine(os.ttyname(slave), 9600, lambda data: None)
+        with pytest.raises(DeviceError, match="12345 baud, expected one of 4800"):
+            SerialLine(os.ttyname(slave), 12345, lambda data: None)
+        file = tmp_path / "file"
+        file.write_bytes(b"")
+        with pytest.raises(DeviceError, match="no serial line"):
+            SerialLine(str(file), 9600, lambda data: None)
+    finally:
+        line.close()
+        os.close(slave)
+        os.close(master)
+
+
+async def test_a_line_whose_other_end_does_not_read_drops_and_counts() -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    line = SerialLine(os.ttyname(slave), 115200, lambda data: None)
+    try:
+        for _ in range(1000):
+            line.write(bytes(254))
+        assert line.dropped > 0
+    finally:
+        line.close()
+        os.close(slave)
+        os.close(master)

@@ -1,0 +1,161 @@
+"""The service under its drivers: own rates, own threads, failures, the fail-safe of an actuator."""
+
+import asyncio
+import threading
+from pathlib import Path
+
+import pytest
+from tests.unit.hal.rig import running
+
+from swarmd.hal.blocking import BlockingSensor
+from swarmd.hal.config import Config
+from swarmd.hal.driver import Actuator, Sensor
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.types.health import CheckReports
+from swarmware.types.vehicle import DriverStatus, DriverTable
+
+FAST = Config(drivers=(), retry_s=0.05, failures=2, report_hz=50.0)
+
+
+class Counter(Sensor):
+    """A sensor that counts its reads, and can be unplugged."""
+
+    def __init__(self, name: str, rate_hz: float) -> None:
+        self.name, self.period_s = name, 1 / rate_hz
+        self.plugged = True
+        self.opened = 0
+
+    async def open(self, module: Module) -> None:
+        if not self.plugged:
+            raise FileNotFoundError(f"{self.name} is unplugged")
+        self.opened += 1
+
+    async def read(self, now_ns: int) -> bool:
+        if not self.plugged:
+            raise OSError("gone")
+        return True
+
+
+class Stuck(BlockingSensor[int]):
+    """A device that blocks its reader until it is released."""
+
+    name = "stuck"
+    period_s = 0.01
+
+    def __init__(self) -> None:
+        self.begun, self.released = threading.Event(), threading.Event()
+        self.threads: list[str] = []
+
+    def measure(self) -> int:
+        self.threads.append(threading.current_thread().name)
+        self.begun.set()
+        self.released.wait()
+        if len(self.threads) == 2:
+            raise OSError("no answer")
+        return 7
+
+    def publish(self, value: int, now_ns: int) -> bool:
+        return value == 7
+
+
+class Valve(Actuator):
+    """An actuator whose set-points stop to arrive."""
+
+    name, period_s = "valve", 0.01
+    starved = False
+
+    async def write(self, now_ns: int) -> bool:
+        return not self.starved
+
+    def failsafe(self, now_ns: int) -> str:
+        return "no set-point" if self.starved else ""
+
+
+async def status(board: BoardReader[DriverTable], name: str, **wanted: object) -> DriverStatus:
+    """Waits until a driver has this status."""
+    async with asyncio.timeout(20.0):
+        while True:
+            table = await board.changed()
+            found = next(driver for driver in table.drivers if driver.name == name)
+            if all(getattr(found, key) == value for key, value in wanted.items()):
+                return found
+
+
+async def test_each_driver_has_its_own_rate(tmp_path: Path) -> None:
+    devices = [Counter("slow", 20.0), Counter("imu", 300.0), Valve()]
+    async with running(tmp_path, devices, FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        async with asyncio.timeout(20.0):
+            while True:
+                table = {driver.name: driver for driver in (await board.changed()).drivers}
+                if table["slow"].reads >= 10:
+                    break
+        assert [one.asked_hz for one in table.values()] == [20.0, 300.0, 100.0]
+        assert [one.actuator for one in table.values()] == [False, False, True]
+        # at whatever speed of the computer: each period was used or counted
+        slow, imu = (table[name].reads + table[name].missed for name in ("slow", "imu"))
+        assert imu == pytest.approx(15 * slow, abs=30)
+
+
+async def test_a_device_that_blocks_has_a_thread_and_delays_no_other(tmp_path: Path) -> None:
+    stuck, counter = Stuck(), Counter("counter", 100.0)
+    async with running(tmp_path, [stuck, counter], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        await asyncio.to_thread(stuck.begun.wait)
+        before = (await status(board, "counter")).reads
+        async with asyncio.timeout(20.0):
+            while (await status(board, "counter")).reads < before + 20:
+                assert (await status(board, "stuck")).reads == 0
+        stuck.released.set()
+        failed = await status(board, "stuck", errors=1)
+        assert failed.note == "no answer", "an error in the thread is one of the driver"
+        async with asyncio.timeout(20.0):
+            while (await status(board, "stuck")).reads < 3:
+                pass
+        assert set(stuck.threads) == {"hal-stuck"}
+
+
+async def test_a_device_that_hangs_does_not_keep_the_service_from_ending(tmp_path: Path) -> None:
+    stuck = Stuck()
+    async with running(tmp_path, [stuck], FAST):
+        await asyncio.to_thread(stuck.begun.wait)
+    stuck.released.set()
+
+
+async def test_an_unplugged_device_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
+    counter = Counter("gnss.left", 100.0)
+    async with running(tmp_path, [counter], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        await status(board, "gnss.left", state="running")
+        counter.plugged = False
+        assert (await status(board, "gnss.left", state="waiting")).note == "gnss.left is unplugged"
+        checks = other.reader("health/checks/hal", CheckReports)
+        assert await state_of(checks, "hal/driver/gnss/left", "unplugged")
+        counter.plugged = True
+        await status(board, "gnss.left", state="running")
+        assert counter.opened == 2
+        assert await state_of(checks, "hal/driver/gnss/left", "ok")
+
+
+async def test_the_fail_safe_of_an_actuator_is_shown_and_reported(tmp_path: Path) -> None:
+    valve = Valve()
+    async with running(tmp_path, [valve], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        await status(board, "valve", state="running")
+        valve.starved = True
+        assert (await status(board, "valve", state="failsafe")).note == "no set-point"
+        checks = other.reader("health/checks/hal", CheckReports)
+        assert await state_of(checks, "hal/failsafe/valve", "failsafe")
+        valve.starved = False
+        assert (await status(board, "valve", state="running")).note == ""
+        assert await state_of(checks, "hal/failsafe/valve", "ok")
+
+
+async def state_of(board: BoardReader[CheckReports], check: str, wanted: str) -> bool:
+    async with asyncio.timeout(20.0):
+        while True:
+            reports = board.value
+            if reports is not None and any(r.check == check and r.state == wanted for r in reports.reports):
+                return True
+            await board.changed()
