@@ -59,6 +59,7 @@ SERVED = {
     "sys/vehicle/arm": OPERATOR,
     "sys/vehicle/calibrate": OPERATOR,
     "sys/vehicle/drive": OPERATOR,
+    "sys/vehicle/gains": OPERATOR,
     "sys/vehicle/kill": OPERATOR,
     # what stops services, limits links, changes members
     "sys/broker/roster": MAINTAINER,
