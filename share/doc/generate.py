@@ -132,7 +132,7 @@ def commands(
 
 def own_options(command: click.Command) -> list[click.Option]:
     """Options of this command, without those of every command."""
-    shared = {id(param) for param in getattr(command, "_shared", [])}
+    shared = {id(param) for param in getattr(command, "shared", [])}
     return [p for p in command.params if isinstance(p, click.Option) and id(p) not in shared and not p.hidden]
 
 

@@ -49,12 +49,14 @@ def save(
 
     Another joined node means another swarm: former entries are removed.
     """
-    before, _, old = load()
+    before, known, old = load()
     gone = set(whole)
     same = old if before == way else []
     kept = {row.path: row for row in same if row.kind == KEY or row.path.split("/", 2)[1] not in gone}
     kept |= {row.path: row for row in listed}
-    _write(way, platforms, kept.values())
+    names, rows = list(platforms), list(kept.values())
+    if (before, known, old) != (way, names, rows):
+        _write(way, names, rows)
 
 
 def save_keys(way: str, platform: str, keys: Iterable[tuple[str, bool]]) -> None:

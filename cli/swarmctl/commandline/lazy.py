@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -30,11 +31,28 @@ class Command(click.Command):
     """A command that also accepts the shared options."""
 
     def __init__(self, *args: Any, nodes: Nodes = Nodes.SOME, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
         self.nodes = nodes
-        taken = {name for param in self.params for name in (param.name or "", *param.opts)}
-        self._shared = shared_options(taken, nodes)
-        self.params += self._shared
+        self._own: list[click.Parameter] = []
+        super().__init__(*args, **kwargs)
+
+    @property
+    def params(self) -> list[click.Parameter]:
+        """Its own parameters and the shared options."""
+        return self._all
+
+    @params.setter
+    def params(self, own: list[click.Parameter]) -> None:
+        self._own = own
+
+    @cached_property
+    def shared(self) -> list[click.Option]:
+        """The shared options, made at the first use: a group defines all its commands, and one is called."""
+        return shared_options({name for p in self._own for name in (p.name or "", *p.opts)}, self.nodes)
+
+    @cached_property
+    def _all(self) -> list[click.Parameter]:
+        """One list: click adds its help option to it for a moment."""
+        return [*self._own, *self.shared]
 
     def invoke(self, ctx: click.Context) -> Any:
         """Runs the command.
@@ -63,9 +81,9 @@ class Command(click.Command):
         own = [
             param.get_help_record(ctx)
             for param in params
-            if param not in self._shared and not isinstance(param, click.Argument)
+            if param not in self.shared and not isinstance(param, click.Argument)
         ]
-        shared = [param.get_help_record(ctx) for param in self._shared]
+        shared = [param.get_help_record(ctx) for param in self.shared]
         parts = (("Arguments", arguments), ("Options", own), ("Options of every command", shared))
         for title, records in parts:
             if rows := [record for record in records if record is not None]:
