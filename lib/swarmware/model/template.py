@@ -100,18 +100,22 @@ def load(name: str, folder: Path) -> Template:
 
     Raises: ConfigError naming file, path and what was expected.
     """
+    return _load(name, folder, {})
+
+
+def _load(name: str, folder: Path, files: dict[Path, TemplateFile]) -> Template:
     merged: dict[str, dict[str, Any]] = {}
     origin: dict[str, str] = {}
-    top = _merge(name, folder, (), merged, origin)
+    top = _merge(name, folder, (), merged, origin, files)
     resources = tuple(_resource(path, merged[path], origin[path]) for path in sorted(merged))
     _refuse_leaf_parents(resources, origin)
-    return Template(name, top.description, resources, _kinds(top, folder))
+    return Template(name, top.description, resources, _kinds(top, folder, files))
 
 
-def _kinds(file: TemplateFile, folder: Path) -> tuple[PlatformKind, ...]:
+def _kinds(file: TemplateFile, folder: Path, files: dict[Path, TemplateFile]) -> tuple[PlatformKind, ...]:
     """Kinds of the file itself, or else of its bases, the last base first."""
     for parent in () if file.kinds else reversed(_parents(file)):
-        if kinds := _kinds(_read(folder / (parent + _ENDING)), folder):
+        if kinds := _kinds(_read(folder / (parent + _ENDING), files), folder, files):
             return kinds
     return file.kinds
 
@@ -130,9 +134,9 @@ def whole(folder: Path) -> list[Template]:
 
     Raises: ConfigError when a template is invalid.
     """
-    names = names_in(folder)
-    parts = {parent for name in names for parent in _parents(_read(folder / (name + _ENDING)))}
-    return [found for name in names if (found := load(name, folder)).kinds or name not in parts]
+    names, files = names_in(folder), dict[Path, TemplateFile]()
+    parts = {parent for name in names for parent in _parents(_read(folder / (name + _ENDING), files))}
+    return [found for name in names if (found := _load(name, folder, files)).kinds or name not in parts]
 
 
 def _merge(
@@ -141,6 +145,7 @@ def _merge(
     trail: tuple[str, ...],
     merged: dict[str, dict[str, Any]],
     origin: dict[str, str],
+    files: dict[Path, TemplateFile],
 ) -> TemplateFile:
     """Merges the file and its bases into `merged`; `trail`: the files that extend it."""
     source = folder / (name + _ENDING)
@@ -152,9 +157,9 @@ def _merge(
         where = f"{folder / (trail[-1] + _ENDING)}: key extends: " if trail else f"{folder}: "
         known = ", ".join(names_in(folder)) or "the folder has none"
         raise ConfigError(f"{where}no template {name!r}; expected one of: {known}")
-    file = _read(source)
+    file = _read(source, files)
     for parent in _parents(file):
-        _merge(parent, folder, (*trail, name), merged, origin)
+        _merge(parent, folder, (*trail, name), merged, origin, files)
     for text in file.remove:
         _remove(text, str(source), merged)
     for path, entry in file.resources.items():
@@ -166,7 +171,14 @@ def _merge(
     return file
 
 
-def _read(source: Path) -> TemplateFile:
+def _read(source: Path, files: dict[Path, TemplateFile]) -> TemplateFile:
+    """The file, parsed once; `files`: those that were read already, as bases of others."""
+    if (known := files.get(source)) is None:
+        known = files[source] = _parse(source)
+    return known
+
+
+def _parse(source: Path) -> TemplateFile:
     try:
         raw = document.toml(document.read(source), str(source))
     except FileNotFoundError as error:

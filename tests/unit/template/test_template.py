@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import ConfigError
-from swarmware.model import config, template
+from swarmware.model import config, document, template
 from swarmware.model.resource import Kind
 
 SHARE = config.share_dir()
@@ -34,6 +34,22 @@ def test_every_shipped_template_loads_and_fits_the_schema(path: Path) -> None:
 def test_the_shipped_schema_is_the_one_of_the_code() -> None:
     shipped = json.loads((SHARE / "schemas" / "template.schema.json").read_text())
     assert shipped == json.loads(json.dumps(template.schema())), "make docs"
+
+
+def test_all_templates_of_a_folder_are_read_with_each_file_parsed_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    parsed: list[str] = []
+    toml = document.toml
+
+    def counting(text: str, source: str) -> dict[str, object]:
+        parsed.append(source)
+        return toml(text, source)
+
+    monkeypatch.setattr(document, "toml", counting)
+    found = template.whole(SHARE / "templates")
+    assert {kind for one in found for kind in one.kinds} >= {"uav", "ugv", "gcs"}
+    assert sorted(parsed) == [str(path) for path in SHIPPED]
 
 
 def test_resources_are_sorted_by_path() -> None:
