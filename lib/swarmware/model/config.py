@@ -147,7 +147,16 @@ def load_node(config_dir: Path) -> NodeConfig:
         raise ConfigError(
             f"{path}: no such file; expected a NodeConfig in TOML; {CONFIG_VARIABLE} names another folder"
         )
-    return load(path, NodeConfig)
+    return _with_control(load(path, NodeConfig))
+
+
+def _with_control(node: NodeConfig) -> NodeConfig:
+    """A file of version 0.1, whose navigator commanded the chassis itself, gets the service between them."""
+    services = node.services
+    if "control" in services or not {"hal", "navigator"} <= set(services):
+        return node
+    at = services.index("navigator")
+    return msgspec.structs.replace(node, services=(*services[:at], "control", *services[at:]))
 
 
 def load_service(config_dir: Path, name: str, cls: type[T]) -> T:

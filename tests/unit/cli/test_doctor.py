@@ -56,20 +56,6 @@ def test_the_file_of_access_rules_is_checked_with_its_line(tmp_path: Path) -> No
     assert [problem for problem in effective_config(config_dir, {}, {}).problems if "admiral" in problem]
 
 
-def test_a_navigator_without_control_is_an_error_because_no_command_reaches_the_chassis(
-    tmp_path: Path,
-) -> None:
-    def found(platform: str, *services: str) -> list[CheckResult]:
-        folder = make_node(tmp_path, platform, services={name: {} for name in services})
-        return [one for one in examine({platform: folder}, fix=False) if one.check == "control"]
-
-    assert found("uav1", "control", "navigator") == []
-    assert found("uav2", "sim") == []
-    (result,) = found("uav3", "sim", "navigator")
-    assert result.verdict == "error"
-    assert 'add "control" before "navigator"' in result.advice
-
-
 async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:

@@ -190,13 +190,6 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         yield CheckResult("node.toml", "error", str(error), "correct the file")
         return
     yield CheckResult("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
-    if "navigator" in node.services and "control" not in node.services:
-        yield CheckResult(
-            "control",
-            "error",
-            "the services have a navigator and no control: no command reaches the chassis",
-            f'add "control" before "navigator" to services in {folder}/node.toml',
-        )
     yield _access_rules(folder)
     longest = len(str(paths.socket(node.run_path, "4194304-99")).encode())
     if longest > SOCKET_PATH_BYTES:
