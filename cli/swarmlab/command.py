@@ -12,6 +12,8 @@ from swarmctl.commandline.parameters import at_nodes, nodes_argument
 from swarmctl.commandline.settings import Nodes, settings
 
 EXPERIMENTS: Final = ("formation",)
+DISTRIBUTION: Final = "distribution"
+"""A mission with the services of a vehicle on one computer, and on three."""
 
 
 @click.group(cls=Group)
@@ -22,7 +24,7 @@ def cmd() -> None:
     """
 
 
-def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
+def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Options of `run` and `up`."""
     about = {
         "nodes": "Number of nodes: a ground station, and one ground vehicle for two air vehicles.",
@@ -31,10 +33,11 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "seed": "Seed of clocks, noise and start order.",
         "name": "Name of the lab; default: the experiment's.",
         "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",
+        "units": "Run the services of each vehicle, or of those named (a,b), on three computers.",
         "mongodb": "Forward all logs to this database as well.",
     }
     options = (
-        click.argument("experiment", type=click.Choice(EXPERIMENTS)),
+        click.argument("experiment", type=click.Choice(experiments)),
         click.option("--nodes", type=int, default=16, show_default=True, metavar="N", help=about["nodes"]),
         click.option("--usv", type=int, default=0, show_default=True, metavar="N", help=about["usv"]),
         click.option("--net", default="loopback", metavar="KIND", help=about["net"]),
@@ -43,15 +46,20 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--per-daemon", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["per_daemon"]
         ),
+        click.option("--units", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["units"]),
         click.option("--mongodb", "mongodb_uri", default="", metavar="URI", help=about["mongodb"]),
     )
-    for option in reversed(options):
-        function = option(function)
-    return function
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
 
 
 @cmd.command(nodes=Nodes.NONE)
-@_swarm_options
+@_swarm_options((*EXPERIMENTS, DISTRIBUTION))
 @click.option(
     "--duration",
     "duration_s",
@@ -73,14 +81,18 @@ def _swarm_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: bool, **spec: Any) -> None:
     """Start a swarm, run the experiment, stop it, write the report.
 
+    `distribution` flies the mission twice, with the services of an air vehicle on one computer and on
+    three with 2 to 8 ms delay between them, and compares the paths.
+
     Example: swarmctl lab run formation --nodes 16 --json
     """
     from swarmctl.terminal.output import Output
-    from swarmlab import experiment
+    from swarmlab import distribution, experiment
     from swarmlab.provision.provisioning import LabSpec
 
+    conduct = distribution.main if spec["experiment"] == DISTRIBUTION else experiment.main
     out = out_dir or Path("report") / f"{spec['experiment']}-{spec['nodes']}"
-    ctx.exit(experiment.main(LabSpec(**spec), duration_s, out, Output(settings(ctx)), strict=strict))
+    ctx.exit(conduct(LabSpec(**spec), duration_s, out, Output(settings(ctx)), strict=strict))
 
 
 @cmd.command(nodes=Nodes.NONE)
@@ -103,7 +115,7 @@ def report(ctx: click.Context, folder: Path, markdown: bool, strict: bool) -> No
 
 
 @cmd.command(nodes=Nodes.NONE)
-@_swarm_options
+@_swarm_options(EXPERIMENTS)
 @click.option("--detach", is_flag=True, help="Return when the swarm is up; `lab down` ends it.")
 @click.pass_context
 def up(ctx: click.Context, /, detach: bool, **spec: Any) -> None:

@@ -65,6 +65,19 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     prepare(out_dir)
     here = host.describe()
     started_utc_ns = time.time_ns()
+    running, course = conduct(spec, duration_s, out_dir, out)
+    command = command_line.run_command(spec, duration_s, out_dir)
+    metadata = _metadata(running, spec, course, started_utc_ns, here, command)
+    (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
+    _merge_logs(out_dir, spec.experiment, out)
+    return report(out_dir, out, strict=strict)
+
+
+def conduct(spec: LabSpec, duration_s: float, out_dir: Path, out: Output) -> tuple[RunningLab, MissionRun]:
+    """Starts a lab, conducts its mission, ends it, and keeps its logs in the folder.
+
+    Raises: SwarmError when the swarm does not come up.
+    """
     running = RunningLab(provisioning.make(spec))
     running.log_of = lambda node: out_dir / _log_of(node)
     try:
@@ -78,11 +91,7 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
             provisioning.remove(lab)
     if forced:
         out.warn(f"{forced} processes did not end in time and were killed; their logs may lack the end")
-    command = command_line.run_command(spec, duration_s, out_dir)
-    metadata = _metadata(running, spec, course, started_utc_ns, here, command)
-    (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
-    _merge_logs(out_dir, spec.experiment, out)
-    return report(out_dir, out, strict=strict)
+    return running, course
 
 
 def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:

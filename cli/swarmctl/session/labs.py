@@ -25,6 +25,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     """One node of a lab."""
 
     platform: str
+    """Platform, with the unit of a computer that is not `main`: `uav1.fc`."""
     kind: PlatformKind
     folder: str
     """Folder with all files of this node except its shared memory."""
@@ -99,6 +100,8 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     ready_s: float = 0.0
     """Time from the first start of a process until the ground station had all trees; 0: not yet."""
     nodes: tuple[LabNode, ...]
+    unit_delay_ms: tuple[float, ...] = ()
+    """Shortest and longest simulated delay between the computers of a vehicle; empty: none."""
 
     def node(self, platform: str) -> LabNode:
         """The node of that platform.

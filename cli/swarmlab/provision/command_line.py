@@ -17,6 +17,8 @@ def run_command(spec: LabSpec, duration_s: float, out_dir: Path) -> str:
         words += ["--name", spec.name]
     if spec.per_daemon is not None:
         words += ["--per-daemon", spec.per_daemon]
+    if spec.units is not None:
+        words += ["--units", spec.units]
     if spec.mongodb_uri:
         words += ["--mongodb", without_password(spec.mongodb_uri)]
     return shlex.join([*words, "--duration", f"{duration_s:g}", "--out", str(out_dir)])

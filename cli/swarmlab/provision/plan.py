@@ -75,15 +75,33 @@ def per_daemon(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]
     """
     if spec is None:
         return frozenset()
-    known = {member.platform for member in who}
+    return _named("--per-daemon", spec, {member.platform for member in who})
+
+
+def _named(option: str, spec: str, known: set[str]) -> frozenset[str]:
     if spec in {"", "all"}:
         return frozenset(known)
     named = {name.strip() for name in spec.split(",") if name.strip()}
     if unknown := sorted(named - known):
         raise InvalidInput(
-            f"--per-daemon {unknown[0]}: no such node; expected some of {', '.join(sorted(known))}"
+            f"{option} {unknown[0]}: no such node; expected some of {', '.join(sorted(known))}"
         )
     return frozenset(named)
+
+
+UNITS: Final = ("main", "nav", "fc")
+"""Computers of a distributed vehicle: mission; estimator and controller; devices and motors."""
+
+
+def distributed(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]:
+    """Vehicles whose services are distributed over several computers: none, `all`, or those named.
+
+    Raises: InvalidInput when a name is not a vehicle of the lab.
+    """
+    if spec is None:
+        return frozenset()
+    known = {member.platform for member in who if member.kind is not PlatformKind.GCS}
+    return _named("--units", spec, known)
 
 
 def start_order(platforms: Sequence[str], seed: int) -> list[str]:

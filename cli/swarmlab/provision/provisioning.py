@@ -19,6 +19,7 @@ from swarmlab.provision import plan
 from swarmlab.provision.plan import PlannedNode
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
 from swarmware.model import paths
+from swarmware.model.names import MAIN, Address
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.security.root import make_swarm
 
@@ -34,6 +35,14 @@ ENDING: Final = "ending"
 STATION: Final = ("broker", "tree", "register", "timesync", "health", "guard", "mission", "logger", "hal")
 """A ground station has neither simulation nor control nor navigator."""
 VEHICLE: Final = (*STATION, "sim", "control", "navigator")
+BASIS: Final = ("broker", "tree", "register", "timesync", "health", "guard", "logger")
+"""Services of each computer of a vehicle that has several."""
+OF_UNIT: Final = {
+    "main": (*BASIS, "mission"),
+    "nav": (*BASIS, *(name for name in VEHICLE if name not in {*STATION, "sim"})),
+    "fc": (*BASIS, "hal", "sim"),
+}
+"""Services of the computers of a vehicle: mission; estimator and controller; devices and motors."""
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
 """Radius of the sphere around a vehicle: configured in the simulation, used by the report."""
 LIDAR: Final = "ugv1"
@@ -54,6 +63,10 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     net: str = "loopback"
     per_daemon: str | None = None
     """None: one process per node; `all` or names: one per daemon on those."""
+    units: str | None = None
+    """None: a computer for each vehicle; `all` or names: three computers for those."""
+    unit_delay_ms: tuple[float, ...] = ()
+    """Shortest and longest simulated delay between the computers of a vehicle."""
     mongodb_uri: str = ""
 
 
@@ -66,6 +79,7 @@ def make(spec: LabSpec) -> LabState:
         raise InvalidInput(f"--net {spec.net}: unknown; expected one of {', '.join(NETS)}")
     who = plan.members(spec.nodes, spec.seed, spec.usv)
     separate = plan.per_daemon(spec.per_daemon, who)
+    distributed = plan.distributed(spec.units, who)
     folder = _claim(spec)
     try:
         lab = LabState(
@@ -80,7 +94,12 @@ def make(spec: LabSpec) -> LabState:
             udp_port=_free_port(),
             mongodb_uri=spec.mongodb_uri,
             mongodb_database=f"swarm_{folder.name}" if spec.mongodb_uri else "",
-            nodes=tuple(_node(folder, member, member.platform in separate) for member in who),
+            nodes=tuple(
+                _node(folder, member, unit, member.platform in separate)
+                for member in who
+                for unit in (plan.UNITS if member.platform in distributed else (MAIN,))
+            ),
+            unit_delay_ms=spec.unit_delay_ms,
         )
         labs.save(lab)
         keys = folder / "keys"
@@ -88,6 +107,7 @@ def make(spec: LabSpec) -> LabState:
         make_swarm(keys, roles, lab.name)
         for node in lab.nodes:
             _write(lab, node, keys)
+        shutil.rmtree(keys)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -149,12 +169,13 @@ def _remove_dead_lab(folder: Path) -> None:
         remove(lab)
 
 
-def _node(folder: Path, member: PlannedNode, separate: bool) -> LabNode:
+def _node(folder: Path, member: PlannedNode, unit: str, separate: bool) -> LabNode:
+    name = str(Address(member.platform, unit))
     return LabNode(
-        platform=member.platform,
+        platform=name,
         kind=member.kind,
-        folder=str(folder / "n" / member.platform),
-        shm_dir=str(SHM / f"swarm-{os.getuid()}-{_alias(folder)}-{member.platform}"),
+        folder=str(folder / "n" / name),
+        shm_dir=str(SHM / f"swarm-{os.getuid()}-{_alias(folder)}-{name}"),
         processes="per-daemon" if separate else "one",
         offset_s=member.offset_s,
         drift_ppm=member.drift_ppm,
@@ -174,14 +195,16 @@ def _write(lab: LabState, node: LabNode, keys: Path) -> None:
         directory.mkdir(mode=0o700, parents=True)
     shutil.rmtree(node.shm_dir, ignore_errors=True)
     Path(node.shm_dir).mkdir(mode=0o700)
-    shutil.move(keys / node.platform, node.keys_dir)
+    address = Address.parse(node.platform)
+    shutil.copytree(keys / address.platform, node.keys_dir)
     _toml(
         node.config_dir / "node.toml",
         {
-            "platform": node.platform,
+            "platform": address.platform,
+            "unit": address.unit,
             "kind": node.kind,
             "template": TEMPLATES[node.kind],
-            "services": list(STATION if node.kind == PlatformKind.GCS else VEHICLE),
+            "services": list(_names(lab, node)),
             "processes": node.processes,
             "run_dir": str(node.run_dir),
             "shm_dir": node.shm_dir,
@@ -194,6 +217,17 @@ def _write(lab: LabState, node: LabNode, keys: Path) -> None:
         _toml(paths.service_config(node.config_dir, name), settings)
 
 
+def _names(lab: LabState, node: LabNode) -> tuple[str, ...]:
+    """Names of the services of a node."""
+    if node.kind == PlatformKind.GCS:
+        return STATION
+    address = Address.parse(node.platform)
+    several = any(
+        Address.parse(other.platform).platform == address.platform for other in lab.nodes if other != node
+    )
+    return OF_UNIT[address.unit] if several else VEHICLE
+
+
 def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
     settings: dict[str, dict[str, Any]] = {
         "broker": {
@@ -203,6 +237,8 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
             "udp_port": lab.udp_port,
         },
     }
+    if lab.unit_delay_ms:
+        settings["broker"]["unit_delay_ms"] = list(lab.unit_delay_ms)
     if node.kind != PlatformKind.GCS:
         settings["sim"] = {
             "world": lab.experiment,

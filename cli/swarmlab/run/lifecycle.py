@@ -22,6 +22,7 @@ from swarmlab.run.capacity import Capacity
 from swarmlab.run.running import RunningLab
 from swarmlab.run.watch import SwarmWatch
 from swarmware.errors import NoAnswer
+from swarmware.model.names import platform_of
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.appfile import table
 
@@ -101,7 +102,8 @@ async def bring_up(running: RunningLab, out: Output) -> float:
         if rest := order[capacity.first :]:
             await capacity.measure(running.state, capacity.first)
             await running.start(rest, UP_S)
-    vehicles = [node.platform for node in lab.nodes if node.kind != PlatformKind.GCS]
+    names = (node.platform for node in lab.nodes if node.kind != PlatformKind.GCS)
+    vehicles = list(dict.fromkeys(map(platform_of, names)))
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
         async with connect(station_settings(lab)) as session:
             watch = SwarmWatch.open(session)

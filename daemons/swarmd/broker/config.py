@@ -4,9 +4,12 @@ from typing import Annotated
 
 import msgspec
 
+from swarmware.errors import InvalidInput
+
 Port = Annotated[int, msgspec.Meta(ge=0, le=65_535)]
 GroupPort = Annotated[int, msgspec.Meta(ge=1, le=65_535)]
 Platform = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
+Delay = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 Seed = Annotated[str, msgspec.Meta(pattern=r"^[^\s:]+:[0-9]{1,5}$")]
 
 
@@ -34,7 +37,16 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     otherwise 2 Hz. Each rate is lower where the channel is congested."""
     link_timeout_s: Annotated[float, msgspec.Meta(ge=0.2, le=60)] = 1.0
     """Silence after which the link to a neighbour is down; 2.5 of its beacon periods where that is longer."""
+    unit_delay_ms: tuple[Delay, ...] = ()
+    """Simulated delay of the frames of other units of this platform, for the lab: its shortest and longest
+    value; empty: none."""
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
     """Budget for relaying boards of other nodes, in bytes per second."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
     """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is lost."""
+
+    def __post_init__(self) -> None:
+        delays = self.unit_delay_ms
+        if delays and (len(delays) != 2 or delays[0] > delays[1]):
+            found = ", ".join(f"{delay:g}" for delay in delays)
+            raise InvalidInput(f"unit_delay_ms: {found}; expected two values, the shorter one first")

@@ -4,6 +4,7 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Final
 
 from swarmd.broker.config import Config
@@ -17,6 +18,7 @@ from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.pair_seal import PairEnd
+from swarmd.broker.links.unit_delay import UnitDelay
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access, Verb
@@ -62,6 +64,7 @@ class FrameGateway:
         self._on_roster_actions = on_roster_actions
         self._keys = keys
         self._table = table
+        self._delay = UnitDelay(*config.unit_delay_ms) if config.unit_delay_ms else None
         self._access_filter = AccessFilter(
             core.identity.platform, None if keys.roster is None else keys.roster.roles(), access
         )
@@ -290,6 +293,13 @@ class FrameGateway:
         self._onward(frame, decision, None, relayed=True)
 
     def _deliver(self, arrival: AuthenticatedFrame) -> None:
+        sender_hw, identity = arrival.frame.sender_hw, self._core.identity
+        if self._delay is not None and self._core.nodes.platform(sender_hw) == identity.platform:
+            self._delay.hold(partial(self._deliver_now, arrival))
+        else:
+            self._deliver_now(arrival)
+
+    def _deliver_now(self, arrival: AuthenticatedFrame) -> None:
         frame = arrival.frame
         if self._is_late(frame, arrival.arrived_ns) or not self._may_pass(arrival):
             return
@@ -484,5 +494,7 @@ class FrameGateway:
 
     def close(self) -> None:
         """Close all connections to neighbours."""
+        if self._delay is not None:
+            self._delay.close()
         self.datagrams.close()
         self.links.close()

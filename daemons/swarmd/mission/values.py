@@ -7,7 +7,7 @@ import msgspec
 
 from swarmware.errors import NotFound
 from swarmware.mission.condition import Scalar, scalar_of
-from swarmware.model.names import split
+from swarmware.model.names import has_unit_branch, split
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.types import registry
@@ -32,6 +32,8 @@ class Values:
     def __init__(self, module: Module) -> None:
         self._module = module
         self._readers: dict[str, BoardReader[Any]] = {}
+        # before the first order: a value of another computer of this platform arrives after its subscription
+        self.open(path for path in WELL_KNOWN if not has_unit_branch(path))
 
     def open(self, paths: Iterable[str]) -> None:
         """Opens readers for these resources; one of unknown type has no value."""

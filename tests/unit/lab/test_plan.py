@@ -54,3 +54,13 @@ def test_a_process_for_each_service_on_any_of_the_nodes() -> None:
     assert plan.per_daemon("uav1, gcs", who) == {"uav1", "gcs"}
     with pytest.raises(InvalidInput, match="usv9"):
         plan.per_daemon("uav1,usv9", who)
+
+
+def test_only_vehicles_are_distributed_over_computers() -> None:
+    who = plan.members(4, 1)
+    assert plan.distributed(None, who) == frozenset()
+    assert plan.distributed("all", who) == {"ugv1", "uav1", "uav2"}
+    assert plan.distributed("uav2", who) == {"uav2"}
+    for wrong in ("gcs", "uav7"):
+        with pytest.raises(InvalidInput, match=f"--units {wrong}"):
+            plan.distributed(wrong, who)
