@@ -87,10 +87,16 @@ def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: 
     Example: swarmctl lab run formation --nodes 16 --json
     """
     from swarmctl.terminal.output import Output
-    from swarmlab import distribution, experiment
+    from swarmlab import experiment
+    from swarmlab.provision import prerequisites
     from swarmlab.provision.provisioning import LabSpec
 
-    conduct = distribution.main if spec["experiment"] == DISTRIBUTION else experiment.main
+    conduct = experiment.main
+    if spec["experiment"] == DISTRIBUTION:
+        prerequisites.require_modules("lab run", prerequisites.REPORT)
+        from swarmlab import distribution
+
+        conduct = distribution.main
     out = out_dir or Path("report") / f"{spec['experiment']}-{spec['nodes']}"
     ctx.exit(conduct(LabSpec(**spec), duration_s, out, Output(settings(ctx)), strict=strict))
 

@@ -14,12 +14,15 @@ EXTRA = ("bson", "jsonschema", "matplotlib", "numpy", "pyarrow", "pymongo")
 BLOCK = f"import sys; sys.modules.update(dict.fromkeys({EXTRA!r}))\n"
 """None in `sys.modules` makes an import fail as it does where the module is not installed."""
 REPORT = (
+    "distribution",
     "measure.formation_error",
+    "measure.path_difference",
     "measure.recording",
     "measure.tracks",
     "measure.traffic_totals",
     "report.analysis",
     "report.charts",
+    "report.difference_plot",
     "report.flight_map",
     "report.page",
     "report.plot_data",

@@ -1,5 +1,6 @@
 """A vehicle of a lab on three computers: each has its services, and all have the keys of the platform."""
 
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -11,9 +12,11 @@ from swarmware.model.config import NodeConfig, load_node
 
 
 def test_the_services_of_a_distributed_vehicle_are_those_of_a_whole_one_each_on_one_computer(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
-    monkeypatch.setenv("SWARMCTL_LABS", str(tmp_path))
+    folder = tempfile.TemporaryDirectory()  # a socket's path has 107 bytes
+    request.addfinalizer(folder.cleanup)
+    monkeypatch.setenv("SWARMCTL_LABS", folder.name)
     spec = LabSpec(
         experiment="formation", nodes=3, seed=1, name="units", units="uav1", unit_delay_ms=(2.0, 8.0)
     )

@@ -16,11 +16,11 @@ class UnitDelay:
         self._held: deque[Callable[[], None]] = deque()
         self._timers: deque[asyncio.TimerHandle] = deque()
 
-    def hold(self, deliver: Callable[[], None]) -> None:
-        """Call `deliver` when the delay of this frame is over."""
+    def hold(self, release: Callable[[], None]) -> None:
+        """Call `release` when the delay of this frame is over."""
         loop = asyncio.get_running_loop()
         self._due_s = max(self._due_s, loop.time() + self._random.uniform(*self._limits_s))
-        self._held.append(deliver)
+        self._held.append(release)
         self._timers.append(loop.call_at(self._due_s, self._release))
 
     def _release(self) -> None:
