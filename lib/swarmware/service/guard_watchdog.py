@@ -79,7 +79,8 @@ class GuardWatchdog:
     async def _wait(self, timeout_s: float | None) -> None:
         self._changed.clear()
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._changed.wait(), timeout_s)
+            async with asyncio.timeout(timeout_s):  # wait_for of Python 3.11 can lose a cancellation
+                await self._changed.wait()
 
     def _start(self) -> None:
         try:
