@@ -101,6 +101,7 @@ def test_json_has_names_also_for_what_goes_over_the_wire_as_arrays() -> None:
                     "hops": 1,
                     "tree_version": 0,
                     "since_ns": "5",
+                    "unit": "main",
                 }
             ]
         },
