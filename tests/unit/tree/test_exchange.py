@@ -220,6 +220,7 @@ def test_a_lost_platform_whose_values_are_kept_is_not_forgotten() -> None:
     both.meet()
     both.carry()
     assert both.trees["uav1"].subscribers.offers()[0].min_interval_ms == 1000
+    assert [(want.platform, want.path) for want in gcs.replicas.wants()] == [("uav1", "nav/pose")]
     gcs.on_gone("uav1", 0)
     gcs.on_timer(10_000 * S)
     replica = gcs.replicas.get("uav1")

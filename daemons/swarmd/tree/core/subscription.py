@@ -112,7 +112,11 @@ class LocalSubscriptions:
         """Patterns for the resources of its platform, whichever computer provides them."""
         if address.platform == self._own.platform:
             return frozenset(path for path in self._own_paths if not self._holds(path))
-        return self._matching(lambda text: _nodes(text).matches(address.platform))
+        return self._read_at(address.platform) | frozenset(self.keep)
+
+    def _read_at(self, platform: str) -> frozenset[str]:
+        """Patterns of this node's applications for the resources of another platform."""
+        return self._matching(lambda text: _nodes(text).matches(platform))
 
     def of_computer(self, address: Address) -> frozenset[str]:
         """Patterns for the resources of exactly this computer."""
@@ -126,9 +130,10 @@ class LocalSubscriptions:
 
     def of(self, address: Address) -> Subscription:
         """The subscription at one node."""
-        found = self.of_platform(address) | self.of_computer(address)
         if address.platform == self._own.platform:
+            found = self.of_platform(address) | self.of_computer(address)
             return make_subscription(found, self._rules if found else ())
+        found = self._read_at(address.platform) | self.of_computer(address)
         kept = [path for path in self.keep if not any(pattern(text).matches(path) for text in found)]
         found |= frozenset(kept)
         slow = tuple(Rule(path, min_interval_s=KEEP_S) for path in kept)
