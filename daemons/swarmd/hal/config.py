@@ -1,6 +1,6 @@
 """Settings of the hardware abstraction (services/hal.toml)."""
 
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
@@ -13,6 +13,11 @@ RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
 """Rate at rest; `max_age_s` in the templates is three of its periods."""
 Gain = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=3600)]
+SpiSpeed = Annotated[int, msgspec.Meta(ge=1000, le=50_000_000)]
+PulseWidth = Annotated[float, msgspec.Meta(ge=0, le=3000)]
+RegisterBusName = Literal["i2c", "spi"]
+Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+VescQuantity = Literal["duty", "current", "speed"]
 
 
 class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -123,6 +128,105 @@ class AdcDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Inputs that are published."""
 
 
+class Bmp280Driver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `bmp280`: a barometer BMP280 or BME280."""
+
+    bus: RegisterBusName = "i2c"
+    """i2c or spi: the bus of the chip."""
+    device: str = "/dev/i2c-1"
+    """Device file of the bus: `/dev/i2c-1`, `/dev/spidev0.0`."""
+    address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x76
+    """Address on I2C: 0x76, or 0x77 when the pin SDO is high."""
+    speed_hz: SpiSpeed = 1_000_000
+    """Clock of SPI."""
+    rate_hz: Annotated[float, msgspec.Meta(gt=0, le=23)] = 10.0
+    """Rate at which it is read; the chip measures 23 times a second."""
+    path: str = "sensor/barometer"
+    """Board of the measurements."""
+
+
+class InvensenseDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `invensense`: an inertial unit MPU-6000, -6050, -6500, -9250, ICM-20602 or -20608."""
+
+    bus: RegisterBusName = "spi"
+    """i2c or spi: the bus of the chip."""
+    device: str = "/dev/spidev0.0"
+    """Device file of the bus."""
+    address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x68
+    """Address on I2C: 0x68, or 0x69 when the pin AD0 is high."""
+    speed_hz: SpiSpeed = 1_000_000
+    """Clock of SPI; the registers allow 1 MHz at most in the oldest of these chips."""
+    rate_hz: Rate = 100.0
+    """Rate at which it is read."""
+    axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
+    """Axes of the chip that point forward, left and up, each with `-` when it points against it."""
+    path: str = "sensor/imu"
+    """Board of the measurements."""
+
+
+class ServoOutput(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One output of pulses: a servo, or a motor controller."""
+
+    channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
+    """Number of the channel of the chip."""
+    path: str
+    """Board of the set-points, -1 to 1."""
+    center_us: PulseWidth = 1500.0
+    """Width of the pulses for the set-point 0."""
+    range_us: Annotated[float, msgspec.Meta(ge=-1500, le=1500)] = 500.0
+    """Change of the width for the set-point 1; negative: the other direction."""
+    safe_us: PulseWidth = 1500.0
+    """Width without a fresh set-point; 0: no pulses."""
+    needs_arming: bool = False
+    """Whether the output is safe while the vehicle is disarmed: a motor, not a rudder."""
+
+
+class ServoDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `servo`: outputs of pulses by the PWM of Linux."""
+
+    device: str = "/sys/class/pwm/pwmchip0"
+    """Folder of the chip."""
+    rate_hz: Annotated[float, msgspec.Meta(ge=10, le=400)] = 50.0
+    """Pulses a second of all outputs; analogue servos take 50."""
+    watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
+    """Age of a set-point above which its output is safe."""
+    outputs: tuple[ServoOutput, ...] = ()
+    """Outputs that are driven."""
+
+
+class VescMotor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One motor behind a VESC controller."""
+
+    controller: Annotated[int, msgspec.Meta(ge=0, le=254)]
+    """Number of the controller on the bus."""
+    path: str
+    """Board of the set-points, -1 to 1."""
+    state_path: str
+    """Board of its state."""
+    quantity: VescQuantity = "duty"
+    """What a set-point means: duty (part of the voltage), current (A) or speed (electrical revolutions a
+    minute)."""
+    full_scale: Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)] = 0.5
+    """Value for the set-point 1, in the unit of the quantity; negative: the other direction."""
+    needs_arming: bool = True
+    """Whether the motor gets no current while the vehicle is disarmed."""
+
+
+class VescDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `vesc`: motor controllers on a CAN bus; needs the extra `can`."""
+
+    interface: str = "socketcan"
+    """Kind of the interface, a name of python-can: socketcan, slcan, virtual."""
+    device: str = "can0"
+    """Name of the interface, as `ip link` prints it; its bit rate is set there."""
+    rate_hz: Rate = 50.0
+    """Commands a second to each motor."""
+    watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
+    """Age of a set-point above which its motor gets no current."""
+    motors: tuple[VescMotor, ...] = ()
+    """Motors that are driven."""
+
+
 class RecognitionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Recognition of devices that are plugged in (S4.30)."""
 
@@ -140,7 +244,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """The drivers of the platform, and their parameters."""
 
     drivers: tuple[str, ...] = ("sim", "system")
-    """Names of drivers: sim, system, replay, nmea, serial_chassis, adc, or those of installed packages."""
+    """Names of drivers, built-in (`devices.md` lists them) or of installed packages."""
     retry_s: Seconds = 2.0
     """Pause before a device is opened again."""
     failures: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 10
@@ -154,6 +258,10 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     nmea: NmeaDriver = NmeaDriver()
     serial_chassis: SerialChassisDriver = SerialChassisDriver()
     adc: AdcDriver = AdcDriver()
+    bmp280: Bmp280Driver = Bmp280Driver()
+    invensense: InvensenseDriver = InvensenseDriver()
+    servo: ServoDriver = ServoDriver()
+    vesc: VescDriver = VescDriver()
     recognise: tuple[RecognitionRule, ...] = ()
     """Rules for devices that are plugged in; the first that fits decides."""
     plugins: dict[str, dict[str, Any]] = {}

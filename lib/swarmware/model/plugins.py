@@ -15,7 +15,18 @@ SERVICE_GROUP: Final = "swarmware.services"
 DRIVER_GROUP: Final = "swarmware.drivers"
 BLOCK_GROUP: Final = "swarmware.blocks"
 
-OWN_DRIVERS: Final = ("adc", "nmea", "replay", "serial_chassis", "sim", "system")
+OWN_DRIVERS: Final = (
+    "adc",
+    "bmp280",
+    "invensense",
+    "nmea",
+    "replay",
+    "serial_chassis",
+    "servo",
+    "sim",
+    "system",
+    "vesc",
+)
 """Drivers of the daemon hal itself, whose names no plug-in can have."""
 
 _OWN: Final = "swarmd."

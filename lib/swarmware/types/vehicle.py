@@ -197,6 +197,31 @@ class Imu(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class Barometer(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Air pressure, and the temperature of the sensor."""
+
+    pressure_pa: Finite
+    """Pressure at the vehicle, not reduced to sea level."""
+    temperature_degc: Finite
+
+
+@register
+class MotorControllerState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """State of one motor, as its controller measures it."""
+
+    speed_erpm: Finite
+    """Electrical revolutions a minute: those of the shaft times the pairs of poles."""
+    current_a: Finite
+    """Current of the motor; negative: it brakes."""
+    duty_ratio: Finite
+    """Part of the voltage of the battery, -1 to 1."""
+    voltage_v: Finite | None = None
+    """Voltage of the battery at the controller."""
+    temperature_degc: Finite | None = None
+    """Temperature of the power electronics."""
+
+
+@register
 class Range(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """A scan of distances, or one (a sonar)."""
 

@@ -43,7 +43,7 @@ async def test_channels_are_published_and_a_lost_converter_is_waited_for(
         assert await other.reader("power/main", Float).changed(20.0) == Float(22.0)
         assert await other.reader("sensor/smoke", Float).changed(20.0) == Float(0.2)
         folder.rename(tmp_path / "away")
-        assert "No such file" in (await status(board, "adc", state="waiting")).note
+        assert "no such device" in (await status(board, "adc", state="waiting")).note
         (tmp_path / "away").rename(folder)
         await status(board, "adc", state="running")
 

@@ -105,7 +105,7 @@ async def test_an_unplugged_chassis_is_a_fault_and_is_reopened_when_it_is_back(t
     config = Config(**RETRY, serial_chassis=SerialChassisDriver(device=str(firmware.link)))  # type: ignore[arg-type]
     async with running(tmp_path, [SerialChassis(config)], config) as other:
         board = other.reader("hal/drivers", DriverTable)
-        assert "No such file" in (await status(board, "serial_chassis", state="waiting")).note
+        assert "no such device" in (await status(board, "serial_chassis", state="waiting")).note
         firmware.plug()
         await status(board, "serial_chassis", state="running")
         firmware.unplug()

@@ -7,6 +7,7 @@ import termios
 from collections.abc import Callable
 from typing import Final
 
+from swarmd.hal.buses.bus import Bus, opening_error
 from swarmd.hal.driver import DeviceError, DeviceGone
 
 _BAUDS: Final = {
@@ -31,10 +32,10 @@ BAUDS: Final = tuple(_BAUDS)
 _READ_BYTES: Final = 4096
 
 
-class SerialLine:
+class SerialLine(Bus):
     """An open serial line, eight data bits, no parity, one stop bit, for this process alone.
 
-    Raises: DeviceError when another process has it, or its rate is unknown; OSError when it is not there.
+    Raises: DeviceError when another process has it, or its rate is unknown; DeviceGone when it is not there.
     """
 
     def __init__(self, path: str, baud: int, on_bytes: Callable[[bytes], None]) -> None:
@@ -45,7 +46,10 @@ class SerialLine:
         """Writes that the line could not take, because it is slower or its other end does not read."""
         self._on_bytes = on_bytes
         self._lost = ""
-        self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            raise opening_error(path, error) from error
         try:
             self._prepare(baud)
         except BaseException:

@@ -1,10 +1,9 @@
 """Driver of analogue inputs: the kernel's industrial I/O, whatever bus the converter is on."""
 
-from pathlib import Path
-
 from swarmd.hal.blocking import BlockingSensor
+from swarmd.hal.buses.iio import IioDevice
 from swarmd.hal.config import AdcDriver, Config
-from swarmd.hal.driver import Device, DeviceError, Site
+from swarmd.hal.driver import Device, Site
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
@@ -18,12 +17,13 @@ class AnalogueInputs(BlockingSensor[list[float]]):
     def __init__(self, config: AdcDriver) -> None:
         self.period_s = 1 / config.rate_hz
         self._config = config
+        self._converter = IioDevice(config.device)
         self._module: Module | None = None
         self._writers: list[BoardWriter[Float]] = []
 
     async def open(self, module: Module) -> None:
-        """Opens a board for each channel. Raises: OSError, DeviceError as `measure`."""
-        self.measure()
+        """Opens a board for each channel. Raises: DeviceError as `measure`."""
+        await super().open(module)
         self._module = module
         rate_hz = self._config.rate_hz
         for channel in self._config.channels:
@@ -31,16 +31,13 @@ class AnalogueInputs(BlockingSensor[list[float]]):
                 module.writer(channel.path, Float, unit=channel.unit, rate_hz=rate_hz, link="request")
             )
 
+    def connect(self) -> None:
+        """Reads all channels once, so that a missing one is an error of the opening."""
+        self.measure()
+
     def measure(self) -> list[float]:
-        """The values of all channels, in their units. Raises: OSError; DeviceError without a number."""
-        folder = Path(self._config.device)
-        return [
-            (_number(folder / f"in_voltage{one.channel}_raw") + _offset(folder, one.channel))
-            * _scale(folder, one.channel)
-            / 1000
-            * one.per_volt
-            for one in self._config.channels
-        ]
+        """The values of all channels, in their units. Raises: DeviceGone; DeviceError without a number."""
+        return [self._converter.voltage_v(one.channel) * one.per_volt for one in self._config.channels]
 
     def publish(self, value: list[float], now_ns: int) -> bool:
         """Writes the boards of all channels."""
@@ -55,27 +52,6 @@ class AnalogueInputs(BlockingSensor[list[float]]):
             if self._module is not None:
                 self._module.close_writer(writer)
         self._writers.clear()
-
-
-def _number(file: Path) -> float:
-    text = file.read_text("ascii", "replace").strip()
-    try:
-        return float(text)
-    except ValueError:
-        raise DeviceError(f"{file}: {text[:20]!r}, expected a number") from None
-
-
-def _scale(folder: Path, channel: int) -> float:
-    """Millivolts of one step. Source: Linux, ABI/testing/sysfs-bus-iio."""
-    own = folder / f"in_voltage{channel}_scale"
-    return _number(own if own.exists() else folder / "in_voltage_scale")
-
-
-def _offset(folder: Path, channel: int) -> float:
-    for file in (folder / f"in_voltage{channel}_offset", folder / "in_voltage_offset"):
-        if file.exists():
-            return _number(file)
-    return 0.0
 
 
 def make(config: Config, site: Site) -> list[Device]:

@@ -1,0 +1,55 @@
+"""Channels of pulse-width modulation of the kernel, as files below `/sys/class/pwm`."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+from swarmd.hal.buses.bus import Bus, opening_error, transfer_error
+from swarmd.hal.driver import DeviceError
+
+_US: Final = 1000
+"""Nanoseconds, in which the kernel counts, of one microsecond."""
+
+
+class PwmChannel(Bus):
+    """One output of a chip such as `/sys/class/pwm/pwmchip0`; its pulses begin with the first width.
+
+    Source: Linux, Documentation/ABI/testing/sysfs-class-pwm.
+    """
+
+    def __init__(self, chip: str, channel: int, period_s: float) -> None:
+        self._folder = Path(chip) / f"pwm{channel}"
+        self.path = str(self._folder)
+        self._period_ns = round(period_s * 1e9)
+        self._duty = -1
+        self._on = False
+        try:
+            if not self._folder.exists():
+                (Path(chip) / "export").write_text(f"{channel}\n", "ascii")
+            # a former period may be shorter than a former width: off first
+            self._write("duty_cycle", 0)
+            self._write("period", self._period_ns)
+            self._duty = os.open(self._folder / "duty_cycle", os.O_WRONLY | os.O_CLOEXEC)
+        except OSError as error:
+            raise opening_error(self.path, error) from error
+
+    def _write(self, name: str, value: int) -> None:
+        (self._folder / name).write_text(f"{value}\n", "ascii")
+
+    def set_pulse(self, width_us: float) -> None:
+        """Sets the width of the pulses; zero: no pulses. Raises: DeviceError."""
+        if not 0 <= width_us * _US <= self._period_ns:
+            raise DeviceError(f"{self.path}: pulse of {width_us:g} µs, expected at most one period")
+        try:
+            os.pwrite(self._duty, f"{round(width_us * _US)}\n".encode("ascii"), 0)
+            if (width_us > 0) != self._on:
+                self._write("enable", int(width_us > 0))
+                self._on = width_us > 0
+        except OSError as error:
+            raise transfer_error(self.path, error) from error
+
+    def close(self) -> None:
+        """Closes the channel, whose pulses continue at the last width: a motor must not lose them."""
+        if self._duty >= 0:
+            os.close(self._duty)
+            self._duty = -1
