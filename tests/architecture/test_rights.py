@@ -64,6 +64,7 @@ SERVED = {
     # what stops services, limits links, changes members
     "sys/broker/roster": MAINTAINER,
     "sys/register/forget": MAINTAINER,
+    "sys/tree/denied": MAINTAINER,
     "sys/tree/forget": MAINTAINER,
     "sys/broker/set_channel": MAINTAINER,
     "sys/guard/restart": MAINTAINER,
@@ -78,7 +79,7 @@ DOORS = {
     "serve_requests": {"lib/swarmware/module/module.py"},
     "_message_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
     "_request_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
-    "deliver": {"daemons/swarmd/broker/frame_gateway.py"},
+    "deliver": {"daemons/swarmd/broker/frame_delivery.py"},
     "with_sender": {
         "daemons/swarmd/broker/core/admission/access_filter.py",
         "lib/swarmware/transport/messaging/endpoint.py",

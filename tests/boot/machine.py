@@ -15,6 +15,7 @@ ROOT: Final = Path(__file__).parents[2]
 SUITE: Final = "bookworm"
 PACKAGES: Final = (
     *("systemd", "systemd-sysv", "dbus", "polkitd", "python3", "python3-venv", "nftables"),
+    *("openssh-server", "openssh-client"),
     "libpam-systemd",  # debootstrap does not find the virtual package on which polkitd depends
 )
 BOOT_S: Final = 30.0

@@ -11,7 +11,9 @@ from swarmware.model.access import Role, Sender, Verb
 from swarmware.model.access_rules import AccessRules
 from swarmware.model.acl import FILE
 from swarmware.transport.delivery.sender import Caller
-from swarmware.transport.messaging.callers import LOG_NS, Callers
+from swarmware.transport.messaging.callers import Callers
+from swarmware.transport.security.denials import REPORT_NS
+from swarmware.types.net import Denial
 
 NODE = Sender("uav2", Role.NODE)
 OTHER = 65534
@@ -139,10 +141,18 @@ def test_denied_users_are_counted_and_logged_once_a_second_with_their_number(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     callers = Callers(AccessRules(tmp_path), "uav1", 4242)
+    reports, second = list[Denial](), list[Denial]()
+    callers.add_listener(reports.append)
+    callers.add_listener(second.append)
     for step in range(1000):
         with pytest.raises(Denied):
-            callers.check(Caller("bob", Role.OBSERVER), "cmd/goto", step * LOG_NS // 500)
+            callers.check(Caller("bob", Role.OBSERVER), "cmd/goto", step * REPORT_NS // 500)
     assert callers.denied == 1000
+    assert [(one.platform, one.caller, one.path, one.count) for one in reports] == [
+        ("uav1", "bob", "cmd/goto", 1),
+        ("uav1", "bob", "cmd/goto", 500),
+    ]
+    assert second == []
     lines = [record.getMessage() for record in caplog.records]
     assert len(lines) == 2
     assert "bob@uav1 (observer) may not call it" in lines[0]

@@ -11,6 +11,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action
 from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
+from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
@@ -180,6 +181,7 @@ class BeaconTransport:
         exchange = self._core.exchange
         if exchange is not None and exchange.excludes(sender_hw):
             self._counters.refused.revoked += 1
+            self._send_to_revoked(exchange, data, address, rx_mono_ns)
             return
         if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
             self._counters.refused.flooded += 1
@@ -246,9 +248,28 @@ class BeaconTransport:
         hello = codec.decode(opened.body).hello
         if hello is not None and is_named(header.sender_hw, hello.name):
             now_ns = self._clock.now_ns()
-            late = exchange.on_late(header.sender_hw, hello.name, address[0], hello.tcp_port, now_ns)
+            late = exchange.on_late(
+                header.sender_hw, hello.name, hello.roster_version, address[0], hello.tcp_port, now_ns
+            )
             self._feed(list(late))
         return True
+
+    def _send_to_revoked(
+        self, exchange: RosterExchange, data: bytes, address: Address, rx_mono_ns: int
+    ) -> None:
+        """Lets a platform know that it was revoked while it was away, if it proves to be one that was a
+        member."""
+        sender_hw, now_ns = codec.sender_of(data), self._clock.now_ns()
+        if not exchange.is_offer_due(sender_hw, now_ns):
+            return
+        if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
+            return
+        try:
+            header, start = codec.decode_header(data)
+            if not self._take_late(header, data, start, address):
+                self._limiter.bad(address)
+        except WireError:
+            self._limiter.bad(address)
 
     def on_roster(self, change: RosterChange) -> None:
         """The keys have another roster, perhaps another group key, too."""

@@ -4,31 +4,29 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.admission.roster_exchange import RosterAction, SendRoster
 from swarmd.broker.core.broker import BrokerCore, LinkTarget
-from swarmd.broker.core.forwarding.end_to_end import AuthenticatedFrame, EndToEnd
+from swarmd.broker.core.forwarding.end_to_end import EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.traffic import FrameAccounts
+from swarmd.broker.frame_delivery import FrameDelivery
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.unit_delay import UnitDelay
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import ConfigError, Denied, WireError
-from swarmware.model.access import Access, Verb
+from swarmware.model.access import Access
 from swarmware.model.clock import Clock
 from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.delivery.answer import answerable, expired
-from swarmware.transport.delivery.outcome import ABSENT, Status
-from swarmware.transport.delivery.sender import sender_of
+from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.keys import Keys
@@ -63,17 +61,21 @@ class FrameGateway:
         """Raises: ConfigError when the port cannot be bound."""
         self._on_roster_actions = on_roster_actions
         self._keys = keys
-        self._table = table
-        self._delay = UnitDelay(*config.unit_delay_ms) if config.unit_delay_ms else None
-        self._access_filter = AccessFilter(
-            core.identity.platform, None if keys.roster is None else keys.roster.roles(), access
-        )
-        self._on_denial = on_denial
         self._clock = clock
         self._messaging = messaging
         self._core = core
         self._counters = core.counters
         self._accounts = FrameAccounts(core.counters, table)
+        self._delivery = FrameDelivery(
+            keys,
+            messaging,
+            table,
+            core,
+            self._accounts,
+            access,
+            on_denial,
+            UnitDelay(*config.unit_delay_ms) if config.unit_delay_ms else None,
+        )
         self._forwarder = core.forwarder
         self._end_to_end = EndToEnd(
             core.identity.hw, core.session, keys, core.nodes.platform, core.counters.refused
@@ -228,7 +230,7 @@ class FrameGateway:
 
     def on_roster(self, change: RosterChange) -> None:
         """The keys have another roster: roles, members, and connections of those who left."""
-        self._access_filter.set_roles(change.roster.roles())
+        self._delivery.set_roles(change.roster.roles())
         self.datagrams.on_roster()
         gone = {member.platform for member in change.gone}
         for hw in [hw for hw, (_, peer) in self._peers.items() if peer.platform in gone]:
@@ -279,10 +281,10 @@ class FrameGateway:
             for own in incoming.outgoing:
                 self._onward(own, self._forwarder.from_here(own, now_ns), None)
             for arrival in incoming.arrivals:
-                self._deliver(arrival)
+                self._delivery.on_arrival(arrival)
             if incoming.refusal:
-                path = self._path_of(frame.data_id) or ""
-                self._report_denial(user or "?", FORWARD, path, incoming.refusal, now_ns)
+                path = self._delivery.path_of(frame.data_id) or ""
+                self._delivery.report_denial(user or "?", FORWARD, path, incoming.refusal, now_ns)
             return
         if decision.step is ForwardStep.SEND:
             if self._messaging.expired(frame):
@@ -292,78 +294,8 @@ class FrameGateway:
             frame.extension = with_node(frame.extension, self._core.identity.hw)
         self._onward(frame, decision, None, relayed=True)
 
-    def _deliver(self, arrival: AuthenticatedFrame) -> None:
-        sender_hw, identity = arrival.frame.sender_hw, self._core.identity
-        if self._delay is not None and self._core.nodes.platform(sender_hw) == identity.platform:
-            self._delay.hold(partial(self._deliver_now, arrival))
-        else:
-            self._deliver_now(arrival)
-
-    def _deliver_now(self, arrival: AuthenticatedFrame) -> None:
-        frame = arrival.frame
-        if self._is_late(frame, arrival.arrived_ns) or not self._may_pass(arrival):
-            return
-        self._messaging.deliver(frame)
-        for channel, size in self._accounts.channels(frame):
-            channel.received(size)
-        if arrival.first:
-            self._counters.notifications += self._accounts.values(frame)
-            self._counters.requests += frame.kind is FrameKind.REPLY
-
-    def _is_late(self, frame: Frame, now_ns: int) -> bool:
-        """Whether a neighbour's message or request has expired; its sender has reported that."""
-        clock_ns = self._core.clock_bound_ns(frame.sender_hw, now_ns) if answerable(frame) else None
-        if clock_ns is None or not expired(frame, clock_ns):
-            return False
-        self._counters.refused.expired += 1
-        platform, path = self._core.nodes.platform(frame.sender_hw), self._path_of(frame.data_id) or ""
-        self._report_denial(
-            platform, Verb.CALL, path, f"{path}: of {platform}, arrived after its lifetime", now_ns
-        )
-        return True
-
-    def _may_pass(self, arrival: AuthenticatedFrame) -> bool:
-        frame, arrived_ns = arrival.frame, arrival.arrived_ns
-        platform = self._core.nodes.platform(frame.sender_hw)
-        asks = answerable(frame)
-        path = self._path_of(frame.data_id) if asks else None  # an answer needs no right
-        if path is None and asks and not self._keys.is_open:
-            # also when an application is about to state it: without its path no right can be checked
-            self._messaging.refuse(frame, Status.ABSENT, ABSENT)
-            return False
-        try:
-            via = tuple(map(self._core.nodes.platform, arrival.path))
-            self._access_filter.check(frame, platform, path, arrived_ns, via)
-        except WireError as error:
-            self._counters.refused.malformed += 1
-            log.debug("frame of %s: %s", platform, error)
-            return False
-        except Denied as error:
-            self._counters.refused.denied += 1
-            self._messaging.deny(frame, str(error))
-            sender = sender_of(frame.extension)
-            name = "" if sender is None else sender.caller
-            self._report_denial(platform, Verb.CALL, path or "", str(error), arrived_ns, name, via)
-            return False
-        return True
-
     def _on_unknown_key(self, name: str, reason: str) -> None:
-        self._report_denial(name, CONNECT, "", reason, self._clock.now_ns())
-
-    def _report_denial(
-        self,
-        platform: str,
-        verb: str,
-        path: str,
-        reason: str,
-        now_ns: int,
-        caller: str = "",
-        via: tuple[str, ...] = (),
-    ) -> None:
-        denial = self._access_filter.denied(platform, verb, path, reason, now_ns, caller, via)
-        if denial is not None:
-            log.warning("denied: %s", reason)
-            self._on_denial(denial)
+        self._delivery.report_denial(name, CONNECT, "", reason, self._clock.now_ns())
 
     def _other_end(self, frame: Frame, user: str) -> int | None:
         """Hardware id of the member at the other end of a connection; None without authentication."""
@@ -485,16 +417,8 @@ class FrameGateway:
         if answerable(frame):
             self._messaging.refuse(frame, Status.UNREACHABLE, detail)
 
-    def _path_of(self, data_id: int) -> str | None:
-        path = self._table.path_of(data_id)
-        if path is None:
-            self._table.refresh()
-            path = self._table.path_of(data_id)
-        return path
-
     def close(self) -> None:
         """Close all connections to neighbours."""
-        if self._delay is not None:
-            self._delay.close()
+        self._delivery.close()
         self.datagrams.close()
         self.links.close()

@@ -1,4 +1,4 @@
-"""Denied requests: those of this tree as events, and those of the broker in the record of changes."""
+"""Denied requests of this node: as events, and in the record of changes."""
 
 import logging
 from typing import Final
@@ -6,19 +6,19 @@ from typing import Final
 from swarmd.tree.change_log import ChangeLog
 from swarmware.model import names
 from swarmware.model.access import Sender, Verb
-from swarmware.module.module import Module
+from swarmware.module.module import DENIED, Module
 from swarmware.transport.security.denials import DenialReports
 from swarmware.types.net import Denial
 from swarmware.types.tree import TreeChange
 
-RECORDED: Final = frozenset({Verb.CALL, Verb.SET})
+RECORDED: Final = frozenset({Verb.CALL, Verb.SET, "late"})
 """Verbs of denials that the record of changes has."""
 
 log = logging.getLogger("swarm.tree")
 
 
 class DenialLog:
-    """Writes the event `tree/denials`, and records the denials of the broker."""
+    """Writes the event `tree/denials`, and records the denials of the broker and of other processes."""
 
     def __init__(self, module: Module, changes: ChangeLog) -> None:
         self._module = module
@@ -28,6 +28,7 @@ class DenialLog:
             "tree/denials", Denial, kind="event", log="all", description="Changes denied by access control"
         )
         self._of_broker = module.stream_reader("net/denials", Denial)
+        self._of_processes = module.inbox(DENIED, Denial)
         self.count = 0
         """Number of requests that this tree denied."""
 
@@ -45,6 +46,14 @@ class DenialLog:
     async def follow_broker(self) -> None:
         """Record the requests that the broker denied, until cancelled."""
         async for denial in self._of_broker:
+            if denial.verb in RECORDED and denial.path:
+                await self._changes.record(recorded(self._module.platform, denial))
+
+    async def follow_processes(self) -> None:
+        """Report and record the requests of users of this computer that its processes denied, until
+        cancelled."""
+        async for denial in self._of_processes:
+            self._events.write(denial)
             if denial.verb in RECORDED and denial.path:
                 await self._changes.record(recorded(self._module.platform, denial))
 

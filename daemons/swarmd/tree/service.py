@@ -143,7 +143,8 @@ class Tree(Service):
                 group.create_task(self._follow_applications(changed), name="tree:apps")
                 group.create_task(self._exchange.follow_notifications(), name="tree:notes")
                 group.create_task(self._follow_limits(), name="tree:limits")
-                group.create_task(self._denials.follow_broker(), name="tree:denials")
+                group.create_task(self._denials.follow_broker(), name="tree:denials of the broker")
+                group.create_task(self._denials.follow_processes(), name="tree:denials of processes")
                 for board in (self._neighbours, self._routes):
                     group.create_task(self._follow_reach(board), name=f"tree:{board.path}")
                 group.create_task(self._report_regularly(), name="tree:stats")

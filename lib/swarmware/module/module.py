@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, overload
 
 import msgspec
 
@@ -18,6 +18,12 @@ from swarmware.module.streamwriter import STREAM_SLOT_BYTES, STREAM_SLOTS, Strea
 from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.node.node import Node
 from swarmware.types import registry
+
+if TYPE_CHECKING:
+    from swarmware.types.net import Denial
+
+DENIED: Final = "sys/tree/denied"
+"""Where the tree takes the denials of the other processes of its node."""
 
 T = TypeVar("T", bound=msgspec.Struct)
 W = TypeVar("W", bound=BoardWriter[Any])
@@ -48,6 +54,15 @@ class Module(Client):
         self._writers: list[BoardWriter[Any]] = []
         self._keep_boards = False
 
+    async def __aenter__(self) -> Self:
+        await super().__aenter__()
+        self.node.callers.add_listener(self._report_denial)
+        return self
+
+    def _report_denial(self, denial: "Denial") -> None:
+        """Gives the tree, which has the audit of the node, a denial of this process."""
+        self.start(self.send(DENIED, denial), "denial")
+
     def _participant_on(self, node: Node) -> NodeParticipant:
         node.contend()
         return NodeParticipant(
@@ -59,6 +74,7 @@ class Module(Client):
         )
 
     def _close_resources(self) -> None:
+        self.node.callers.remove_listener(self._report_denial)
         super()._close_resources()
         for writer in self._writers:
             writer.close(unlink=not self._keep_boards)

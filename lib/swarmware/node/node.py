@@ -109,13 +109,14 @@ class Node(Immediate):
         """The applications of this node, with events for subscribers."""
         self.doorbells = DoorbellSenders(paths.doorbells(self.run_dir))
         self.doorbell = Doorbell(paths.doorbells(self.run_dir))
+        self.callers = Callers(self.access_rules, self.platform, self.run_dir.stat().st_uid)
         self.messaging = MessageEndpoint(
             platform=self.platform,
             hardware=self.hardware,
             clock=self.clock,
             socket_path=paths.socket(self.run_dir, self.doorbell.name),
             table=self.table,
-            callers=Callers(self.access_rules, self.platform, self.run_dir.stat().st_uid),
+            callers=self.callers,
         )
         self._apps_watchers = ReaderNotifier(paths.applications_watchers(self.shm_dir), self.doorbells)
         self._mirror_watchers = ReaderNotifier(paths.mirrors_watchers(self.shm_dir), self.doorbells)

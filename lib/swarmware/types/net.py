@@ -214,6 +214,9 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Rosters that the swarm's root did not sign, that are damaged, or older than the one in force."""
     unknown_keys: int = 0
     """Connections with a key that is not on the roster: of another swarm, or of no member."""
+    undated: int = 0
+    """Messages and requests with a lifetime, of a neighbour whose clock is not known here yet; it repeats
+    them."""
 
 
 CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned", "revoked", "unknown_keys")

@@ -10,11 +10,15 @@ from pathlib import Path
 
 import pytest
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Recorder, Station, on_uvloop, swarm
+from tests.integration.broker.test_handshakes import found_by_doctor
 
+from swarmd.tree.change_log import ChangeLog
+from swarmd.tree.denial_log import DenialLog
 from swarmware.model.access import Role, Sender
 from swarmware.model.acl import FILE
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import data_id, hardware_id
+from swarmware.module.module import Module
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.sender import Caller, with_caller
@@ -23,6 +27,7 @@ from swarmware.types import registry
 from swarmware.types.net import Denial
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.scalar import Text
+from swarmware.types.tree import TreeChange
 
 USER = pwd.getpwnam("nobody")
 PATH = "cmd/note"
@@ -140,6 +145,35 @@ async def test_a_user_without_a_role_commands_neither_the_own_platform_nor_anoth
         denial = await denials.next(PATIENCE_S)
         assert (denial.platform, denial.path) == ("gcs", PATH)
         assert await own.app.send("/uav1/cmd/note", Text("of the platform"), timeout_s=10)
+
+
+@on_uvloop
+async def test_what_a_process_denies_to_a_user_of_its_computer_is_in_the_audit_and_in_doctor(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with swarm(tmp_path, "uav1") as one:
+        station, app = one["uav1"], one["uav1"].app
+        app.serve("sys/guard/stop", Text, lambda request, _: request, reply=Text)
+        async with Module("tree", node=station.node) as tree:
+            changes = tree.stream_writer("tree/changes", TreeChange, kind="event")
+            log = DenialLog(tree, ChangeLog(tree, changes, tmp_path / "changes.jsonl"))
+            audit = tree.start(log.follow_processes(), "audit")
+            recorded = app.stream_reader("tree/changes", TreeChange)
+            with program_of_nobody(station) as program:
+                await program.ready()
+                for _ in range(TRIES):
+                    frame = program.frame(station, "uav1", FrameKind.REQUEST, "sys/guard/stop")
+                    await program.send_frame(frame)
+                    assert "nobody@uav1 (observer) may not call it" in await program.refusal()
+            change = await recorded.next(PATIENCE_S)
+            assert (change.path, change.by) == ("/uav1/sys/guard/stop", "nobody@uav1")
+            assert "expected role maintainer" in change.refused
+            audit.cancel()
+            found = await found_by_doctor(station, "denied")
+            assert found.text.startswith("nobody@uav1: sys/guard/stop: ")
+            assert "acl.toml" in found.advice
+        assert app.node.messaging.counters().denied == TRIES
+        assert 1 <= len([line for line in caplog.messages if "denied: sys/guard/stop" in line]) < TRIES / 10
 
 
 @on_uvloop

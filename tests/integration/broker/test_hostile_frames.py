@@ -1,6 +1,7 @@
-"""Hostile frames on real sockets, a thousand of each: nothing of them reaches an application."""
+"""Hostile frames, a thousand of each: none reaches an application, journal and doctor show them."""
 
 import asyncio
+import logging
 import socket
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager
@@ -10,6 +11,7 @@ import msgspec
 import pytest
 import zmq
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.test_handshakes import found_by_doctor
 
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
@@ -24,6 +26,8 @@ from swarmware.types.net import Denial, Refused
 from swarmware.types.scalar import Text
 
 TRIES = 1000
+REFUSED = "refused"
+"""Check of `swarmctl doctor` on what the broker refused."""
 NAMES = ("uav1", "uav2", "uav3")
 PATH = "cmd/note"
 
@@ -57,6 +61,13 @@ async def dealer(keys: Keys, server: bytes, port: int) -> AsyncIterator["zmq.Soc
         yield made
 
 
+def denied_lines(caplog: pytest.LogCaptureFixture, reason: str) -> list[str]:
+    """Lines of the journal about a denial: some, and not one for each try."""
+    lines = [line for line in caplog.messages if line.startswith(f"denied: {reason}")]
+    assert len(lines) < TRIES / 10
+    return lines
+
+
 def all_refused(refused: Refused, *names: str) -> bool:
     """Whether these counters have all tries."""
     total: int = sum(msgspec.structs.asdict(refused)[name] for name in names)
@@ -78,8 +89,9 @@ async def send_all(
 
 @on_uvloop
 async def test_a_member_speaks_for_no_other_and_repeats_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level(logging.INFO)
     recorded: list[bytes] = []
     send = ZmqLinks.send
 
@@ -125,6 +137,13 @@ async def test_a_member_speaks_for_no_other_and_repeats_nothing(
         assert refused.unsigned == TRIES // 8
         denial = await denials.next(PATIENCE_S)
         assert (denial.platform, denial.verb, denial.path) == ("uav2", "forward", PATH)
+        assert denied_lines(caplog, "frame of uav3: ")
+        found = await found_by_doctor(owner, REFUSED)
+        assert found.verdict == "warning"
+        assert f"{refused.spoofed} spoofed, {refused.unsigned} unsigned" in found.text
+        source = await found_by_doctor(owner, "denied")
+        assert source.text.startswith(f"operator@uav2: {PATH}: ")
+        assert "revoke it" in source.advice
 
         # within its lifetime the recorded frame is a duplicate; later it is refused
         server = relay.curve_of("uav1")
@@ -138,12 +157,18 @@ async def test_a_member_speaks_for_no_other_and_repeats_nothing(
                 await asyncio.sleep(0)
                 assert sent < 100 * TRIES
         assert len(box) == 0
+        await owner.until_counted(lambda traffic: traffic.refused.replayed >= TRIES)
+        assert " replayed" in (await found_by_doctor(owner, REFUSED)).text
+        assert denied_lines(caplog, "frame of uav3: made long ago; a replay, or delayed")
         assert await far.app.send("/uav1/cmd/note", Text("next"), timeout_s=10)
         assert (await box.next(PATIENCE_S)).value == "next"
 
 
 @on_uvloop
-async def test_an_expired_command_and_an_observer_that_sets_are_refused(tmp_path: Path) -> None:
+async def test_an_expired_command_and_an_observer_that_sets_are_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
     port = free_port(socket.SOCK_STREAM)
     roles = {"uav1": "node", "uav2": "observer", "gcs": "operator"}
     async with swarm(tmp_path, *roles, roles=roles, settings={"uav1": {"tcp_port": port}}) as cell:
@@ -156,6 +181,12 @@ async def test_an_expired_command_and_an_observer_that_sets_are_refused(tmp_path
         )
         keys = Keys.load(tmp_path / "keys" / "gcs", "gcs")
         assert (await send_all(keys, port, map(encode, late), owner, "expired")).expired == TRIES
+        assert denied_lines(caplog, f"{PATH}: of gcs, arrived after its lifetime")
+        assert f"{TRIES} expired" in (await found_by_doctor(owner, REFUSED)).text
+        case = await found_by_doctor(owner, "denied")
+        assert case.text.startswith(f"operator@gcs: {PATH}: ")
+        assert "arrived after its lifetime" in case.text
+        assert "role" not in case.advice, "its role is not the reason"
         keys = Keys.load(tmp_path / "keys" / "uav2", "uav2")
         now_ns = cell["uav2"].app.now_ns()
         denied = (order("uav2", n, now_ns, life_s=60.0) for n in range(TRIES))
@@ -166,8 +197,9 @@ async def test_an_expired_command_and_an_observer_that_sets_are_refused(tmp_path
 
 @on_uvloop
 async def test_a_replayed_datagram_and_a_stranger_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    caplog.set_level(logging.INFO)
     recorded: list[tuple[LinkPeer, bytes]] = []
     put = FrameDatagrams._put
 
@@ -192,6 +224,8 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
                     await asyncio.sleep(0.002)
         traffic = await owner.until_counted(lambda traffic: traffic.refused.replayed >= TRIES)
         assert traffic.refused.replayed == TRIES
+        assert f"{TRIES} replayed" in (await found_by_doctor(owner, REFUSED)).text
+        assert any("refused input: " in line and "replayed" in line for line in caplog.messages)
 
         make_swarm(tmp_path / "strangers", {"gcs": "maintainer"})
         stranger = Keys.load(tmp_path / "strangers" / "gcs", "gcs")
@@ -203,4 +237,19 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
                 connection.send(encode(order("gcs", number, owner.app.now_ns())), zmq.NOBLOCK)
             traffic = await owner.until_counted(lambda traffic: traffic.refused.denied_connections >= 1)
         assert traffic.received_frames == before
+        assert len(box) == 0
+
+
+@on_uvloop
+async def test_a_command_of_a_neighbour_whose_clock_is_not_known_waits_for_its_beacon(tmp_path: Path) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    make_swarm(tmp_path / "keys", dict.fromkeys(("uav1", "gcs"), "operator"))
+    async with swarm(tmp_path, "uav1", keys=False, settings={"uav1": {"tcp_port": port}}) as alone:
+        owner = alone["uav1"]
+        box = owner.app.inbox(PATH, Text)
+        keys = Keys.load(tmp_path / "keys" / "gcs", "gcs")
+        # its beacon was never received, so that the age of what it sends is not known
+        sent = (order("gcs", number, owner.app.now_ns(), life_s=60.0) for number in range(TRIES))
+        refused = await send_all(keys, port, map(encode, sent), owner, "undated")
+        assert refused.undated == TRIES
         assert len(box) == 0

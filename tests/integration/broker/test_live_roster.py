@@ -1,6 +1,7 @@
 """The roster while brokers run: revocation and rotation without a restart and without a gap, on the wire."""
 
 import asyncio
+import logging
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -8,8 +9,10 @@ from pathlib import Path
 
 import pytest
 from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.integration.broker.test_hostile_frames import PATH, TRIES, dealer, order
 
+from swarmctl.commands.doctor.checks import examine
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmware.errors import Conflict, Denied
@@ -136,6 +139,29 @@ async def test_a_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Pat
 
 
 @on_uvloop
+async def test_a_member_that_was_away_when_it_was_revoked_is_refused_and_told_at_its_return(
+    tmp_path: Path,
+) -> None:
+    async with members(tmp_path) as (root, stations, boards):
+        one, away = stations["uav1"], stations["uav3"]
+        box = one.app.inbox(PATH, Text)
+        await away.stop()
+        await hand_over(one, root.revoke("uav3"))
+        await until_has(boards["uav2"], 2)
+        await away.start()
+        assert (await until_has(away.app.reader("net/roster", RosterState), 2)).revoked_self
+        await away.until(lambda: away.conditions().get("broker/membership") == "revoked", away.checks)
+        assert not (await away.app.send("/uav1/" + PATH, Text("back"), timeout_s=1.0)).delivered
+        await one.until_counted(lambda traffic: traffic.refused.revoked > 0)
+        assert "uav3" not in one.ways()
+        assert len(box) == 0
+        told = await asyncio.to_thread(examine, {"uav3": away.config_dir}, fix=False)
+        [keys] = [result for result in told if result.check == "keys" and result.verdict == "error"]
+        assert "uav3 was revoked" in keys.text
+        assert "swarmctl keys join --replace" in keys.advice
+
+
+@on_uvloop
 async def test_a_node_that_was_away_during_rotations_catches_up(tmp_path: Path) -> None:
     async with members(tmp_path) as (root, stations, boards):
         late = stations["uav3"]
@@ -177,13 +203,18 @@ async def test_a_roster_that_is_not_the_roots_or_is_old_is_refused_with_its_reas
 
 
 @on_uvloop
-async def test_nothing_that_a_revoked_member_sends_is_taken(tmp_path: Path) -> None:
+async def test_nothing_that_a_revoked_member_sends_is_taken(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
     port, udp = free_port(socket.SOCK_STREAM), free_port()
     make_swarm(tmp_path / "keys", dict.fromkeys(NAMES, "operator"))
     settings = {"uav1": {"tcp_port": port, "unicast_port": udp}}
-    async with swarm(tmp_path, "uav1", "uav2", keys=False, settings=settings) as pair:
+    async with swarm(tmp_path, *NAMES, keys=False, settings=settings) as pair:
         one, root = pair["uav1"], Root.load(tmp_path / "keys")
         await pair["uav2"].until_up("uav1")
+        await one.until_up("uav2", "uav3")  # from here on the test sends with the keys of uav3
+        await pair["uav3"].stop()
         keys = Keys.load(tmp_path / "keys" / "uav3", "uav3")
         server = keys.curve_of("uav1")
         assert server is not None
@@ -203,7 +234,12 @@ async def test_nothing_that_a_revoked_member_sends_is_taken(tmp_path: Path) -> N
                     air.sendto(beacon, ("127.0.0.1", udp))
                     if sequence % 50 == 0:
                         await asyncio.sleep(0)  # the broker empties its buffer
-            await one.until_counted(lambda traffic: traffic.refused.revoked >= before + TRIES)
+            traffic = await one.until_counted(lambda traffic: traffic.refused.revoked >= before + TRIES)
+        found = await found_by_doctor(one, "refused")
+        assert found.verdict == "warning"
+        assert f"{traffic.refused.revoked} revoked" in found.text
+        assert any("refused input: " in line and " revoked" in line for line in caplog.messages)
+        assert len([line for line in caplog.messages if "uav3" in line]) < TRIES / 10
         await until_has(pair["uav2"].app.reader("net/roster", RosterState), 2)
         assert (await pair["uav2"].app.send("/uav1/" + PATH, Text("member"), timeout_s=10.0)).delivered
         assert (await anext(box)).value == "member", "the orders of the revoked one are not there"

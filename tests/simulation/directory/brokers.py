@@ -179,7 +179,9 @@ class BrokerNode:
         self.core.counters.refused.other_epoch += 1
         hello = beacon_of(data).hello
         if exchange.former_key(header.epoch) is not None and hello is not None:
-            late = exchange.on_late(header.sender_hw, hello.name, SENDER_ADDRESS[0], hello.tcp_port, now_ns)
+            late = exchange.on_late(
+                header.sender_hw, hello.name, hello.roster_version, SENDER_ADDRESS[0], hello.tcp_port, now_ns
+            )
             self.driver.feed(self.core.on_roster_actions(late, now_ns))
         return False
 

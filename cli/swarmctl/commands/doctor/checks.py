@@ -44,6 +44,7 @@ REFUSALS_SHOWN: Final = 8
 
 ADVICE: Final = {
     "forward": "it forwards frames that their senders did not sign: revoke it, or upgrade it",
+    "late": "a slow link (swarmctl link ls), or another member repeats recorded commands",
     "connect": "stop it, or give it keys: swarmctl keys invite; block outsiders by a firewall",
 }
 """What to do about a denial, by its verb."""

@@ -4,7 +4,8 @@ import grp
 import logging
 import os
 import pwd
-from typing import Final
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
 
 from swarmware.errors import Denied
 from swarmware.model.access import Role, Sender, Verb
@@ -12,11 +13,12 @@ from swarmware.model.access_rules import AccessRules
 from swarmware.model.acl import OperatorEntry
 from swarmware.transport.delivery.sender import Caller
 
+if TYPE_CHECKING:
+    from swarmware.transport.security.denials import DenialReports
+    from swarmware.types.net import Denial
+
 NAME_LIMIT: Final = 31
 """Maximum bytes of a caller's name, as of a platform's."""
-LOG_NS: Final = 1_000_000_000
-"""Minimum period between messages about denied requests: a program may repeat them without end."""
-
 log = logging.getLogger("swarm.messages")
 
 
@@ -33,8 +35,8 @@ class Callers:
         self._platform = platform
         self._trusted = frozenset({0, node_uid, os.geteuid()})
         self._known: dict[int, Caller] = {}
-        self._logged_ns = -LOG_NS
-        self._unlogged = 0
+        self._reports: DenialReports | None = None
+        self._listeners: dict[Callable[[Denial], None], None] = {}
         self.denied = 0
         """Number of denied messages and requests of users of this computer."""
 
@@ -60,11 +62,31 @@ class Callers:
             self._rules.access.check(self.sender(caller), Verb.CALL, path)
         except Denied as error:
             self.denied += 1
-            self._unlogged += 1
-            if now_ns - self._logged_ns >= LOG_NS:
-                log.warning("denied: %s (%d since the last message)", error, self._unlogged)
-                self._logged_ns, self._unlogged = now_ns, 0
+            self._report(caller, path, str(error), now_ns)
             raise
+
+    def add_listener(self, listener: "Callable[[Denial], None]") -> None:
+        """Add a function that gets the reports of denials; of several ones the first gets them."""
+        self._listeners[listener] = None
+
+    def remove_listener(self, listener: "Callable[[Denial], None]") -> None:
+        """Remove what `add_listener` added."""
+        self._listeners.pop(listener, None)
+
+    def _report(self, caller: Caller, path: str, reason: str, now_ns: int) -> None:
+        from swarmware.transport.security.denials import DenialReports  # only a process that denies needs it
+        from swarmware.types.net import Denial
+
+        if self._reports is None:
+            self._reports = DenialReports()
+        role = caller.role.name.lower()
+        denial = Denial(self._platform, role, str(Verb.CALL), path, 1, reason, caller.name)
+        report = self._reports.report(denial, now_ns)
+        if report is None:
+            return
+        log.warning("denied: %s (%d since the last message)", reason, report.count)
+        if self._listeners:
+            next(iter(self._listeners))(report)
 
     def sender(self, caller: Caller) -> Sender:
         """The caller as the sender of a frame."""

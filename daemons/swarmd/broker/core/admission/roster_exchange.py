@@ -190,18 +190,38 @@ class RosterExchange:
             spread_ns = min(SPREAD_EACH_NS * len(self._shown), SPREAD_MAX_NS)
             self._ask_ns = now_ns + round(spread_ns * self._chance())
 
-    def on_late(self, hw: int, name: str, host: str, port: int, now_ns: int) -> list[RosterAction]:
-        """A beacon of a former key epoch: offer the roster to its sender, if that is a member."""
+    def is_offer_due(self, hw: int, now_ns: int) -> bool:
+        """Whether nothing was offered to this node in the last seconds."""
+        return now_ns - self._offered_ns.get(hw, NEVER_NS) >= OFFER_NS
+
+    def on_late(
+        self, hw: int, name: str, version: int, host: str, port: int, now_ns: int
+    ) -> list[RosterAction]:
+        """A beacon of a former key epoch: offer the roster to its sender, if that is a member.
+
+        A platform that was revoked while it was away could not ask for the roster: it gets it. `version`: of
+        its roster.
+        """
         platform = name.partition(".")[0]
         member = self._roster.find(platform)
-        if member is None or not port or now_ns - self._offered_ns.get(hw, NEVER_NS) < OFFER_NS:
+        if not port or not self.is_offer_due(hw, now_ns):
             return []
         if len(self._offered_ns) > len(self._roster.members):
             self._offered_ns.clear()
         self._offered_ns[hw] = now_ns
+        if member is None:
+            return self._for_revoked(hw, platform, version, host, port)
         return [
             SendRoster(hw, platform, roster_update.encode(RosterOffer(self.version, self.port)), host, port)
         ]
+
+    def _for_revoked(self, hw: int, platform: str, version: int, host: str, port: int) -> list[RosterAction]:
+        """The roster for a revoked platform that has an older one, from some of those in range."""
+        entries = [member for member in self._roster.members if member.platform == platform]
+        if not entries or version >= self.version or self._chance() >= FAREWELLS / max(1, len(self._shown)):
+            return []
+        newest = max(entries, key=lambda member: member.serial)
+        return [SendRoster(hw, platform, self._update_from(0), host, port, curve_public=newest.curve_public)]
 
     def on_message(
         self, hw: int, platform: str, payload: bytes | memoryview, host: str, now_ns: int
