@@ -68,7 +68,7 @@ class Control(Service):
         reader, core, module = self._setpoints, self._core, self.module
         async for setpoint in reader:
             now_ns = module.now_ns()
-            self._driver.feed(core.on_setpoint(setpoint, reader.stamp_ns or now_ns, now_ns))
+            self._driver.feed(core.on_setpoint(setpoint, reader.local_stamp_ns or now_ns, now_ns))
 
     async def _take_switch(self) -> None:
         async for switch in self._switch:

@@ -104,7 +104,7 @@ class Chassis(Actuator):
         command = drive.value
         if command is not None and command is not self._taken:
             self._taken = command
-            self._core.on_setpoint(command.setpoint, self._stamp_ns(drive, now_ns))
+            self._core.on_setpoint(command.setpoint, drive.local_stamp_ns or now_ns)
         for order in self._core.repeated(now_ns):
             self.send_order(order)
         self._send_gains(now_ns)
@@ -193,12 +193,3 @@ class Chassis(Actuator):
         rate_hz = min(self._config.rate_hz, self._config.rest_hz) if resting else self._config.rate_hz
         return 1 / rate_hz
 
-    def _stamp_ns(self, drive: BoardReader[Drive], now_ns: int) -> int:
-        """Instant of the newest set-point on the clock of this computer."""
-        meta, module = drive.meta, self.module
-        if meta is None or module is None:
-            return now_ns
-        if meta.sender_hw == module.node.hardware:
-            return meta.stamp_ns
-        age_s = drive.age_s
-        return now_ns if age_s is None else now_ns - round(age_s * 1e9)

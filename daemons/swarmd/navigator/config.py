@@ -130,6 +130,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Acceleration of the leader along the course."""
     leader_timeout_s: Positive = 2.0
     """Time without the leader's pose after which the vehicle holds."""
+    pose_timeout_s: Positive = 0.6
+    """Time without the pose of an estimator on another computer after which the vehicle stops."""
     neighbour_timeout_s: Positive = 2.0
     """Time without the pose of a platform after which it is not avoided any more."""
     arrive_m: Positive = 0.3
@@ -142,3 +144,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     dwa: DwaConfig = DwaConfig()
     air: AirConfig = AirConfig()
     altitude: AltitudeConfig = AltitudeConfig()
+
+    def period_s(self, *, resting: bool) -> float:
+        """Time from one step to the next: longer for a vehicle that is disarmed and on the ground."""
+        return 1 / (min(self.rate_hz, self.rest_hz) if resting else self.rate_hz)

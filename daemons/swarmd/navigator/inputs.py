@@ -1,10 +1,14 @@
-"""The boards that the navigator reads, and their new values."""
+"""The boards that the navigator and its two halves read, and their new values."""
 
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
-from swarmd.navigator.core.navigator import NavigatorCore
+from swarmd.navigator.config import Config
+from swarmware.geometry.geodesy import Origin
+from swarmware.geometry.world import World
+from swarmware.model import paths
+from swarmware.model.config import load
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.module import Module
@@ -35,39 +39,92 @@ class Fresh(Generic[T]):
         self._last = value
         return value
 
+    def stamp_ns(self, now_ns: int) -> int:
+        """Own clock at the newest value; now while the clock of its computer is unknown."""
+        stamp_ns = self.reader.local_stamp_ns
+        return now_ns if stamp_ns is None else stamp_ns
 
-class Inputs:
-    """All inputs of the navigator; a board needs no writer yet."""
+
+class TakesState(Protocol):
+    """What takes the state of the vehicle and who drives it."""
+
+    def on_vehicle(self, state: VehicleState) -> None: ...
+    def on_control(self, control: ControlState) -> None: ...
+
+
+class TakesSensors(Protocol):
+    """What estimates the pose from sensors."""
+
+    def on_gnss(self, fix: GnssFix, stamp_ns: int) -> None: ...
+    def on_imu(self, imu: Imu, stamp_ns: int) -> None: ...
+    def on_height(self, height_m: float) -> None: ...
+
+
+class TakesSurroundings(Protocol):
+    """What steers to a goal between obstacles and other platforms."""
+
+    @property
+    def resting(self) -> bool: ...
+    def on_scan(self, scan: Range, stamp_ns: int) -> None: ...
+    def on_goal(self, goal: Goal, now_ns: int) -> None: ...
+    def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None: ...
+
+
+class StateInputs:
+    """Inputs of both halves: the state of the vehicle, and who drives; a board needs no writer yet."""
+
+    def __init__(self, m: Module) -> None:
+        self._vehicle = Fresh(m.reader("vehicle/state", VehicleState))
+        self._control = Fresh(m.reader("control/state", ControlState))
+
+    def feed(self, core: TakesState) -> None:
+        """Passes new values on."""
+        if (vehicle := self._vehicle.take()) is not None:
+            core.on_vehicle(vehicle)
+        if (control := self._control.take()) is not None:
+            core.on_control(control)
+
+
+class SensorInputs:
+    """Inputs of the estimation: position fixes, inertial unit, height."""
+
+    def __init__(self, m: Module) -> None:
+        self._gnss = Fresh(m.reader("sensor/gnss", GnssFix))
+        self._imu = Fresh(m.reader("sensor/imu", Imu))
+        self._height = Fresh(m.reader("sensor/height", Float))
+
+    @property
+    def imu(self) -> BoardReader[Imu]:
+        """The measurements with the highest rate."""
+        return self._imu.reader
+
+    def feed(self, core: TakesSensors, now_ns: int) -> None:
+        """Passes new values on."""
+        if (fix := self._gnss.take()) is not None:
+            core.on_gnss(fix, self._gnss.stamp_ns(now_ns))
+        if (imu := self._imu.take()) is not None:
+            core.on_imu(imu, self._imu.stamp_ns(now_ns))
+        if (height := self._height.take()) is not None:
+            core.on_height(height.value)
+
+
+class GuidanceInputs:
+    """Inputs of the guidance: the scan of obstacles, the goal, and the poses of other platforms."""
 
     def __init__(self, m: Module) -> None:
         self._others: dict[str, Fresh[Pose]] = {}
         self._calls = 0
-        self._gnss = Fresh(m.reader("sensor/gnss", GnssFix))
-        self._imu = Fresh(m.reader("sensor/imu", Imu))
         self._scan = Fresh(m.reader("sensor/range", Range))
-        self._height = Fresh(m.reader("sensor/height", Float))
-        self._vehicle = Fresh(m.reader("vehicle/state", VehicleState))
-        self._control = Fresh(m.reader("control/state", ControlState))
         self._goal = Fresh(m.reader("nav/goal", Goal))
         self._poses: BoardSet[Pose] = m.readers("/*/nav/pose", Pose)
 
-    def feed(self, navigator: NavigatorCore, now_ns: int) -> None:
-        """Passes all new values to the navigator."""
-        if (fix := self._gnss.take()) is not None:
-            navigator.on_gnss(fix, self._gnss.reader.stamp_ns or now_ns)
-        if (imu := self._imu.take()) is not None:
-            navigator.on_imu(imu, self._imu.reader.stamp_ns or now_ns)
+    def feed(self, core: TakesSurroundings, now_ns: int) -> None:
+        """Passes new values on; those of other platforms not while the vehicle rests."""
         if (scan := self._scan.take()) is not None:
-            navigator.on_scan(scan, self._scan.reader.stamp_ns or now_ns)
-        if (height := self._height.take()) is not None:
-            navigator.on_height(height.value)
-        if (vehicle := self._vehicle.take()) is not None:
-            navigator.on_vehicle(vehicle)
-        if (control := self._control.take()) is not None:
-            navigator.on_control(control)
+            core.on_scan(scan, self._scan.stamp_ns(now_ns))
         if (goal := self._goal.take()) is not None:
-            navigator.on_goal(goal, now_ns)
-        if navigator.resting:
+            core.on_goal(goal, now_ns)
+        if core.resting:
             self._calls = 0  # nothing is avoided at rest; the first step after it reads all of them
             return
         if self._calls % NEW_PLATFORMS_EVERY == 0:
@@ -75,11 +132,14 @@ class Inputs:
         self._calls += 1
         for platform, board in self._others.items():
             if (pose := board.take()) is not None:
-                # until the sender's clock is converted the value is stamped at its arrival
-                age_s = board.reader.age_s or 0.0
-                navigator.on_neighbour(platform, pose, now_ns - round(max(age_s, 0.0) * 1e9))
+                core.on_neighbour(platform, pose, min(board.stamp_ns(now_ns), now_ns))
 
     def _add_platforms(self) -> None:
         for platform, reader in self._poses.items():
             if platform not in self._others:
                 self._others[platform] = Fresh(reader)
+
+
+def map_origin(m: Module, config: Config) -> Origin:
+    """Origin of the map: that of the configured world."""
+    return load(paths.world(m.node.config.share_path, config.world), World).origin

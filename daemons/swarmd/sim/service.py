@@ -100,7 +100,7 @@ class Sim(Service):
         setpoint = self._setpoint.value
         if setpoint is not None and setpoint is not self._taken:
             self._taken = setpoint
-            feed(core.on_setpoint(setpoint, self._setpoint.stamp_ns or now_ns, now_ns))
+            feed(core.on_setpoint(setpoint, self._setpoint.local_stamp_ns or now_ns, now_ns))
         if neighbours:
             if now_ns >= self._look_ns:
                 self._look_ns = now_ns + round(_LOOK_S * 1e9)

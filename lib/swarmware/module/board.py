@@ -82,6 +82,16 @@ class BoardReader(Immediate, Generic[T]):
         return None if meta is None else meta.stamp_ns
 
     @property
+    def local_stamp_ns(self) -> int | None:
+        """Own clock at the newest value; None without one, or its clock is unknown."""
+        meta = self.meta
+        if meta is None:
+            return None
+        if meta.sender_hw == self._node.hardware:
+            return meta.stamp_ns
+        return self._remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
+
+    @property
     def sequence(self) -> int:
         """Writer's sequence of the newest value; 0: none yet."""
         meta = self.meta
@@ -90,12 +100,7 @@ class BoardReader(Immediate, Generic[T]):
     @property
     def age_s(self) -> float | None:
         """Time since the newest value was stamped; None without one, or its clock is unknown."""
-        meta = self.meta
-        if meta is None:
-            return None
-        stamp_ns: int | None = meta.stamp_ns
-        if meta.sender_hw != self._node.hardware:
-            stamp_ns = self._remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
+        stamp_ns = self.local_stamp_ns
         return None if stamp_ns is None else (self._node.clock.now_ns() - stamp_ns) / 1e9
 
     @property

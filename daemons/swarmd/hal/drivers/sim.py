@@ -78,7 +78,7 @@ class SimSensor(Sensor, Generic[T]):
         if value is None or reader.sequence == self._sequence:
             return False
         self._sequence = reader.sequence
-        writer.write(value, reader.stamp_ns)
+        writer.write(value, reader.local_stamp_ns)
         return True
 
     async def close(self) -> None:
@@ -127,7 +127,7 @@ class SimSonar(Sensor):
         height_m = self._filter.add(scan.ranges_m[0])
         if height_m >= scan.max_m:
             return False
-        writer.write(Float(round(height_m, 3)), reader.stamp_ns)
+        writer.write(Float(round(height_m, 3)), reader.local_stamp_ns)
         return True
 
     async def close(self) -> None:

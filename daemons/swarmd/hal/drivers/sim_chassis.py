@@ -39,7 +39,7 @@ class SimChassis(Chassis):
 
     async def _follow(self, reports: BoardReader[ChassisReport], module: Module) -> None:
         async for report in reports:
-            self.on_report(report, reports.stamp_ns or module.now_ns())
+            self.on_report(report, reports.local_stamp_ns or module.now_ns())
 
     def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
         """Writes the set-point for the simulation."""

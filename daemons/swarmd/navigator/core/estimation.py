@@ -1,0 +1,62 @@
+"""Estimation of the own pose: sensors and the state of the vehicle in, pose out."""
+
+from typing import Final
+
+from swarmd.navigator.config import EstimatorConfig
+from swarmd.navigator.core.estimator import Estimator
+from swarmware.geometry.geodesy import Origin
+from swarmware.types.control import ControlState, DriveMode
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
+
+STOP: Final = Setpoint(0.0)
+
+
+class PoseEstimation:
+    """Connects the estimator with the state of the vehicle: whether it may be at rest, when it has landed."""
+
+    def __init__(self, config: EstimatorConfig, origin: Origin, *, flies: bool) -> None:
+        self._estimator = Estimator(config, origin)
+        self._flies = flies
+        self._vehicle: VehicleState | None = None
+        self._by_hand = False
+        self._setpoint = STOP
+
+    def on_gnss(self, fix: GnssFix, stamp_ns: int) -> None:
+        """Takes a position fix."""
+        self._estimator.on_gnss(fix, stamp_ns)
+
+    def on_imu(self, imu: Imu, stamp_ns: int) -> None:
+        """Takes rates, specific force and heading."""
+        self._estimator.on_imu(imu, stamp_ns)
+
+    def on_height(self, height_m: float) -> None:
+        """Takes the height above the ground."""
+        self._estimator.on_height(height_m)
+
+    def on_vehicle(self, state: VehicleState) -> None:
+        """Takes the state of the vehicle: armed, landed."""
+        self._vehicle = state
+
+    def on_control(self, control: ControlState) -> None:
+        """Takes who drives: by hand the vehicle may move at any time."""
+        self._by_hand = control.mode is not DriveMode.AUTO
+
+    def on_setpoint(self, setpoint: Setpoint) -> None:
+        """Takes the set-point in force: one that moves the vehicle ends a rest."""
+        self._setpoint = setpoint
+
+    @property
+    def resting(self) -> bool:
+        """Whether the vehicle is disarmed and on the ground."""
+        return self._vehicle is not None and self._vehicle.resting
+
+    def step(self, now_ns: int) -> Pose | None:
+        """The pose now; None while it is not valid."""
+        vehicle, estimator = self._vehicle, self._estimator
+        landed = vehicle is not None and vehicle.landed
+        armed = vehicle is not None and vehicle.armed
+        estimator.on_driven(not landed or (armed and (self._by_hand or self._setpoint != STOP)))
+        estimator.predict(now_ns)
+        if landed and armed and self._flies:
+            estimator.on_landed()
+        return estimator.pose()

@@ -1,0 +1,357 @@
+"""Guidance: the estimated pose, a goal and obstacles in, set-point and status out."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from swarmd.navigator.config import Config
+from swarmd.navigator.core.controller import Controller
+from swarmd.navigator.core.keeper import FormationKeeper
+from swarmd.navigator.core.prediction import predicted
+from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
+from swarmware.errors import InvalidInput
+from swarmware.types.control import ControlState, DriveMode
+from swarmware.types.vehicle import (
+    Goal,
+    GoalKind,
+    NavError,
+    NavState,
+    NavStatus,
+    Pose,
+    Range,
+    Setpoint,
+    VehicleState,
+)
+
+_STOP: Final = Setpoint(0.0)
+_ARM_GRACE_S: Final = 1.0
+"""A goal may arrive this much earlier than the state that the motors are armed."""
+_EXTRAPOLATE_S: Final = 1.0
+"""Longest extrapolation of the pose of another platform."""
+_STILL_M_S: Final = 0.1
+_FINAL_M: Final = 1.5
+"""Height below which a landing vehicle descends at touch-down speed."""
+_DEEP_M: Final = 10.0
+"""The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
+_SCAN_AGE_S: Final = 0.5
+_ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
+"""Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
+
+
+class GuidanceOutput(msgspec.Struct, frozen=True):
+    """The outputs of one control step."""
+
+    setpoint: Setpoint
+    status: NavStatus | None
+    """Set when it changed, and at its rate."""
+
+
+class _Plan(msgspec.Struct, frozen=True):
+    """The decision of one control step: the target, and the status to report."""
+
+    state: NavState
+    target: Target | None = None
+    """None: stop."""
+    distance_m: float = 0.0
+    error_m: float = 0.0
+    error: NavError = NavError.NONE
+    note: str = ""
+    blockable: bool = False
+    """Whether missing progress means that the vehicle is blocked."""
+
+
+class Guidance:
+    """Connects pose, goal and controller of one vehicle."""
+
+    def __init__(self, config: Config, platform: str, controller: Controller) -> None:
+        self._config = config
+        self._platform = platform
+        self._controller = controller
+        self._vehicle: VehicleState | None = None
+        self._driven_by = ""
+        """The operator or pilot that drives instead of the navigator; empty: the navigator."""
+        self._neighbours: dict[str, tuple[Pose, int]] = {}
+        self._points: tuple[tuple[float, float], ...] = ()
+        self._scan: Range | None = None
+        self._scan_ns = -(1 << 62)
+        self._goal: Goal | None = None
+        self._goal_ns = 0
+        self._keeper: FormationKeeper | None = None
+        self._goal_error = ""
+        self._anchor: Pose | None = None
+        self._arrived = False
+        self._setpoint = _STOP
+        self._moved_ns = 0
+        self._moved_from: tuple[float, float, float] | None = None
+        self._status = NavStatus(0, NavState.IDLE)
+        self._status_ns = -(1 << 62)
+
+    def set_config(self, config: Config) -> None:
+        """Replaces weights and gains, also while moving (S2.46)."""
+        self._config = config
+        self._controller.set_config(config)
+
+    def on_vehicle(self, state: VehicleState) -> None:
+        """Takes the state of the vehicle: armed, landed."""
+        self._vehicle = state
+
+    def on_control(self, control: ControlState) -> None:
+        """Takes who drives. A goal that was reached before does not draw the vehicle back later."""
+        if control.mode is DriveMode.AUTO:
+            self._driven_by = ""
+            return
+        self._driven_by = control.holder or control.mode.value
+        goal = self._goal
+        if goal is not None and goal.kind in _ENDED_BY_HAND and self._status.state is NavState.ARRIVED:
+            self._goal = msgspec.structs.replace(goal, kind=GoalKind.HOLD)
+
+    def on_scan(self, scan: Range, stamp_ns: int) -> None:
+        """Takes a scan; its first beam is at `angle_min_rad` in the body frame."""
+        if stamp_ns > self._scan_ns:
+            self._scan, self._scan_ns = scan, stamp_ns
+
+    def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
+        """Takes the pose of another platform, stamped in the own clock."""
+        self._neighbours[platform] = (pose, stamp_ns)
+
+    def on_goal(self, goal: Goal, now_ns: int) -> None:
+        """Takes a goal; the same goal again changes nothing."""
+        if self._goal == goal:
+            return
+        self._goal, self._goal_ns, self._moved_ns = goal, now_ns, now_ns
+        self._keeper, self._goal_error, self._anchor, self._arrived = None, "", None, False
+        if not goal.kind.known:
+            self._goal_error = f"goal {str(goal.kind)!r}: expected one of {', '.join(GoalKind)}"
+        elif goal.kind is GoalKind.TAKEOFF and not self._controller.flies:
+            self._goal_error = "takeoff: this vehicle does not fly"
+        elif goal.kind is GoalKind.FORMATION:
+            try:
+                self._keeper = FormationKeeper(self._config, goal, self._controller.flies)
+            except InvalidInput as error:
+                self._goal_error = str(error)
+            else:
+                if goal.leader == self._platform and not self._keeper.has_course:
+                    self._goal_error = "leading a formation: expected a course"
+
+    @property
+    def resting(self) -> bool:
+        """Whether the vehicle is disarmed and on the ground."""
+        return self._vehicle is not None and self._vehicle.resting
+
+    @property
+    def setpoint(self) -> Setpoint:
+        """The set-point of the last step."""
+        return self._setpoint
+
+    def step(self, pose: Pose | None, now_ns: int) -> GuidanceOutput:
+        """Computes set-point and status for this instant; without a valid pose the vehicle stops."""
+        if pose is not None and self._scan is not None:
+            self._points = self._echoes(pose, self._scan, now_ns)
+            self._scan = None
+        plan = self._plan(pose, now_ns)
+        if pose is None or plan.target is None:
+            setpoint = self._controller.stop()
+        else:
+            setpoint = self._controller.steer(pose, plan.target, self._around(now_ns), now_ns)
+        self._setpoint = setpoint
+        return GuidanceOutput(setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
+
+    # the decision
+
+    def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
+        goal = self._goal
+        if self._driven_by:
+            self._anchor = None  # where the vehicle is when it is released
+            return _Plan(NavState.HOLDING, note=f"driven by {self._driven_by}")
+        if self._goal_error:
+            return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
+        if pose is None:
+            return _Plan(NavState.IDLE if goal is None else NavState.HOLDING, error=NavError.NO_POSITION)
+        if goal is None:
+            return _Plan(NavState.IDLE, self._stay(pose))
+        if goal.kind is GoalKind.LAND:
+            return self._land(goal, pose)
+        if goal.kind is GoalKind.HOLD:
+            standing = math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s) < 2 * _STILL_M_S
+            return _Plan(NavState.HOLDING if standing else NavState.MOVING, self._stay(pose))
+        if self._vehicle is None or not self._vehicle.armed:
+            waiting = self._vehicle is None or now_ns - self._goal_ns < _ARM_GRACE_S * 1e9
+            return _Plan(NavState.MOVING if waiting else NavState.BLOCKED, error=NavError.DISARMED)
+        if goal.kind is GoalKind.TAKEOFF:
+            return self._take_off(goal, pose)
+        if goal.kind is GoalKind.GOTO:
+            return self._go(goal, pose)
+        return self._form(goal, pose, now_ns)
+
+    def _stay(self, pose: Pose | None) -> Target | None:
+        """Target that holds the position at which the goal arrived; None on the ground: stop."""
+        if pose is None or not self._controller.flies or self._vehicle is None or self._vehicle.landed:
+            return None
+        if self._anchor is None:
+            # the position at which it will have stopped: without overshoot
+            air = self._config.air
+            slip = math.hypot(pose.vx_m_s, pose.vy_m_s) / (2 * air.a_max_m_s2)
+            self._anchor = Pose.planar(
+                pose.x_m + pose.vx_m_s * slip, pose.y_m + pose.vy_m_s * slip, max(pose.z_m, 1.0), pose.yaw_rad
+            )
+        anchor = self._anchor
+        return Target(
+            anchor.x_m,
+            anchor.y_m,
+            anchor.z_m,
+            anchor.yaw_rad,
+            self._config.air.v_max_m_s,
+            (anchor.x_m, anchor.y_m),
+        )
+
+    def _land(self, goal: Goal, pose: Pose) -> _Plan:
+        stay = self._stay(pose)
+        if stay is None:
+            standing = math.hypot(pose.vx_m_s, pose.vy_m_s) < _STILL_M_S
+            return _Plan(NavState.ARRIVED if standing or self._controller.flies else NavState.MOVING)
+        speed = (
+            goal.speed_m_s if pose.z_m > _FINAL_M else min(goal.speed_m_s, self._config.air.touch_down_m_s)
+        )
+        down = msgspec.structs.replace(stay, z_m=pose.z_m - _DEEP_M, climb_m_s=speed)
+        return _Plan(NavState.MOVING, down, distance_m=max(0.0, pose.z_m))
+
+    def _take_off(self, goal: Goal, pose: Pose) -> _Plan:
+        if self._anchor is None:
+            self._anchor = pose
+        anchor = self._anchor
+        distance = abs(goal.z_m - pose.z_m)
+        target = Target(
+            anchor.x_m,
+            anchor.y_m,
+            goal.z_m,
+            anchor.yaw_rad,
+            self._config.air.v_max_m_s,
+            (anchor.x_m, anchor.y_m),
+            climb_m_s=goal.speed_m_s,
+        )
+        return self._reached(target, distance, distance, self._config.arrive_m, blockable=True)
+
+    def _go(self, goal: Goal, pose: Pose) -> _Plan:
+        height = goal.z_m - pose.z_m if self._controller.flies else 0.0
+        distance = math.hypot(goal.x_m - pose.x_m, goal.y_m - pose.y_m, height)
+        yaw = goal.yaw_rad
+        if yaw is None and self._controller.flies and distance > 2.0:
+            yaw = math.atan2(goal.y_m - pose.y_m, goal.x_m - pose.x_m)
+        target = Target(goal.x_m, goal.y_m, goal.z_m, yaw, goal.speed_m_s, (goal.x_m, goal.y_m))
+        turned = yaw is None or distance > 2.0 or abs(math.remainder(yaw - pose.yaw_rad, math.tau)) < 0.1
+        arrive = self._config.arrive_m if turned else 0.0
+        plan = self._reached(target, distance, distance, arrive, blockable=True)
+        if plan.state is NavState.ARRIVED and not self._controller.flies and goal.yaw_rad is None:
+            return msgspec.structs.replace(plan, target=None)
+        return plan
+
+    def _form(self, goal: Goal, pose: Pose, now_ns: int) -> _Plan:
+        keeper = self._keeper
+        if keeper is None:
+            return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
+        leads = goal.leader == self._platform
+        if leads:
+            place = keeper.lead(pose, now_ns)
+        else:
+            leader = self._leader(goal.leader, now_ns)
+            if leader is None:
+                return _Plan(NavState.HOLDING, self._stay(pose), error=NavError.LEADER_LOST, note=goal.leader)
+            self._anchor = None
+            place = keeper.follow(pose, leader)
+        arrive = self._config.formation_arrive_m
+        distance = place.remaining_m if leads and goal.advance else place.error_m
+        done = 0.0 if place.remaining_m <= (arrive if leads else 0.0) and place.still else math.inf
+        plan = self._reached(
+            place.target, distance, max(place.error_m, done), arrive, blockable=distance > 2 * arrive
+        )
+        return msgspec.structs.replace(plan, error_m=place.error_m)
+
+    def _reached(
+        self, target: Target, distance_m: float, error_m: float, arrive_m: float, *, blockable: bool
+    ) -> _Plan:
+        """Applies the arrival radius with hysteresis: it is left at twice the radius."""
+        self._arrived = error_m < (2 * arrive_m if self._arrived else arrive_m)
+        return _Plan(
+            NavState.ARRIVED if self._arrived else NavState.MOVING,
+            target,
+            distance_m,
+            blockable=blockable and not self._arrived,
+        )
+
+    # the obstacles
+
+    def _echoes(self, pose: Pose, scan: Range, now_ns: int) -> tuple[tuple[float, float], ...]:
+        """The echoes in map coordinates, from the pose of the scanner at its stamp."""
+        late_s = min(max((now_ns - self._scan_ns) / 1e9, 0.0), _SCAN_AGE_S)
+        x, y = pose.x_m - pose.vx_m_s * late_s, pose.y_m - pose.vy_m_s * late_s
+        first = pose.yaw_rad - pose.wz_rad_s * late_s + scan.angle_min_rad
+        found = []
+        for i, length in enumerate(scan.ranges_m):
+            if length < scan.max_m:
+                angle = first + i * scan.angle_step_rad
+                found.append((x + length * math.cos(angle), y + length * math.sin(angle)))
+        return tuple(found)
+
+    def _leader(self, platform: str, now_ns: int) -> Pose | None:
+        found = self._neighbours.get(platform)
+        if found is None or now_ns - found[1] > self._config.leader_timeout_s * 1e9:
+            return None
+        pose, stamp_ns = found
+        return predicted(pose, min(max((now_ns - stamp_ns) / 1e9, 0.0), _EXTRAPOLATE_S))
+
+    def _around(self, now_ns: int) -> Surroundings:
+        found = []
+        for platform, (pose, stamp_ns) in list(self._neighbours.items()):
+            age_s = (now_ns - stamp_ns) / 1e9
+            if age_s > self._config.neighbour_timeout_s:
+                del self._neighbours[platform]
+                continue
+            ahead_s = min(max(age_s, 0.0), _EXTRAPOLATE_S)
+            found.append(
+                MovingObstacle(
+                    pose.x_m + pose.vx_m_s * ahead_s,
+                    pose.y_m + pose.vy_m_s * ahead_s,
+                    pose.z_m + pose.vz_m_s * ahead_s,
+                    pose.vx_m_s,
+                    pose.vy_m_s,
+                    pose.vz_m_s,
+                    platform > self._platform,
+                )
+            )
+        fresh = now_ns - self._scan_ns < _SCAN_AGE_S * 1e9
+        return Surroundings(self._points if fresh else (), tuple(found))
+
+    # the status
+
+    def _checked(self, plan: _Plan, pose: Pose | None, now_ns: int) -> _Plan:
+        """Changes the state to blocked when progress is expected and missing."""
+        here = None if pose is None else (pose.x_m, pose.y_m, pose.z_m)
+        # progress is a distance, not a speed: one that oscillates in front of an obstacle has a speed, too
+        min_m = _STILL_M_S * self._config.blocked_s
+        moves = here is not None and (self._moved_from is None or math.dist(here, self._moved_from) > min_m)
+        if moves or not plan.blockable:
+            self._moved_ns, self._moved_from = now_ns, here
+        if now_ns - self._moved_ns > self._config.blocked_s * 1e9:
+            return msgspec.structs.replace(plan, state=NavState.BLOCKED, error=NavError.NO_WAY)
+        return plan
+
+    def _report(self, plan: _Plan, now_ns: int) -> NavStatus | None:
+        status = NavStatus(
+            self._goal.seq if self._goal else 0,
+            plan.state,
+            round(plan.distance_m, 3),
+            round(plan.error_m, 3),
+            plan.note,
+            plan.error,
+        )
+        changed = _published_at_once(status) != _published_at_once(self._status)
+        if not changed and now_ns - self._status_ns < 0.99e9 / self._config.status_hz:
+            return None
+        self._status, self._status_ns = status, now_ns
+        return status
+
+
+def _published_at_once(status: NavStatus) -> object:
+    """The fields whose change is published at once, not at the next period."""
+    return status.goal_seq, status.state, status.error, status.note

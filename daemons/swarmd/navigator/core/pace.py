@@ -1,0 +1,27 @@
+"""Pace of a task whose steps follow a value that another computer sends."""
+
+from typing import Final
+
+_EARLY_RATIO: Final = 0.6
+"""A value may arrive this part of a period after the last step: the delay of a link varies."""
+_LATE_RATIO: Final = 1.5
+"""Periods without a value after which a step is made without one."""
+
+
+class Pace:
+    """Admits a step for each value, at about the rate of the task however often values arrive."""
+
+    def __init__(self) -> None:
+        self._last_ns = -(1 << 62)
+
+    @staticmethod
+    def wait_s(period_s: float) -> float:
+        """Longest wait for the next value."""
+        return period_s * _LATE_RATIO
+
+    def take(self, now_ns: int, period_s: float) -> bool:
+        """Whether a step is due now; the next one is due after most of a period."""
+        if now_ns - self._last_ns < _EARLY_RATIO * period_s * 1e9:
+            return False
+        self._last_ns = now_ns
+        return True

@@ -1,0 +1,49 @@
+"""The estimator on a computer of its own: the sensors of the platform in, its pose out."""
+
+from contextlib import suppress
+from typing import ClassVar
+
+from swarmd.navigator import config as settings
+from swarmd.navigator.core.estimation import PoseEstimation
+from swarmd.navigator.core.pace import Pace
+from swarmd.navigator.inputs import Fresh, SensorInputs, StateInputs, map_origin
+from swarmd.navigator.outputs import pose_writer
+from swarmware.errors import NoAnswer
+from swarmware.model.platform_kind import PlatformKind
+from swarmware.module.module import Module
+from swarmware.service.service import Service
+from swarmware.types.vehicle import Setpoint
+
+
+class PoseEstimator(Service):
+    """Estimates the pose for a guidance on another computer; a step follows each inertial measurement."""
+
+    name = "estimator"
+    Config: ClassVar = settings.Config
+    settings_of: ClassVar = "navigator"
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        flies = module.node.config.kind == PlatformKind.UAV
+        self._core = PoseEstimation(config.estimator, map_origin(module, config), flies=flies)
+        self._sensors = SensorInputs(module)
+        self._state = StateInputs(module)
+        self._setpoint = Fresh(module.reader("act/setpoint", Setpoint))
+        self._poses = pose_writer(module, config)
+
+    async def run(self) -> None:
+        """Estimates until the service ends."""
+        module, core, imu = self.module, self._core, self._sensors.imu
+        pace = Pace()
+        while True:
+            period_s = self.config.period_s(resting=core.resting)
+            with suppress(NoAnswer):
+                await imu.changed(timeout_s=pace.wait_s(period_s))
+            now_ns = module.now_ns()
+            self._sensors.feed(core, now_ns)
+            self._state.feed(core)
+            if (setpoint := self._setpoint.take()) is not None:
+                core.on_setpoint(setpoint)
+            if pace.take(now_ns, period_s) and (pose := core.step(now_ns)) is not None:
+                self._poses.write(pose, now_ns)

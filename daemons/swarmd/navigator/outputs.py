@@ -1,0 +1,51 @@
+"""The boards that the navigator and its two halves write, and the settings that change while it runs."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from swarmd.navigator.config import Config
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.types.vehicle import NavStatus, Pose, Setpoint
+
+SETTINGS_EVERY: Final = 10
+"""Control steps between two checks of the parameters."""
+LIVE_SETTINGS: Final[Mapping[str, str]] = {
+    "dwa.heading_weight": "navigator/heading_weight",
+    "dwa.distance_weight": "navigator/distance_weight",
+    "dwa.velocity_weight": "navigator/velocity_weight",
+    "altitude.kp_1_s": "navigator/altitude_kp",
+    "altitude.ki_1_s2": "navigator/altitude_ki",
+    "altitude.kd": "navigator/altitude_kd",
+    "air.kp_1_s": "navigator/position_kp",
+}
+"""Gains of the guidance that change while it runs."""
+
+
+def pose_writer(module: Module, config: Config) -> BoardWriter[Pose]:
+    """The writer of the estimated pose."""
+    return module.writer("nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity")
+
+
+class GuidanceWriters:
+    """The writers of the guidance: set-point and status."""
+
+    def __init__(self, module: Module, config: Config) -> None:
+        self._log = module.log
+        self._setpoints = module.writer(
+            "act/setpoint", Setpoint, rate_hz=config.rate_hz, description="Set-point of velocity and yaw rate"
+        )
+        self._statuses = module.writer(
+            "nav/status", NavStatus, rate_hz=config.status_hz, description="Progress towards the goal"
+        )
+
+    def write(self, setpoint: Setpoint, status: NavStatus | None, now_ns: int) -> None:
+        """Publishes the outputs of one step."""
+        self._setpoints.write(setpoint, now_ns)
+        if status is not None:
+            self._statuses.write(status, now_ns)
+            self._log.debug("goal %d: %s", status.goal_seq, status.state)
+
+    def stop(self) -> None:
+        """Publishes a last set-point that stops the vehicle."""
+        self._setpoints.write(Setpoint(0.0))
