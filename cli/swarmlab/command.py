@@ -14,6 +14,9 @@ from swarmctl.commandline.settings import Nodes, settings
 EXPERIMENTS: Final = ("formation",)
 DISTRIBUTION: Final = "distribution"
 """A mission with the services of a vehicle on one computer, and on three."""
+NODES: Final = 16
+NODES_OF_DISTRIBUTION: Final = 3
+"""A ground station, a ground vehicle, and the air vehicle that is distributed."""
 
 
 @click.group(cls=Group)
@@ -26,6 +29,8 @@ def cmd() -> None:
 
 def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Options of `run` and `up`."""
+    nodes = None if DISTRIBUTION in experiments else NODES
+    default = f"{NODES}; {DISTRIBUTION}: {NODES_OF_DISTRIBUTION}" if nodes is None else True
     about = {
         "nodes": "Number of nodes: a ground station, and one ground vehicle for two air vehicles.",
         "usv": "Number of surface vessels among them.",
@@ -38,7 +43,9 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
     }
     options = (
         click.argument("experiment", type=click.Choice(experiments)),
-        click.option("--nodes", type=int, default=16, show_default=True, metavar="N", help=about["nodes"]),
+        click.option(
+            "--nodes", type=int, default=nodes, show_default=default, metavar="N", help=about["nodes"]
+        ),
         click.option("--usv", type=int, default=0, show_default=True, metavar="N", help=about["usv"]),
         click.option("--net", default="loopback", metavar="KIND", help=about["net"]),
         click.option("--seed", type=int, default=1, show_default=True, metavar="K", help=about["seed"]),
@@ -92,7 +99,10 @@ def run(ctx: click.Context, /, duration_s: float, out_dir: Path | None, strict: 
     from swarmlab.provision.provisioning import LabSpec
 
     conduct = experiment.main
-    if spec["experiment"] == DISTRIBUTION:
+    distributed = spec["experiment"] == DISTRIBUTION
+    if spec["nodes"] is None:
+        spec["nodes"] = NODES_OF_DISTRIBUTION if distributed else NODES
+    if distributed:
         prerequisites.require_modules("lab run", prerequisites.REPORT)
         from swarmlab import distribution
 

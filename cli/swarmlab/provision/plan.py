@@ -7,6 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import InvalidInput
+from swarmware.model.names import MAIN, Address
 from swarmware.model.platform_kind import PlatformKind
 
 MIN_NODES: Final = 3
@@ -57,14 +58,20 @@ def members(nodes: int, seed: int, usv: int = 0) -> tuple[PlannedNode, ...]:
     who += [(f"usv{i}", PlatformKind.USV) for i in range(1, usv + 1)]
     who += [(f"uav{i}", PlatformKind.UAV) for i in range(1, air + 1)]
     chance = random.Random(seed)
-    return tuple(
-        PlannedNode(
-            platform,
-            kind,
-            round(chance.uniform(-OFFSET_S, OFFSET_S), 6),
-            round(chance.uniform(-DRIFT_PPM, DRIFT_PPM), 3),
-        )
-        for platform, kind in who
+    return tuple(PlannedNode(platform, kind, *_clock(chance)) for platform, kind in who)
+
+
+def clock_of(member: PlannedNode, unit: str, seed: int) -> tuple[float, float]:
+    """Offset in s and drift in ppm of the clock of one computer of a platform."""
+    if unit == MAIN:
+        return member.offset_s, member.drift_ppm
+    return _clock(random.Random(f"clock {seed} {Address(member.platform, unit)}"))
+
+
+def _clock(chance: random.Random) -> tuple[float, float]:
+    return (
+        round(chance.uniform(-OFFSET_S, OFFSET_S), 6),
+        round(chance.uniform(-DRIFT_PPM, DRIFT_PPM), 3),
     )
 
 
@@ -90,7 +97,7 @@ def _named(option: str, spec: str, known: set[str]) -> frozenset[str]:
 
 
 UNITS: Final = ("main", "nav", "fc")
-"""Computers of a distributed vehicle: mission; estimator and controller; devices and motors."""
+"""Computers of a distributed vehicle: mission; estimator; controller, devices and motors."""
 
 
 def distributed(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str]:

@@ -39,10 +39,13 @@ BASIS: Final = ("broker", "tree", "register", "timesync", "health", "guard", "lo
 """Services of each computer of a vehicle that has several."""
 OF_UNIT: Final = {
     "main": (*BASIS, "mission"),
-    "nav": (*BASIS, *(name for name in VEHICLE if name not in {*STATION, "sim"})),
-    "fc": (*BASIS, "hal", "sim"),
+    "nav": (*BASIS, "estimator"),
+    "fc": (*BASIS, "hal", "sim", "control", "guidance"),
 }
-"""Services of the computers of a vehicle: mission; estimator and controller; devices and motors."""
+"""Services of the computers of a vehicle: mission; estimator; controller, devices and motors.
+
+`estimator` and `guidance` are the halves of `navigator`.
+"""
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
 """Radius of the sphere around a vehicle: configured in the simulation, used by the report."""
 LIDAR: Final = "ugv1"
@@ -95,7 +98,7 @@ def make(spec: LabSpec) -> LabState:
             mongodb_uri=spec.mongodb_uri,
             mongodb_database=f"swarm_{folder.name}" if spec.mongodb_uri else "",
             nodes=tuple(
-                _node(folder, member, unit, member.platform in separate)
+                _node(folder, member, unit, member.platform in separate, spec.seed)
                 for member in who
                 for unit in (plan.UNITS if member.platform in distributed else (MAIN,))
             ),
@@ -169,16 +172,17 @@ def _remove_dead_lab(folder: Path) -> None:
         remove(lab)
 
 
-def _node(folder: Path, member: PlannedNode, unit: str, separate: bool) -> LabNode:
+def _node(folder: Path, member: PlannedNode, unit: str, separate: bool, seed: int) -> LabNode:
     name = str(Address(member.platform, unit))
+    offset_s, drift_ppm = plan.clock_of(member, unit, seed)
     return LabNode(
         platform=name,
         kind=member.kind,
         folder=str(folder / "n" / name),
         shm_dir=str(SHM / f"swarm-{os.getuid()}-{_alias(folder)}-{name}"),
         processes="per-daemon" if separate else "one",
-        offset_s=member.offset_s,
-        drift_ppm=member.drift_ppm,
+        offset_s=offset_s,
+        drift_ppm=drift_ppm,
     )
 
 

@@ -192,4 +192,3 @@ class Chassis(Actuator):
     def _period_s(self, *, resting: bool) -> float:
         rate_hz = min(self._config.rate_hz, self._config.rest_hz) if resting else self._config.rate_hz
         return 1 / rate_hz
-

@@ -53,12 +53,16 @@ def effective_config(
     keys: list[ConfigKey] = []
     problems: list[str] = []
     left = dict(live)
-    for service in (NODE, *node.services):
+    classes: dict[str, tuple[str, type[msgspec.Struct], dict[str, str]]] = {}
+    for name in (NODE, *node.services):
         try:
-            cls, live_settings = _class_of(service)
+            service, cls, live_settings = _class_of(name)
         except (NotFound, ConfigError) as error:
             problems.append(str(error))
             continue
+        # the parts of a service have one file
+        classes.setdefault(service, (name, cls, {}))[2].update(live_settings)
+    for service, (running_name, cls, live_settings) in classes.items():
         chosen: list[tuple[str, KeyDescription, LiveValue | None]] = []
         for key in described_keys(cls):
             plain_name = f"{segment(service)}/{key.name}"
@@ -72,7 +76,7 @@ def effective_config(
         if file.problem:
             problems.append(file.problem)
         for name, key, setting in chosen:
-            keys.append(_key(name, key, file, running.get(service), setting, meanings=meanings))
+            keys.append(_key(name, key, file, running.get(running_name), setting, meanings=meanings))
     try:
         load_acl(folder)
     except ConfigError as error:
@@ -99,12 +103,12 @@ def _one_segment(name: str) -> str:
     return name.replace(".", "_").lower()
 
 
-def _class_of(service: str) -> tuple[type[msgspec.Struct], Mapping[str, str]]:
-    """Class of the configuration, and its live settings. Raises: NotFound, ConfigError."""
+def _class_of(service: str) -> tuple[str, type[msgspec.Struct], Mapping[str, str]]:
+    """Name of the file, class of the configuration, and its live settings. Raises: NotFound, ConfigError."""
     if service == NODE:
-        return NodeConfig, {}
+        return NODE, NodeConfig, {}
     found = find(service)
-    return found.Config, found.live_settings
+    return found.settings_of or service, found.Config, found.live_settings
 
 
 def _read(folder: Path, service: str, cls: type[msgspec.Struct]) -> _ConfigFile:

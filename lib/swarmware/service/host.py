@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 
 from swarmware.errors import NotFound, SwarmError
-from swarmware.model.config import load_service
 from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
-from swarmware.service.installed import find
+from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
@@ -49,13 +48,13 @@ class PreparedService(msgspec.Struct, frozen=True):
         Raises: NotFound for a name that is not installed, ConfigError when its file is invalid.
         """
         found = find(name)
-        return cls(found, load_service(config_dir, name, found.Config), config_dir)
+        return cls(found, load_config(found, config_dir), config_dir)
 
     def reloaded(self) -> PreparedService:
         """The service with the present content of its file. Raises: ConfigError."""
         if self.config_dir is None:
             return self
-        config = load_service(self.config_dir, self.name, self.cls.Config)
+        config = load_config(self.cls, self.config_dir)
         return PreparedService(self.cls, config, self.config_dir)
 
     @property

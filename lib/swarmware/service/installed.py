@@ -1,8 +1,12 @@
 """Installed services, by entry point."""
 
 from functools import cache
+from pathlib import Path
+
+import msgspec
 
 from swarmware.errors import ConfigError, NotFound
+from swarmware.model.config import load_service
 from swarmware.model.plugins import SERVICE_GROUP, EntryPoint, entry_points
 from swarmware.model.similar import similar
 from swarmware.service.service import Service
@@ -32,3 +36,11 @@ def find(name: str) -> type[Service]:
             f"service {name!r}: {points[name].value} is named {found.name!r}; expected one name"
         )
     return found
+
+
+def load_config(service: type[Service], config_dir: Path) -> msgspec.Struct:
+    """Configuration of a service, from its file or that of the service of which it is a part.
+
+    Raises: ConfigError when the file is invalid.
+    """
+    return load_service(config_dir, service.settings_of or service.name, service.Config)

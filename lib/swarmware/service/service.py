@@ -28,7 +28,9 @@ class Service(ABC):
     name: ClassVar[str]
     """Name of the application, of the configuration file and of the entry point: [a-z][a-z0-9_-]{0,30}."""
     Config: ClassVar[type[msgspec.Struct]] = NoSettings
-    """Settings, read from services/<name>.toml."""
+    """Settings, read from services/<name>.toml, or the file of `settings_of`."""
+    settings_of: ClassVar[str] = ""
+    """The service whose file has the settings of this one, which is a part of it; empty: its own file."""
     live_settings: ClassVar[Mapping[str, str]] = {}
     """Keys of the file, such as `altitude.kp_1_s`, and the keys of the live settings that override them.
 

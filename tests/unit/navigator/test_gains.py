@@ -6,7 +6,8 @@ import pytest
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
-from swarmd.navigator.service import Navigator, controller
+from swarmd.navigator.core.controller import controller
+from swarmd.navigator.service import Navigator
 from swarmware.model.config import parse
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind

@@ -1,18 +1,18 @@
 """Inputs of the navigator: a vehicle at rest reads no poses of others, and all of them when it is armed."""
 
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
-from swarmd.navigator.core.navigator import NavigatorCore
-from swarmd.navigator.inputs import Inputs
+from swarmd.navigator.inputs import GuidanceInputs, StateInputs
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types import registry
-from swarmware.types.vehicle import Pose, VehicleState
+from swarmware.types.control import ControlState
+from swarmware.types.vehicle import Goal, Pose, Range, VehicleState
 
 
 class Navigator:
@@ -29,6 +29,15 @@ class Navigator:
     def on_vehicle(self, state: VehicleState) -> None:
         self.vehicle = state
 
+    def on_control(self, control: ControlState) -> None:
+        raise AssertionError("nobody writes it")
+
+    def on_scan(self, scan: Range, stamp_ns: int) -> None:
+        raise AssertionError("nobody writes it")
+
+    def on_goal(self, goal: Goal, now_ns: int) -> None:
+        raise AssertionError("nobody writes it")
+
     def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int) -> None:
         self.neighbours.append((platform, pose.x_m))
 
@@ -40,11 +49,12 @@ async def test_a_vehicle_at_rest_reads_no_neighbour_and_all_of_them_in_the_step_
     async with tmp_node(tmp_path) as node, Module("navigator", node=node) as m:
         state = m.writer("vehicle/state", VehicleState)
         names = [f"uav{number}" for number in range(2, 2 + platforms)]
-        inputs, navigator = Inputs(m), Navigator()
+        inputs, states, navigator = GuidanceInputs(m), StateInputs(m), Navigator()
 
         def feed() -> list[tuple[str, float]]:
             navigator.neighbours.clear()
-            inputs.feed(cast(NavigatorCore, navigator), m.now_ns())
+            states.feed(navigator)
+            inputs.feed(navigator, m.now_ns())
             return sorted(navigator.neighbours)
 
         def write(name: str, x_m: float) -> None:

@@ -19,10 +19,10 @@ from swarmware.model import paths
 from swarmware.model.acl import FILE as ACL_FILE
 from swarmware.model.acl import load_acl
 from swarmware.model.clock import utc_ns
-from swarmware.model.config import load_node, load_service, share_dir
+from swarmware.model.config import load_node, share_dir
 from swarmware.model.frame import decode
 from swarmware.recorder.address import password_in, without_password
-from swarmware.service.installed import find
+from swarmware.service.installed import find, load_config
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.security.keys import FORMER_MAX
 from swarmware.transport.shm.layout import ring_file
@@ -362,14 +362,15 @@ def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:
     """Whether the files below services/ are valid, and whether the logger's database answers."""
     for name in services:
         try:
-            config = load_service(folder, name, find(name).Config)
+            service = find(name)
+            config = load_config(service, folder)
         except SwarmError as error:
             yield CheckResult(
                 paths.service_config(folder, name).name, "error", str(error), "correct the file"
             )
             continue
         if uri := getattr(config, "mongodb_uri", ""):
-            yield _database(paths.service_config(folder, name), uri)
+            yield _database(paths.service_config(folder, service.settings_of or name), uri)
 
 
 def _database(path: Path, uri: str) -> CheckResult:
