@@ -87,7 +87,7 @@ DOCUMENTS: Final = {
     "lab down": "swarmlab.run.lifecycle:EndedLabs",
     "lab logs": "swarmlab.run.listing:ProcessLogLine",
     "lab run": "swarmlab.report.report:ExperimentReport",
-    "lab run distribution": "swarmlab.distribution:DistributionReport",
+    "lab run DISTRIBUTION": "swarmlab.distribution:DistributionReport",
     "lab report": "swarmlab.report.report:ExperimentReport",
     "config get": "swarmctl.commands.config.keys:ConfiguredKeys",
     "config describe": "swarmctl.commands.config.keys:ConfiguredKeys",

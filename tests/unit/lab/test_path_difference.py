@@ -1,42 +1,89 @@
-"""Two paths are compared at the same time since their start."""
+"""Two paths are compared in space, and at the same time since the begin of each phase of the mission."""
 
 import numpy as np
 import pytest
 
-from swarmlab.measure.path_difference import difference
+from swarmlab.distribution import DistributionReport, VehicleDifference, phases
+from swarmlab.measure.path_difference import Flown, PathDifference, difference
 from swarmlab.measure.tracks import VehicleTrack
+from swarmware.types.mission import MissionPhase, MissionState
 
 
-def track(start_s: float, *, aside_m: float = 0.0, end_s: float = 20.0) -> VehicleTrack:
-    """At rest until the start, then with a growing speed to the east."""
+def flown(start_s: float, *, aside_m: float = 0.0, end_s: float = 20.0, wait_s: float = 0.0) -> Flown:
+    """At rest until the start, then to the east for 5 s, a pause, and to the north."""
     t_s = np.arange(0.0, end_s, 0.05)
-    moved_s = np.clip(t_s - start_s, 0.0, None)
-    xyz_m = np.stack([moved_s**1.5, np.full_like(t_s, aside_m), np.zeros_like(t_s)], axis=1)
-    return VehicleTrack("uav1", t_s, xyz_m, np.zeros_like(t_s))
+    east_s = np.clip(t_s - start_s, 0.0, 5.0)
+    turn_s = start_s + 5.0 + wait_s
+    north_s = np.clip(t_s - turn_s, 0.0, None)
+    xyz_m = np.stack([east_s**1.5, north_s + aside_m, np.zeros_like(t_s)], axis=1)
+    track = VehicleTrack("uav1", t_s, xyz_m, np.zeros_like(t_s))
+    return Flown(track, {"east": start_s, "north": turn_s})
 
 
-def test_a_later_start_is_no_difference_and_a_path_aside_is() -> None:
-    found = difference(track(2.0), track(3.3))
+def compared(one: Flown, other: Flown) -> PathDifference:
+    found = difference(one, other)
     assert found is not None
-    assert found[0].same_time_rms_m < 0.01
-    assert found[0].shift_s == pytest.approx(1.3, abs=0.02)
-    aside = difference(track(2.0), track(2.0, aside_m=0.5))
-    assert aside is not None
-    assert aside[0].rms_m == pytest.approx(0.5, abs=0.01)
-    assert aside[0].max_m == pytest.approx(0.5, abs=0.05)
-    assert aside[0].same_time_rms_m == pytest.approx(0.5, abs=0.01)
+    return found[0]
 
 
-def test_a_vehicle_that_is_late_on_the_same_path_differs_in_time_only() -> None:
-    slow = track(2.0)
-    late = VehicleTrack("uav1", slow.t_s * 1.1, slow.xyz_m, slow.yaw_rad)
-    found = difference(slow, late)
-    assert found is not None
-    assert found[0].rms_m < 0.2 < found[0].same_time_rms_m
+def test_a_phase_that_begins_later_is_no_difference_and_a_path_aside_is() -> None:
+    found = compared(flown(2.0), flown(3.3, wait_s=0.7))
+    assert found.same_time_rms_m < 0.01
+    assert [(phase.phase, phase.later_s) for phase in found.phases] == [
+        ("east", pytest.approx(1.3)),
+        ("north", pytest.approx(2.0)),
+    ]
+    aside = compared(flown(2.0), flown(2.0, aside_m=0.5))
+    assert aside.same_time_rms_m == pytest.approx(0.5, abs=0.01)
+    assert aside.max_m == pytest.approx(0.5, abs=0.05)
 
 
-def test_a_missing_path_has_no_difference() -> None:
-    nothing = VehicleTrack("uav1", np.empty(0), np.empty((0, 3)), np.empty(0))
-    assert difference(track(0.0), nothing) is None
-    assert difference(nothing, track(0.0)) is None
-    assert difference(track(0.0), track(0.0, end_s=3.0)) is None
+def test_a_vehicle_that_is_late_within_a_phase_differs_in_time_only() -> None:
+    one = flown(2.0)
+    late = Flown(flown(2.5).track, one.phases)
+    found = compared(one, late)
+    assert found.rms_m < 0.1 < 0.4 < found.same_time_rms_m
+    assert found.worst_rms_m == found.same_time_rms_m
+
+
+def test_a_missing_path_or_phase_has_no_difference() -> None:
+    empty = VehicleTrack("uav1", np.empty(0), np.empty((0, 3)), np.empty(0))
+    nothing = Flown(empty, {})
+    assert difference(flown(1.0), nothing) is None
+    assert difference(nothing, flown(1.0)) is None
+    assert difference(flown(1.0), Flown(flown(1.0).track, {"elsewhere": 1.0})) is None
+
+
+def test_a_phase_is_a_block_that_is_active_alone_after_the_command() -> None:
+    def state(*active: str) -> MissionState:
+        return MissionState(1, "", MissionPhase.RUNNING, active)
+
+    seen = [(-0.1, state("arm")), (0.5, state("arm", "form")), (1.0, state("form")), (2.0, state("land"))]
+    assert phases([*seen, (3.0, state("form")), (4.0, state())]) == {"form": 1.0, "land": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("rms_m", "same_time_m", "collisions", "missed"),
+    [
+        (0.1, 0.19, (0, 0), []),
+        (0.1, 0.25, (0, 0), ["uav1: 0.25 m; expected at most 0.2 m"]),
+        (0.3, 0.1, (0, 0), ["uav1: 0.30 m; expected at most 0.2 m"]),
+        (0.1, 0.1, (0, 2), ["uav1: 2 collisions; expected none"]),
+    ],
+)
+def test_both_distances_and_collisions_decide(
+    rms_m: float, same_time_m: float, collisions: tuple[int, int], missed: list[str]
+) -> None:
+    paths = PathDifference(rms_m, 1.0, same_time_m, ())
+    one = VehicleDifference("uav1", ("main", "nav", "fc"), paths, collisions)
+    assert DistributionReport((2.0, 8.0), 0.2, (one,)).misses() == missed
+
+
+def test_a_vehicle_on_one_computer_is_shown_and_not_judged() -> None:
+    far = VehicleDifference("ugv1", ("main",), PathDifference(9.0, 9.0, 9.0, ()), (0, 0))
+    gone = VehicleDifference("uav1", ("main", "nav", "fc"), None, (0, 0))
+    assert DistributionReport((2.0, 8.0), 0.2, (far,)).misses() == []
+    assert DistributionReport((2.0, 8.0), 0.2, (gone,), ("lost",)).misses() == [
+        "lost",
+        "uav1: a path is missing",
+    ]

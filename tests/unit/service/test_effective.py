@@ -177,3 +177,18 @@ def test_a_service_that_is_not_installed_is_a_problem(tmp_path: Path) -> None:
     found = effective_config(folder, {}, {})
     assert "'nosuch': not installed" in found.problems[0]
     assert {key.service for key in found.keys} == {"node", "tree"}
+
+
+def test_the_halves_of_a_service_have_its_keys_once_and_the_live_settings_of_either(tmp_path: Path) -> None:
+    both = keys(
+        make_node(tmp_path, services={"estimator": {}, "guidance": {}, "navigator": {"rate_hz": 25.0}})
+    )
+    halves = make_node(tmp_path / "halves", services={"estimator": {}, "guidance": {}})
+    (halves / "services/navigator.toml").write_text("rate_hz = 25.0\n")
+    found = keys(halves)
+    assert {name for name in found if not name.startswith("node/")} == {
+        name for name in both if name.startswith("navigator/")
+    }
+    assert "navigator/altitude_kp" in found
+    assert found["navigator/rate_hz"].value == both["navigator/rate_hz"].value
+    assert found["navigator/rate_hz"].origin == "file"

@@ -19,6 +19,7 @@ class Feed:
     """Of a board: the newest value if it differs enough. Of events and streams: each item, in order."""
 
     __slots__ = (
+        "_each",
         "_in_flight",
         "_interval_ns",
         "_limit_ns",
@@ -38,8 +39,9 @@ class Feed:
     def __init__(
         self, resource: Resource, rule: Rule, default_interval_ns: int, *, over_wire: bool = False
     ) -> None:
-        """`over_wire`: for another computer of this platform, at up to twice the board's rate: a value does
-        not wait because the one before was late."""
+        """`over_wire`: for another computer of this platform, each value, also one that equals the last, as its
+        readers judge by its age; at up to twice the board's rate: a value does not wait because the one before
+        was late."""
         self.resource = resource
         self.rule = rule
         self.latest_only = resource.kind in LATEST_ONLY
@@ -49,6 +51,8 @@ class Feed:
             wanted_ns = period_ns // 2 if over_wire else max(default_interval_ns, period_ns)
         self._interval_ns = wanted_ns
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
+        self._each = over_wire and rule.deadband <= 0
+        """Whether a value that equals the one sent last is sent, too."""
         self._limit_ns: int | None = 0
         """Minimum interval set by an operator; None: nothing is sent."""
         self._newest: TreeItem | None = None
@@ -75,8 +79,8 @@ class Feed:
             self._push(item)
             return
         self._newest = item
-        changed = self._sent is None or differs(self._sent, item.data, self.rule.deadband)
-        # a value that is equal to the last sent one again is not sent
+        changed = self._sent is None or self._each or differs(self._sent, item.data, self.rule.deadband)
+        # else a value that is equal to the last sent one again is not sent
         self._pending = item if changed else None
 
     def _push(self, item: TreeItem) -> None:
