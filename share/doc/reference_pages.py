@@ -82,8 +82,9 @@ def _configurations() -> Iterator[tuple[str, type[msgspec.Struct]]]:
     yield "node", NodeConfig
     yield "acl", AclConfig
     for name, point in installed().items():
-        if point.value.startswith("swarmd."):  # a package that is installed beside this one is not its part
-            yield name, find(name).Config
+        # a package that is installed beside this one is not its part, and a part of a service has no file
+        if point.value.startswith("swarmd.") and not (service := find(name)).settings_of:
+            yield name, service.Config
 
 
 def hosts() -> str:

@@ -25,7 +25,6 @@ THIN = {
     "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
     "lib/swarmware/runtime/instant.py": "waits for instants, which a core must not import",
     "lib/swarmware/service/garbage.py": "the garbage collector of a process",
-    "lib/swarmware/service/installed.py": "the table of installed services",
     "lib/swarmware/service/reason.py": "the line of an expected error",
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",

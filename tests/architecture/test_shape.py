@@ -18,9 +18,9 @@ SOURCES = sorted(
     for path in (ROOT / folder).rglob("*.py")
     if "__pycache__" not in path.parts
 )
-SERVICES = sorted(
-    tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["swarmware.services"]
-)
+POINTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["swarmware.services"]
+SERVICES = sorted({point.split(".")[1] for point in POINTS.values()})
+"""Packages of services; the parts of a service are in its package, and have its settings."""
 LINES = 500
 
 

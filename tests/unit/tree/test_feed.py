@@ -218,3 +218,16 @@ def test_while_a_value_of_a_board_is_on_its_way_the_next_one_waits() -> None:
     assert one.due_ns() is None
     one.on_acknowledged()
     assert take(one, S, 9) == [item(3.0, 3)]
+
+
+def test_another_computer_of_the_platform_gets_equal_values_too_unless_a_deadband_is_set() -> None:
+    board = msgspec.structs.replace(BOARD, rate_hz=10.0)
+    counts = []
+    for over_wire, deadband in ((True, 0.0), (False, 0.0), (True, 0.5)):
+        feed = Feed(board, Rule(pattern="**", deadband=deadband), 0, over_wire=over_wire)
+        sent = 0
+        for number in range(10):
+            feed.offer(item(1.0, number))
+            sent += len(take(feed, number * S // 10, 9)) if feed.due_ns() is not None else 0
+        counts.append(sent)
+    assert counts == [10, 1, 1]

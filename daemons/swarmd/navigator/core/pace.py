@@ -2,8 +2,8 @@
 
 from typing import Final
 
-_EARLY_RATIO: Final = 0.6
-"""A value may arrive this part of a period after the last step: the delay of a link varies."""
+_EARLY_RATIO: Final = 0.4
+"""A value may arrive this part of a period before the next step is due: the delay of a link varies."""
 _LATE_RATIO: Final = 1.5
 """Periods without a value after which a step is made without one."""
 
@@ -12,7 +12,7 @@ class Pace:
     """Admits a step for each value, at about the rate of the task however often values arrive."""
 
     def __init__(self) -> None:
-        self._last_ns = -(1 << 62)
+        self._due_ns = -(1 << 62)
 
     @staticmethod
     def wait_s(period_s: float) -> float:
@@ -20,8 +20,10 @@ class Pace:
         return period_s * _LATE_RATIO
 
     def take(self, now_ns: int, period_s: float) -> bool:
-        """Whether a step is due now; the next one is due after most of a period."""
-        if now_ns - self._last_ns < _EARLY_RATIO * period_s * 1e9:
+        """Whether a step is due now; the next one is due a period after the instant at which this one was."""
+        period_ns = round(period_s * 1e9)
+        early_ns = round(period_ns * _EARLY_RATIO)
+        if now_ns < self._due_ns - early_ns:
             return False
-        self._last_ns = now_ns
+        self._due_ns = max(self._due_ns + period_ns, now_ns + period_ns - early_ns)
         return True

@@ -39,9 +39,9 @@ class Feed:
     def __init__(
         self, resource: Resource, rule: Rule, default_interval_ns: int, *, over_wire: bool = False
     ) -> None:
-        """`over_wire`: for another computer of this platform, each value, also one that equals the last, as its
-        readers judge by its age; at up to twice the board's rate: a value does not wait because the one before
-        was late."""
+        """`over_wire`: for another computer of this platform, each value, also one that equals the last, as
+        its readers judge by its age; at up to twice the board's rate: a value does not wait because the one
+        before was late."""
         self.resource = resource
         self.rule = rule
         self.latest_only = resource.kind in LATEST_ONLY

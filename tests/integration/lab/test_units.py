@@ -1,0 +1,34 @@
+"""A vehicle of a lab with three computers: estimator, guidance and mission each on its own, and it flies."""
+
+import json
+import subprocess
+from collections.abc import Callable
+
+from swarmctl.session import labs
+
+Done = subprocess.CompletedProcess[str]
+Ctl = Callable[..., Done]
+
+
+def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_takes_off_and_lands(
+    ctl: Ctl, labs_folder: object
+) -> None:
+    ctl("lab", "up", "formation", "--nodes", "3", "--units", "uav1", "--detach")
+    names = [node.platform for node in labs.find().nodes]
+    assert names == ["gcs", "ugv1", "uav1", "uav1.nav", "uav1.fc"]
+    clocks = {node.offset_s for node in labs.find().nodes}
+    assert len(clocks) == len(names), "each computer has its own clock"
+
+    (flown,) = json.loads(ctl("takeoff", "uav1", "--json").stdout)["vehicles"]
+    assert flown["platform"] == "uav1"
+    for path, unit in (("nav/pose", "nav"), ("nav/status", "fc"), ("mission/state", "main")):
+        one = json.loads(ctl("tree", "get", f"/uav1.{unit}/{path}", "--json").stdout)
+        whole = json.loads(ctl("tree", "get", f"/uav1/{path}", "--json").stdout)
+        assert one["path"] != whole["path"]
+        assert one["type"] == whole["type"]
+    height_m = json.loads(ctl("tree", "get", "/uav1/nav/pose", "--json").stdout)["value"]["z_m"]
+    truth_m = json.loads(ctl("tree", "get", "/uav1/sim/truth", "--json").stdout)["value"]["z_m"]
+    assert height_m > 2.0
+    assert abs(height_m - truth_m) < 0.5
+    ctl("land", "uav1")
+    ctl("lab", "down")
