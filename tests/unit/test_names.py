@@ -137,3 +137,22 @@ def test_a_path_may_name_one_computer_and_only_its_first_segment_has_a_point() -
     assert names.has_unit_branch("sys/tree/get")
     assert not names.has_unit_branch("sys/mission/task")
     assert not names.has_unit_branch("nav/pose")
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "field"),
+    [
+        ("nav/pose", "nav/pose", ""),
+        ("nav/pose.x_m", "nav/pose", "x_m"),
+        ("/uav3/nav/pose.x_m", "/uav3/nav/pose", "x_m"),
+        ("/uav3.fc/nav/pose", "/uav3.fc/nav/pose", ""),
+        ("/uav3.fc/nav/pose.x_m", "/uav3.fc/nav/pose", "x_m"),
+        ("/uav3.fc/plan/path.steps.0", "/uav3.fc/plan/path", "steps.0"),
+        ("/*/nav/pose.x_m", "/*/nav/pose", "x_m"),
+        ("/uav3.fc", "/uav3.fc", ""),
+        ("/uav3", "/uav3", ""),
+        ("", "", ""),
+    ],
+)
+def test_the_dot_of_a_computer_is_no_dot_before_a_field(text: str, path: str, field: str) -> None:
+    assert names.split_field(text) == (path, field)

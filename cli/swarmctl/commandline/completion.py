@@ -41,9 +41,10 @@ def resources(kinds: Container[str], access: str = "r", *, fields: bool = False)
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
         from swarmctl.commandline import completion_cache
+        from swarmware.model.names import split_field
 
-        if fields and "." in incomplete:
-            path, _, begun = incomplete.partition(".")
+        if fields and "." in incomplete.rpartition("/")[2]:
+            path, begun = split_field(incomplete)
             known = [name for name in _fields(ctx, path) if name != "value"]
             return [f"{path}.{name}" for name in known if name.startswith(begun)]
         rows = [row for row in completion_cache.load()[2] if row.kind in kinds and access in row.access]
@@ -84,7 +85,9 @@ def field_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> 
 
 def values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Values of the resource or of the field in the argument `path`: of an enumeration, true and false."""
-    path, _, field = str(ctx.params.get("path", "")).partition(".")
+    from swarmware.model.names import split_field
+
+    path, field = split_field(str(ctx.params.get("path", "")))
     return [value for value in _fields(ctx, path).get(field or "value", ()) if value.startswith(incomplete)]
 
 

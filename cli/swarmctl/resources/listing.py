@@ -156,7 +156,7 @@ async def find_entry(session: Session, path: str) -> TreeEntry | None:
 
 async def consequence(session: Session, path: str) -> str:
     """Effect of setting the resource or a field, from its template; empty: no confirmation needed."""
-    platform, local = names.split(names.check_path(path.partition(".")[0]))
+    platform, local = names.split(names.check_path(names.split_field(path)[0]))
     entry = await _exact(session, names.join(platform or session.here, local))
     return "" if entry is None else entry.confirm
 

@@ -14,6 +14,7 @@ from typing import Final, Protocol
 import msgspec
 
 from swarmware.errors import MissionError
+from swarmware.model.names import split_field
 
 Scalar = bool | float | str
 """Type of the values that a condition compares."""
@@ -290,7 +291,7 @@ class _ConditionParser:
         if self._own and "/" not in word:
             return Field(self._own, word, begin)
         full = SHORT_NAMES.get(word.lower(), word)
-        path, _, field = full.partition(".")
+        path, field = split_field(full)
         if not self._resource(path):
             self.kind, self.word, self._begin = kind, word, begin
             raise self.error(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")

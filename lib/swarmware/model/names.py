@@ -144,6 +144,14 @@ def split(path: str) -> tuple[str | None, str]:
     return platform, local
 
 
+def split_field(text: str) -> tuple[str, str]:
+    """Path and field of a value: `/uav3.fc/nav/pose.x_m` → (`/uav3.fc/nav/pose`, `x_m`); the dot of a
+    computer is part of its path."""
+    end = text.find("/", 1) if text.startswith("/") else 0
+    dot = text.find(".", end) if end >= 0 else -1
+    return (text, "") if dot < 0 else (text[:dot], text[dot + 1 :])
+
+
 def join(platform: str, local: str) -> str:
     """Global path of a platform's resource."""
     return f"/{platform}/{local}" if local else f"/{platform}"

@@ -10,6 +10,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
 from swarmctl.terminal.wrapping import wrapped
 from swarmware.errors import Partial
+from swarmware.model.names import split_field
 from swarmware.types.tree import Quality, ValueSource
 from swarmware.types.units import unit_of
 
@@ -19,7 +20,7 @@ async def print_values(session: Session, path: str, *, names: tuple[str, ...] = 
 
     `names`: fields of each. Raises: Partial when some have no value; the error itself when none has.
     """
-    name, _, fields = path.partition(".")
+    name, fields = split_field(path)
     if is_pattern(session.path(name)):
         await _print_all(session, name, fields, names, fresh=fresh)
         return

@@ -14,6 +14,7 @@ from swarmctl.resources.values import select
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import Partial
+from swarmware.model.names import split_field
 from swarmware.types.tree import TreeEntry
 from swarmware.types.units import unit_of
 
@@ -47,7 +48,7 @@ async def print_changes(session: Session, path: str, count: int | None, names: t
 
     Raises: Partial when values were overwritten before they were read.
     """
-    name, _, fields = path.partition(".")
+    name, fields = split_field(path)
     entries = await valued(session, name)
     news = await ValueSubscription.open(session, entries)
     meters = {e.path: RateMeter(WINDOW_S, numbered=is_numbered(session, e)) for e in entries}
