@@ -32,11 +32,6 @@ class PathDifference(msgspec.Struct, frozen=True):
     one before, in no two runs at the same instant."""
     phases: tuple[PhaseDifference, ...]
 
-    @property
-    def worst_rms_m(self) -> float:
-        """The larger one of both distances."""
-        return max(self.rms_m, self.same_time_rms_m)
-
 
 class Flown(NamedTuple):
     """One run of a vehicle."""

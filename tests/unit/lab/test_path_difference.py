@@ -29,10 +29,8 @@ def compared(one: Flown, other: Flown) -> PathDifference:
 def test_a_phase_that_begins_later_is_no_difference_and_a_path_aside_is() -> None:
     found = compared(flown(2.0), flown(3.3, wait_s=0.7))
     assert found.same_time_rms_m < 0.01
-    assert [(phase.phase, phase.later_s) for phase in found.phases] == [
-        ("east", pytest.approx(1.3)),
-        ("north", pytest.approx(2.0)),
-    ]
+    assert [phase.phase for phase in found.phases] == ["east", "north"]
+    assert [phase.later_s for phase in found.phases] == pytest.approx([1.3, 2.0])
     aside = compared(flown(2.0), flown(2.0, aside_m=0.5))
     assert aside.same_time_rms_m == pytest.approx(0.5, abs=0.01)
     assert aside.max_m == pytest.approx(0.5, abs=0.05)
@@ -44,7 +42,6 @@ def test_a_vehicle_that_is_late_within_a_phase_differs_in_time_only() -> None:
     found = compared(one, late)
     assert found.rms_m < 0.1
     assert found.same_time_rms_m > 0.4
-    assert found.worst_rms_m == found.same_time_rms_m
 
 
 def test_a_missing_path_or_phase_has_no_difference() -> None:
@@ -67,12 +64,12 @@ def test_a_phase_is_a_block_that_is_active_alone_after_the_command() -> None:
     ("rms_m", "same_time_m", "collisions", "missed"),
     [
         (0.1, 0.19, (0, 0), []),
-        (0.1, 0.25, (0, 0), ["uav1: 0.25 m; expected at most 0.2 m"]),
+        (0.19, 0.25, (0, 0), []),
         (0.3, 0.1, (0, 0), ["uav1: 0.30 m; expected at most 0.2 m"]),
         (0.1, 0.1, (0, 2), ["uav1: 2 collisions; expected none"]),
     ],
 )
-def test_both_distances_and_collisions_decide(
+def test_the_distance_in_space_and_collisions_decide(
     rms_m: float, same_time_m: float, collisions: tuple[int, int], missed: list[str]
 ) -> None:
     paths = PathDifference(rms_m, 1.0, same_time_m, ())

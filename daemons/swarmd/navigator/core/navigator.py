@@ -52,7 +52,7 @@ class NavigatorCore:
         self._guidance.on_vehicle(state)
 
     def on_control(self, control: ControlState) -> None:
-        """Takes who drives."""
+        """Takes who drives the vehicle."""
         self._estimation.on_control(control)
         self._guidance.on_control(control)
 
