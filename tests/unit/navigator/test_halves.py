@@ -46,7 +46,7 @@ def lumped(goal: Goal) -> Fly:
         core.on_imu(imu, now_ns)
         core.on_gnss(fix, now_ns)
         output = core.step(now_ns)
-        return output.setpoint, output.status and output.status.state
+        return output.setpoint, None if output.status is None else output.status.state
 
     return step
 
@@ -71,7 +71,7 @@ def halves(goal: Goal, *, seed: int = 1) -> Fly:
         if pose is not None:
             received.on_pose(pose, there_ns)
         output = guidance.step(received.at(here_ns), here_ns)
-        return output.setpoint, output.status and output.status.state
+        return output.setpoint, None if output.status is None else output.status.state
 
     return step
 
