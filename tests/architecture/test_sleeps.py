@@ -13,6 +13,7 @@ MEANT: Final = {
     "cli/swarmctl/resources/restart.py:restart_one": "the restarted broker or tree would carry the event",
     "cli/swarmlab/run/capacity.py:Capacity.measure": "the interval over which load is measured",
     "daemons/swarmd/broker/beacon_transport.py:BeaconTransport.look_up_seeds": "period of name resolution",
+    "daemons/swarmd/broker/membership.py:Membership._forget": "a route at another service has no event here",
     "daemons/swarmd/logger/service.py:Logger._open_recorder": "back-off: a disk has no event",
     "daemons/swarmd/logger/upload.py:Upload.run": "back-off: a server that is away has no event",
     "daemons/swarmd/main.py:main": "limits the rate of restarts by systemd",

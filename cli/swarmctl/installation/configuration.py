@@ -10,7 +10,7 @@ import msgspec
 from swarmware.errors import ConfigError, Conflict, InvalidInput
 from swarmware.model import document
 from swarmware.model.config import NodeConfig, load_node, parse
-from swarmware.model.names import check_platform
+from swarmware.model.names import MAIN, check_platform
 
 NODE_FILE: Final = "node.toml"
 GUARD_FILE: Final = "services/guard.toml"
@@ -24,6 +24,8 @@ SYSTEMD: Final = "systemd"
 """Supervisor of guard.toml: each service is a unit, restarted by systemd."""
 SIMULATION: Final = "sim"
 """Name of the service and of the driver of the simulation."""
+UNIT: Final = ("broker", "tree", "register", "timesync", "health", "guard", "logger")
+"""Services of a further computer of a platform, whose other services are on the computer `main`."""
 VEHICLE_ONLY: Final = (SIMULATION, "control", "navigator")
 """Services without which a ground station runs."""
 
@@ -38,6 +40,8 @@ class NodeChoice(msgspec.Struct, frozen=True):
     """A vehicle without the simulated one."""
     single_unit: bool = False
     """The whole node in one unit of systemd, instead of a unit for each service."""
+    unit: str = ""
+    """Name of this computer on its platform; empty: main."""
 
 
 class HostNode(msgspec.Struct, frozen=True):
@@ -107,11 +111,14 @@ def _node_keys(shipped: bytes, choice: NodeChoice) -> dict[str, Any]:
         )
     services = parse(shipped.decode(), NodeConfig, NODE_FILE).services
     left_out = VEHICLE_ONLY if kind == STATION else (SIMULATION,) if choice.real else ()
+    unit = check_platform(choice.unit or MAIN)
+    kept = UNIT if unit != MAIN else [name for name in services if name not in left_out]
     return {
         "platform": choice.platform,
+        "unit": unit,
         "kind": kind,
         "template": choice.template or TEMPLATES[kind],
-        "services": [name for name in services if name not in left_out],
+        "services": list(kept),
         "processes": "one" if choice.single_unit else "per-daemon",
     }
 
@@ -135,8 +142,18 @@ def _single_unit(files: dict[str, bytes], config_dir: Path, choice: NodeChoice, 
 
 def _check(choice: NodeChoice, node: NodeConfig, path: Path) -> None:
     """Raises: Conflict when the choice is another one than that of the file."""
-    found = {"platform": node.platform, "kind": node.kind.value, "template": node.template}
-    wanted = {"platform": choice.platform, "kind": choice.kind, "template": choice.template}
+    found = {
+        "platform": node.platform,
+        "unit": node.unit,
+        "kind": node.kind.value,
+        "template": node.template,
+    }
+    wanted = {
+        "platform": choice.platform,
+        "unit": choice.unit,
+        "kind": choice.kind,
+        "template": choice.template,
+    }
     for key, value in wanted.items():
         if value and value != found[key]:
             raise Conflict(

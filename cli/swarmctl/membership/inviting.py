@@ -11,10 +11,12 @@ import msgspec
 from swarmctl.membership.addresses import host_and_port, own_addresses
 from swarmctl.membership.distribution import current_root, hand_over
 from swarmctl.membership.listener import JoinListener, listening_socket
+from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.membership.root_folder import RootFolder
+from swarmctl.membership.seeds import unicast_port
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
-from swarmware.errors import Denied, InvalidInput, NoAnswer, Partial, SwarmError
+from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model.access import Role
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import check_platform
@@ -112,6 +114,7 @@ class _Gate:
         ]
         self._invitations = invitations
         self._valid_s = plan.valid_s
+        self._broker_port = _broker_port(out)
         self._core = Inviter(invitations, folder.refused(utc_s), lambda: os.urandom(NONCE_BYTES), now_ns)
         self._changed = asyncio.Event()
         self._turn = asyncio.Lock()
@@ -164,7 +167,7 @@ class _Gate:
             except (SwarmError, OSError) as error:
                 self._out.warn(f"{found.request.platform} at {address} could not be admitted: {error}")
                 return self._core.failed(found, str(error), utc_ns())
-            answer = self._core.admitted(found, root.public, root.signed, utc_ns())
+            answer = self._core.admitted(found, root.public, root.signed, utc_ns(), self._broker_port)
         if not found.repeated:
             self._joined.append(found.request.platform)
             self._show(found.invitation, "joined", address)
@@ -186,6 +189,14 @@ class _Gate:
         self, one: Invitation, state: Literal["invited", "joined", "expired"], address: str = ""
     ) -> None:
         show_invited(self._out, one, state, address)
+
+
+def _broker_port(out: Output) -> int:
+    """UDP port of the broker on this computer, which new members get as a seed; 0: none."""
+    try:
+        return unicast_port(NodeKeys.find(out.settings))
+    except NotFound:
+        return 0
 
 
 def show_invited(

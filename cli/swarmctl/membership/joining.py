@@ -9,10 +9,11 @@ import msgspec
 
 from swarmctl.membership.activation import activate, show_activation
 from swarmctl.membership.node_keys import NodeKeys
+from swarmctl.membership.seeds import add_seed
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Column
-from swarmware.errors import InvalidInput, NoAnswer, SwarmError, WireError
+from swarmware.errors import ConfigError, InvalidInput, NoAnswer, SwarmError, WireError
 from swarmware.model.clock import utc_ns
 from swarmware.transport.enrolment.joiner import CLOCK_S, Credentials, Joiner, from_file
 from swarmware.transport.enrolment.messages import ANSWER_MAX, SIZE_BYTES
@@ -40,6 +41,8 @@ class JoinedSwarm(msgspec.Struct, frozen=True):
     """Other members that it reaches."""
     ahead_s: float | None = None
     """Wall clock of this computer minus that of the inviter; None: not known."""
+    seed: str = ""
+    """Broker of the inviter that was entered in services/broker.toml; empty: it has no fixed unicast_port."""
 
 
 def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
@@ -60,7 +63,20 @@ def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
         data, utc_s = file.read_bytes(), utc_ns() // 1_000_000_000
         credentials = from_file(token, node.platform, data, str(file), utc_s)
     node.write(credentials)
-    _show(out, node, credentials)
+    _show(out, node, credentials, _enter_seed(out, node, credentials))
+
+
+def _enter_seed(out: Output, node: NodeKeys, credentials: Credentials) -> str:
+    """Enters the broker of the inviter as a seed; returns it, empty where it has no port that stays."""
+    if not credentials.broker_port or ":" in credentials.inviter:
+        return ""
+    seed = f"{credentials.inviter}:{credentials.broker_port}"
+    try:
+        add_seed(node, seed)
+    except (ConfigError, OSError) as error:
+        out.warn(f"seed {seed} could not be entered: {error}")
+        return ""
+    return seed
 
 
 def credentials_for(out: Output, token: JoinToken, platform: str, seed: bytes) -> Credentials:
@@ -80,7 +96,7 @@ def _check_network(token: JoinToken) -> None:
         )
 
 
-def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:
+def _show(out: Output, node: NodeKeys, credentials: Credentials, seed: str) -> None:
     roster = node.load().roster
     member = None if roster is None else roster.find(node.platform)
     if roster is None or member is None:
@@ -98,6 +114,7 @@ def _show(out: Output, node: NodeKeys, credentials: Credentials) -> None:
         activated.in_use,
         activated.reached,
         credentials.ahead_s,
+        seed,
     )
     if out.settings.structured:
         out.document(joined)
@@ -138,7 +155,7 @@ async def _ask(token: JoinToken, joiner: Joiner, connect_s: float) -> Credential
                 continue
             try:
                 data = await _exchange(reader, writer, joiner.request(os.urandom(NONCE_BYTES)))
-                return joiner.on_answer(data, utc_ns())
+                return msgspec.structs.replace(joiner.on_answer(data, utc_ns()), inviter=host)
             except (WireError, OSError, TimeoutError, asyncio.IncompleteReadError) as error:
                 reasons.append(f"{host}: {error or 'no answer'}")
             finally:

@@ -73,10 +73,23 @@ async def until(routes: BoardReader[Routes], *platforms: str) -> None:
             await routes.changed()
 
 
+async def until_computers(routes: BoardReader[Routes], *names: str) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while routes.value is None or {route.name for route in routes.value.routes} != set(names):
+            await routes.changed()
+
+
 async def known(probe: Module) -> set[str]:
     """Platforms that the tree of the ground station knows."""
     found = await probe.request("sys/tree/list", TreeList("/gcs/none", 1), TreeListing, timeout_s=5)
     return {one.platform for one in found.platforms}
+
+
+async def until_known(probe: Module, *platforms: str) -> None:
+    """Until the tree knows these; each request waits for its answer."""
+    async with asyncio.timeout(PATIENCE_S):
+        while await known(probe) != set(platforms):
+            pass
 
 
 async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_path: Path) -> None:
@@ -84,6 +97,9 @@ async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_pat
     base, vehicle, other = (
         make_node(tmp_path, name, kind=kind, services={"broker": broker, "tree": {}})
         for name, kind in (("gcs", "gcs"), ("uav1", "uav"), ("uav2", "uav"))
+    )
+    second = make_node(
+        tmp_path, "uav1.fc", services={"broker": broker, "tree": {}}, keys_dir=str(tmp_path / "uav1/keys")
     )
     root, operator = tmp_path / "root", Operator(tmp_path / "root")
     await operator.keys(base, "init", "--swarm", "harbour")
@@ -114,21 +130,38 @@ async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_pat
             await operator.run(other, "node", "rename", "uav2", "scout", "--token", token, "--yes")
         async with spawn(other, "broker", "tree"):
             await until(routes, "uav1", "scout")
-            assert await known(probe) == {"gcs", "uav1", "uav2", "scout"}
-            shown = await operator.run(base, "node", "remove", "uav2", "--yes")
-            assert [line.split()[:2] for line in shown.splitlines()[1:]] == [
-                ["gcs", "yes"],
-                ["scout", "yes"],
-                ["uav1", "yes"],
-            ]
-            assert await known(probe) == {"gcs", "uav1", "scout"}
-            await operator.run(base, "node", "remove", "scout", "--yes")
-            await until(routes, "uav1")
-            assert await known(probe) == {"gcs", "uav1"}
-            shown = await operator.keys(base, "revoke", "uav1", "--yes")
-            assert [line.split()[:3] for line in shown.splitlines()[1:]] == [["gcs", "7", "yes"]]
-            await until(routes)
+            await until_known(probe, "gcs", "uav1", "scout")  # the same key: no command for the former name
+            async with spawn(second, "broker", "tree"):  # a further computer of uav1
+                await until_computers(routes, "uav1", "uav1.fc", "scout")
+                shown = await operator.run(base, "node", "remove", "scout", "--yes")
+                assert [line.split()[:2] for line in shown.splitlines()[1:]] == [
+                    ["gcs", "yes"],
+                    ["uav1", "yes"],
+                    ["uav1.fc", "yes"],
+                ]
+                await until_computers(routes, "uav1", "uav1.fc")
+                assert await known(probe) == {"gcs", "uav1"}
+                shown = await operator.run(base, "node", "remove", "uav1", "--yes")
+                assert [line.split()[:2] for line in shown.splitlines()[1:]] == [["gcs", "yes"]]
+                await until_computers(routes)  # both of its computers
+                assert await known(probe) == {"gcs"}
     assert Keys.load(base.parent / "keys", "gcs").signed == Root.load(root).signed
+
+
+async def test_a_node_that_joins_without_multicast_finds_its_inviter(tmp_path: Path) -> None:
+    common = {"bind_address": "127.0.0.1", "multicast_group": "", "udp_port": free_port()}
+    base = make_node(
+        tmp_path, "gcs", kind="gcs", services={"broker": {**common, "unicast_port": free_port()}}
+    )
+    vehicle = make_node(tmp_path, "uav1", services={"broker": common})
+    operator = Operator(tmp_path / "root")
+    await operator.keys(base, "init")
+    async with spawn(base, "broker"), Module("probe", config_dir=base) as probe:
+        routes = probe.reader("net/routes", Routes)
+        async with operator.inviting(base, "uav1") as (token,):
+            await operator.keys(vehicle, "join", token)
+        async with spawn(vehicle, "broker"):
+            await until(routes, "uav1")
 
 
 async def test_an_inviter_that_is_killed_leaves_a_root_that_invites_again(tmp_path: Path) -> None:

@@ -169,6 +169,15 @@ def test_options_take_the_place_of_the_name(fresh: FakeHost) -> None:
     assert "sim" not in fresh.config("services/hal.toml")["drivers"]
 
 
+def test_a_further_computer_of_a_platform_has_a_name_and_what_every_computer_needs(fresh: FakeHost) -> None:
+    fresh.install(NodeChoice("uav1", unit="fc"))
+    node = load(fresh.place(f"{CONFIG}/node.toml"), NodeConfig)
+    assert (node.platform, node.unit) == ("uav1", "fc")
+    assert set(node.services) == set(configuration.UNIT)
+    assert set(node.services) < set(SERVICES)
+    fresh.install(NodeChoice("uav1", unit="fc"))
+
+
 @pytest.mark.parametrize(
     ("choice", "expected"),
     [(NodeChoice(), "--name"), (NodeChoice("base"), "--kind"), (NodeChoice("UAV 1"), "expected \\[a-z\\]")],
@@ -187,6 +196,7 @@ def test_a_new_node_needs_a_name_and_a_kind(fresh: FakeHost, choice: NodeChoice,
         NodeChoice(template="gcs"),
         NodeChoice(real=True),
         NodeChoice(single_unit=True),
+        NodeChoice(unit="fc"),
     ],
 )
 def test_an_option_that_contradicts_a_file_is_refused(fresh: FakeHost, choice: NodeChoice) -> None:
@@ -380,7 +390,12 @@ def remote(fresh: FakeHost, monkeypatch: pytest.MonkeyPatch) -> FakeHost:
 
 
 @pytest.mark.parametrize(
-    "words", [("--name", "uav1"), ("--name", "base", "--kind", "gcs", "--single-unit", "--real")]
+    "words",
+    [
+        ("--name", "uav1"),
+        ("--name", "uav1", "--unit", "fc"),
+        ("--name", "base", "--kind", "gcs", "--single-unit", "--real"),
+    ],
 )
 def test_the_command_line_reaches_the_plan(
     tmp_path: Path,

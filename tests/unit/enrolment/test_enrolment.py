@@ -72,8 +72,8 @@ def test_a_node_with_the_token_is_admitted_and_gets_the_roster() -> None:
     assert admission.invitation.platform == "uav1" and not admission.repeated
     assert admission.request.sign_public == SigningKey(SEED).public
     assert [one.platform for one in core.pending] == ["uav1"], "not used before the root has signed"
-    answer = core.admitted(admission, ROOT, b"roster", UTC_NS)
-    assert joiner.on_answer(answer, UTC_NS + 12 * SECOND_NS) == Credentials(SEED, ROOT, b"roster", 12.0)
+    answer = core.admitted(admission, ROOT, b"roster", UTC_NS, 7450)
+    assert joiner.on_answer(answer, UTC_NS + 12 * SECOND_NS) == Credentials(SEED, ROOT, b"roster", 12.0, 7450)
     assert core.pending == ()
 
 

@@ -41,6 +41,12 @@ class LoginName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generi
     help="Kind of the platform; default: the letters with which its name begins.",
 )
 @click.option("--template", default="", metavar="NAME", help="Resource template; default: that of the kind.")
+@click.option(
+    "--unit",
+    default="",
+    metavar="NAME",
+    help="Name of this computer, where the platform has several; default: main.",
+)
 @click.option("--real", is_flag=True, help="A real vehicle: without the simulated one.")
 @click.option(
     "--single-unit", is_flag=True, help="One unit of systemd for the node; default: one for each service."
@@ -62,6 +68,7 @@ def install(
     name: str | None,
     kind: str | None,
     template: str,
+    unit: str,
     real: bool,
     single_unit: bool,
     operators: tuple[str, ...],
@@ -79,7 +86,7 @@ def install(
     from swarmctl.installation.configuration import NodeChoice
     from swarmctl.terminal.output import Output
 
-    choice = NodeChoice(name or "", kind or "", template, real, single_unit)
+    choice = NodeChoice(name or "", kind or "", template, real, single_unit, unit)
     install_node(Output(settings(ctx)), choice, operators, start=not no_start, dry_run=dry_run)
 
 

@@ -120,9 +120,10 @@ class Removal:
 
     async def _forget(self, wait_s: float) -> tuple[list[str], dict[str, str]]:
         async with connect(self._out.settings, self._out) as session:
-            reached = [route.platform for route in (await session.routes()).routes]
-            left = {session.here, *reached} - set(self._platforms)
-            nodes = sorted(left, key=names.natural)
+            routes = (await session.routes()).routes
+            # each computer of a platform has its own tree and register
+            left = {route.name for route in routes if route.platform not in self._platforms}
+            nodes = sorted({str(session.module.node.address), *left}, key=names.natural)
             errors = await asyncio.gather(*(self._forget_at(session, node, wait_s) for node in nodes))
         missing = {node: str(error) for node, error in zip(nodes, errors, strict=True) if error is not None}
         return [node for node in nodes if node not in missing], missing

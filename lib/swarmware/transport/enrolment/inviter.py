@@ -140,11 +140,18 @@ class Inviter:
             return self._answer(found, JoinAnswer(utc_ns, refusal, reason))
         return Admission(found, request, repeated=number in self._keys)
 
-    def admitted(self, admission: Admission, root_public: bytes, roster: bytes, utc_ns: int) -> bytes:
-        """The answer to a node that is on the roster now; its token is used."""
+    def admitted(
+        self, admission: Admission, root_public: bytes, roster: bytes, utc_ns: int, broker_port: int = 0
+    ) -> bytes:
+        """The answer to a node that is on the roster now; its token is used.
+
+        `broker_port`: UDP port of the broker on this computer, a seed of the node; 0: it has none.
+        """
         found = admission.invitation
         self._keys[found.token.number] = admission.request.sign_public
-        return self._answer(found, JoinAnswer(utc_ns, root_public=root_public, roster=roster))
+        return self._answer(
+            found, JoinAnswer(utc_ns, root_public=root_public, roster=roster, broker_port=broker_port)
+        )
 
     def failed(self, admission: Admission, reason: str, utc_ns: int) -> bytes:
         """The answer to a node that could not be admitted; its token remains valid."""

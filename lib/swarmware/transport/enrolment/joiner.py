@@ -44,6 +44,10 @@ class Credentials(msgspec.Struct, frozen=True):
     """The signed roster; it is verified where it is decoded."""
     ahead_s: float | None = None
     """This node's wall clock minus that of the inviter; None: not known."""
+    broker_port: int = 0
+    """UDP port of the broker on the inviter's computer; 0: it has none that stays the same."""
+    inviter: str = ""
+    """Address of the inviter's computer; empty: the credentials were in a file."""
 
 
 class Joiner:
@@ -77,7 +81,9 @@ class Joiner:
                 raise Denied(f"the inviter refused {self._platform}: {text}") from error
             raise self._refused(refusal, answer.reason)
         _check_root(self._token, answer.root_public)
-        return Credentials(self._seed, answer.root_public, answer.roster, _ahead_s(answer, utc_ns))
+        return Credentials(
+            self._seed, answer.root_public, answer.roster, _ahead_s(answer, utc_ns), answer.broker_port
+        )
 
     def _refused(self, refusal: JoinRefusal, reason: str) -> SwarmError:
         text = f"{self._platform}: {_REASONS[refusal]}" + (f": {reason}" if reason else "")

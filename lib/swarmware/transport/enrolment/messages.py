@@ -72,6 +72,8 @@ class JoinAnswer(msgspec.Struct, frozen=True, array_like=True):
     root_public: bytes = b""
     roster: bytes = b""
     """The roster with the new member, as the root signed it."""
+    broker_port: int = 0
+    """UDP port of the broker on the inviter's computer; 0: none that stays the same."""
 
 
 class JoinFile(msgspec.Struct, frozen=True, array_like=True):

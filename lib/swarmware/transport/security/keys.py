@@ -3,7 +3,6 @@
 A folder of keys has `node.key` (the seed), `root.pub`, `roster.json` and, after a rotation, `group.keys`.
 """
 
-import contextlib
 import os
 from pathlib import Path
 from typing import Final, TypeVar
@@ -160,17 +159,13 @@ class Keys:
         return msgspec.structs.replace(difference(before, roster), revoked_self=not is_member)
 
     def save(self, directory: Path) -> None:
-        """Write the roster and the former group keys to a node's folder.
+        """Write the roster and the former group keys to a node's folder. Raises: OSError."""
+        self.stored().write(directory)
 
-        A kill in between leaves keys that load. Raises: OSError.
-        """
+    def stored(self) -> "StoredRoster":
+        """What `save` writes now, for another thread: these keys may change before it has written."""
         own = None if self.roster is None else self.roster.find(self.platform)
-        if self.former:
-            replace_file(directory / FORMER_KEYS, msgspec.json.encode(self.former), mode=0o600)
-        replace_file(directory / ROSTER, self.signed, mode=0o644)
-        if own is not None and own.group_box:
-            with contextlib.suppress(FileNotFoundError):
-                (directory / GROUP_KEY).unlink()
+        return StoredRoster(self.signed, self.former, own is not None and bool(own.group_box))
 
     def _index(self, roster: Roster | None) -> None:
         valid = () if roster is None else roster.valid()
@@ -182,6 +177,23 @@ class Keys:
         self._revoked = {
             each.curve_public: each.platform for each in members if each.curve_public not in self._by_curve
         }
+
+
+class StoredRoster(msgspec.Struct, frozen=True):
+    """The files of a roster in a node's folder."""
+
+    signed: bytes
+    former: tuple[GroupKey, ...]
+    has_group: bool
+    """The roster has the group key for this node, so that its own file is not needed."""
+
+    def write(self, directory: Path) -> None:
+        """Write the files; a kill in between leaves keys that load. Raises: OSError."""
+        if self.former:
+            replace_file(directory / FORMER_KEYS, msgspec.json.encode(self.former), mode=0o600)
+        replace_file(directory / ROSTER, self.signed, mode=0o644)
+        if self.has_group:
+            (directory / GROUP_KEY).unlink(missing_ok=True)
 
 
 def read_roster(path: Path, root_public: bytes) -> Roster:

@@ -75,6 +75,17 @@ class RosterChange(msgspec.Struct, frozen=True):
     revoked_self: bool = False
     """This node is not a member with its present key."""
 
+    @property
+    def renamed(self) -> dict[str, str]:
+        """Former name → present name of the members that proved the same key with another name."""
+        present = {member.sign_public: member.platform for member in self.came}
+        return {
+            former.platform: present[former.sign_public]
+            for former in self.gone
+            if present.get(former.sign_public, former.platform) != former.platform
+            and self.roster.find(former.platform) is None
+        }
+
 
 def difference(before: Roster, after: Roster) -> RosterChange:
     """Who came and went between two rosters; the caller determines `revoked_self`.
