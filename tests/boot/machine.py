@@ -89,6 +89,12 @@ def wheels() -> Path:
     return _made(path, [*download, f"--python-version={series}", "--only-binary=:all:", *needed, "--dest"])
 
 
+def ip(*words: str) -> None:
+    """Calls the program `ip`; it must succeed."""
+    done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr}"
+
+
 class Cable:
     """Network namespaces of two machines, joined by a pair of interfaces; each is the other's router."""
 
@@ -98,24 +104,47 @@ class Cable:
     def __enter__(self) -> Self:
         first, second = self.ends
         for name in self.ends:
-            self._ip("netns", "add", name)
+            ip("netns", "add", name)
         peer = ("peer", "name", "lan0", "netns", second)
-        self._ip("link", "add", "lan0", "netns", first, "type", "veth", *peer)
+        ip("link", "add", "lan0", "netns", first, "type", "veth", *peer)
         for number, name in enumerate(self.ends, 1):
-            self._ip("-n", name, "address", "add", f"10.0.0.{number}/24", "dev", "lan0")
+            ip("-n", name, "address", "add", f"10.0.0.{number}/24", "dev", "lan0")
             for interface in ("lo", "lan0"):
-                self._ip("-n", name, "link", "set", interface, "up")
-            self._ip("-n", name, "route", "add", "default", "via", f"10.0.0.{3 - number}")
+                ip("-n", name, "link", "set", interface, "up")
+            ip("-n", name, "route", "add", "default", "via", f"10.0.0.{3 - number}")
         return self
 
     def __exit__(self, *_: object) -> None:
         for name in self.ends:
-            self._ip("netns", "delete", name)
+            ip("netns", "delete", name)
 
-    @staticmethod
-    def _ip(*words: str) -> None:
-        done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr}"
+
+class Switch:
+    """Network namespaces of an operator (10.0.0.254) and of some machines, joined by a bridge."""
+
+    def __init__(self, count: int) -> None:
+        self.operator = f"swarm{os.getpid()}o"
+        self.ends = tuple(f"swarm{os.getpid()}{number}" for number in range(1, count + 1))
+
+    def __enter__(self) -> Self:
+        for name in (self.operator, *self.ends):
+            ip("netns", "add", name)
+            ip("-n", name, "link", "set", "lo", "up")
+        ip("-n", self.operator, "link", "add", "swarm0", "type", "bridge", "mcast_snooping", "0")
+        ip("-n", self.operator, "address", "add", "10.0.0.254/24", "dev", "swarm0")
+        ip("-n", self.operator, "link", "set", "swarm0", "up")
+        for number, name in enumerate(self.ends, 1):
+            peer = ("peer", "name", f"port{number}", "netns", self.operator)
+            ip("link", "add", "lan0", "netns", name, "type", "veth", *peer)
+            ip("-n", self.operator, "link", "set", f"port{number}", "master", "swarm0", "up")
+            ip("-n", name, "address", "add", f"10.0.0.{number}/24", "dev", "lan0")
+            ip("-n", name, "link", "set", "lan0", "up")
+            ip("-n", name, "route", "add", "default", "via", "10.0.0.254")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name in (*self.ends, self.operator):
+            ip("netns", "delete", name)
 
 
 class Machine:

@@ -177,6 +177,7 @@ def test_a_renamed_node_keeps_its_key_its_role_its_files_and_its_comments(
     roster = Root.load(root).roster
     assert [(one.platform, one.role) for one in roster.valid()] == [("gcs", "maintainer"), ("scout", "node")]
     assert [host.name for host in read_hosts(hosts)] == ["scout", "uav2"]
+    assert "forgets the name uav1" in vehicle.stderr.getvalue()
     with pytest.raises(SwarmError):
         vehicle.keys("uav1")
 
@@ -226,6 +227,7 @@ def test_a_node_without_keys_is_renamed_by_its_file(tmp_path: Path) -> None:
     station = Station(make_node(tmp_path, "uav1"))
     renaming(station, "scout")
     assert NodeKeys.find(station.settings).platform == "scout"
+    assert "`swarmctl node remove uav1`" in station.stderr.getvalue()
 
 
 @pytest.mark.parametrize(

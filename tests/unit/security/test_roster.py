@@ -56,6 +56,18 @@ def test_a_member_takes_a_new_roster_while_its_keys_are_in_use(swarm: Swarm) -> 
     assert swarm.keys["uav1"].by_user(fresh.user) == fresh
 
 
+def test_a_key_that_comes_with_another_name_renames_its_member_and_another_key_does_not(swarm: Swarm) -> None:
+    keys = swarm.keys["uav1"]
+    change = keys.apply(swarm.admit("uav3", b"\3" * 32))
+    assert change is not None and change.renamed == {}
+    change = keys.apply(swarm.admit("scout", b"\3" * 32))
+    assert change is not None and change.renamed == {"uav3": "scout"}
+    change = keys.apply(swarm.admit("scout", b"\4" * 32))
+    assert change is not None and change.renamed == {}, "a new computer in the place of scout"
+    with pytest.raises(NotFound, match="uav9 is not a member of the swarm; expected one of gcs, uav1"):
+        swarm.root.revoke("uav9")
+
+
 def test_the_newcomer_has_the_same_group_key_as_the_members(swarm: Swarm, tmp_path: Path) -> None:
     text = swarm.admit("uav3", b"\3" * 32)
     write_keys(tmp_path / "uav3", b"\3" * 32, swarm.root.public, text)

@@ -143,9 +143,13 @@ class Renaming:
                 columns, [(done.former, done.platform, done.config_dir, "renamed" if done.keys else "none")]
             )
         out.say(f"start {done.platform}; its settings and logs are those of {done.former}")
-        out.say(
-            f"at another node, `swarmctl node remove {done.former}` makes the swarm forget the former name"
-        )
+        if done.keys:
+            out.say(f"each node that takes the new roster forgets the name {done.former}")
+        else:
+            out.say(
+                f"at another node, `swarmctl node remove {done.former}` makes the swarm forget the former"
+                " name"
+            )
 
 
 def renamed(text: str, platform: str, source: str) -> str:

@@ -131,7 +131,8 @@ class Root:
         for platform in platforms:
             member = self.roster.find(platform)
             if member is None:
-                raise NotFound(f"{platform} is not a member of the swarm")
+                there = ", ".join(each.platform for each in self.roster.valid())
+                raise NotFound(f"{platform} is not a member of the swarm; expected one of {there}")
             revoked.append(member.serial)
         return self._next(list(self.roster.members), revoked, rotate=True)
 
