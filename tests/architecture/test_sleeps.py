@@ -19,6 +19,7 @@ MEANT: Final = {
     "daemons/swarmd/main.py:main": "limits the rate of restarts by systemd",
     "daemons/swarmd/mission/blocks/motions.py:HoldBlock.run": "the time in the mission",
     "lib/swarmware/health/monitor.py:HealthMonitor._keep_registered": "back-off: the monitor refused",
+    "lib/swarmware/testing/firmware.py:ChassisFirmware._report_always": "the period of its reports",
     "lib/swarmware/runtime/instant.py:until": "the one wait for an instant",
     "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._keep": "no descriptor is free: no event either",
     "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._pause": "back-off before a restart",

@@ -42,6 +42,7 @@ class Control(Service):
         )
         self._setpoints = module.reader("act/setpoint", Setpoint)
         self._switch = module.reader("vehicle/switch", SafetySwitch)
+        self._sticks = module.reader("vehicle/sticks", Setpoint)
         self._manual = module.inbox(MANUAL, Setpoint, limit=4, description="Manual set-point, by its stamp")
         module.serve(
             "sys/vehicle/drive",
@@ -58,6 +59,7 @@ class Control(Service):
             group.create_task(self._driver.run(), name="control:driver")
             group.create_task(self._take_setpoints(), name="control:setpoints")
             group.create_task(self._take_switch(), name="control:switch")
+            group.create_task(self._take_sticks(), name="control:sticks")
             group.create_task(self._take_manual(), name="control:manual")
 
     async def stop(self) -> None:
@@ -73,6 +75,14 @@ class Control(Service):
     async def _take_switch(self) -> None:
         async for switch in self._switch:
             self._driver.feed(self._core.on_switch(switch.mode, self.module.now_ns()))
+
+    async def _take_sticks(self) -> None:
+        reader, core, module = self._sticks, self._core, self.module
+        async for setpoint in reader:
+            now_ns = module.now_ns()
+            age_s = reader.age_s
+            stamp_ns = now_ns if age_s is None else now_ns - round(age_s * 1e9)
+            self._driver.feed(core.on_sticks(setpoint, stamp_ns, now_ns))
 
     async def _take_manual(self) -> None:
         async for setpoint in self._manual:

@@ -15,8 +15,8 @@ from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.module.writer import BoardWriter
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
-from swarmware.types.control import Drive
-from swarmware.types.vehicle import Setpoint, VehicleState
+from swarmware.types.control import ControlState, Drive, DriveMode
+from swarmware.types.vehicle import Setpoint, VehicleMode, VehicleState
 
 log = logging.getLogger("swarm.hal")
 
@@ -44,6 +44,7 @@ class Chassis(Actuator):
         """Order that carries them after the opening; None: not sent yet."""
         self._drive: BoardReader[Drive] | None = None
         self._taken: Drive | None = None
+        self._control: BoardReader[ControlState] | None = None
         self._state: BoardWriter[VehicleState] | None = None
         self._written: tuple[VehicleState, int] | None = None
         """The state that was published last, and when."""
@@ -63,7 +64,13 @@ class Chassis(Actuator):
     def state(self) -> VehicleState | None:
         """State of the vehicle by the newest report; None before the first."""
         report = self._core.report
-        return None if report is None else VehicleState(report.armed, report.landed)
+        return None if report is None else self._state_of(report)
+
+    def _state_of(self, report: ChassisReport) -> VehicleState:
+        """The state by a report, with the mode that control has published."""
+        control = None if self._control is None else self._control.value
+        auto = control is None or control.mode is DriveMode.AUTO
+        return VehicleState(report.armed, report.landed, VehicleMode.AUTO if auto else VehicleMode.MANUAL)
 
     async def open(self, module: Module) -> None:
         """Opens the board of set-points and the state of the vehicle."""
@@ -72,6 +79,7 @@ class Chassis(Actuator):
         self._gains_order = None
         self._answers = Wakeup()
         self._drive, self._taken = module.reader(self._config.drive, Drive), None
+        self._control = module.reader("control/state", ControlState)
         self._state, self._written = module.writer("vehicle/state", VehicleState), None
 
     def start(self, following: Coroutine[Any, Any, None]) -> None:
@@ -87,6 +95,9 @@ class Chassis(Actuator):
         if self._drive is not None:
             self._drive.close()
             self._drive = None
+        if self._control is not None:
+            self._control.close()
+            self._control = None
         if self.module is not None and self._state is not None:
             self.module.close_writer(self._state)
             self._state = None
@@ -179,7 +190,7 @@ class Chassis(Actuator):
             core.forget(order)
         if report.refused:
             raise Denied(report.refused)
-        return VehicleState(report.armed, report.landed)
+        return self._state_of(report)
 
     def _publish(self, now_ns: int) -> None:
         state = self.state

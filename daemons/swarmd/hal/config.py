@@ -4,6 +4,8 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
+from swarmware.devices.crsf import CHANNELS
+from swarmware.devices.maxbotix import SonarUnit
 from swarmware.model.config import convert
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -17,6 +19,8 @@ SpiSpeed = Annotated[int, msgspec.Meta(ge=1000, le=50_000_000)]
 PulseWidth = Annotated[float, msgspec.Meta(ge=0, le=3000)]
 RegisterBusName = Literal["i2c", "spi"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
+RcChannel = Annotated[int, msgspec.Meta(ge=1, le=CHANNELS)]
+StickLimit = Annotated[float, msgspec.Meta(gt=0, le=100)]
 VescQuantity = Literal["duty", "current", "speed"]
 
 
@@ -93,6 +97,67 @@ class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Rate of fixes that is expected; each is published when it arrives."""
     path: str = "sensor/gnss"
     """Board of the fixes."""
+
+
+class VectorNavDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `vectornav`: an inertial unit of VectorNav on a serial line."""
+
+    device: str = "/dev/ttyUSB1"
+    """Device file of the line."""
+    baud: int = 115_200
+    """Rate of the line."""
+    rate_hz: Rate = 100.0
+    """Rate of the output that is set in the unit; each measurement is published when it arrives."""
+    path: str = "sensor/imu"
+    """Board of the measurements."""
+
+
+class SonarDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `sonar`: a MaxBotix sonar on a serial line, directed to the ground."""
+
+    device: str = "/dev/ttyS1"
+    """Device file of the line."""
+    baud: int = 9600
+    """Rate of the line."""
+    unit: SonarUnit = SonarUnit.MM
+    """Unit of the readings: inch (LV models), cm (XL), mm (HRXL)."""
+    rate_hz: Rate = 10.0
+    """Rate of the readings; each is published when it arrives."""
+    min_m: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
+    """Range below which nothing is published: the models report 0.2 to 0.3 m for all that is nearer."""
+    max_m: Annotated[float, msgspec.Meta(gt=0, le=100)] = 5.0
+    """Range from which on nothing is published: the ground is out of range."""
+    window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
+    """Window of the median filter, in readings."""
+    path: str = "sensor/height"
+    """Board of the height."""
+
+
+class CrsfDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `crsf`: a radio-control receiver with the switch and the sticks of the safety pilot."""
+
+    device: str = "/dev/ttyAMA0"
+    """Device file of the line, which has 420 000 baud."""
+    rate_hz: Rate = 20.0
+    """Rate at which the sticks are published, if the receiver sends as often."""
+    switch_channel: RcChannel = 6
+    """Channel of the switch: its upper end is manual, its lower end auto."""
+    roll_channel: RcChannel = 1
+    """Channel of the stick for motion to the right."""
+    pitch_channel: RcChannel = 2
+    """Channel of the stick for motion forward."""
+    throttle_channel: RcChannel = 3
+    """Channel of the stick for climbing; in the centre the height is kept."""
+    yaw_channel: RcChannel = 4
+    """Channel of the stick for turning to the right."""
+    dead_band_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.05
+    """Deflection of a stick that counts as its centre."""
+    speed_m_s: StickLimit = 3.0
+    """Speed at full deflection."""
+    climb_m_s: StickLimit = 1.5
+    """Climb rate at full deflection."""
+    turn_rad_s: StickLimit = 1.0
+    """Yaw rate at full deflection."""
 
 
 class SerialChassisDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -256,6 +321,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     system: SystemDriver = SystemDriver()
     replay: ReplayDriver = ReplayDriver()
     nmea: NmeaDriver = NmeaDriver()
+    vectornav: VectorNavDriver = VectorNavDriver()
+    sonar: SonarDriver = SonarDriver()
+    crsf: CrsfDriver = CrsfDriver()
     serial_chassis: SerialChassisDriver = SerialChassisDriver()
     adc: AdcDriver = AdcDriver()
     bmp280: Bmp280Driver = Bmp280Driver()

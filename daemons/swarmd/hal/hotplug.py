@@ -18,6 +18,8 @@ _CREATED: Final = 0x100
 _MOVED_TO: Final = 0x80
 _ATTRIBUTES: Final = 0x4
 """IN_CREATE, IN_MOVED_TO, IN_ATTRIB (udev gives access after the creation). Source: inotify(7)."""
+_ADD: Final = 0x20000000
+"""IN_MASK_ADD: a folder may be one that is watched and above another one."""
 _EVENT_BYTES: Final = 4096
 
 
@@ -26,7 +28,8 @@ def nodes(patterns: Iterable[str], sys: Path = SYS) -> Iterator[DeviceNode]:
     for pattern in patterns:
         folder, _, name = pattern.rpartition("/")
         for path in Path(folder or "/").glob(name):
-            yield DeviceNode(str(path), usb_id(path.name, sys))
+            # of a link such as /dev/serial/by-id/… the kernel knows only the file to which it leads
+            yield DeviceNode(str(path), usb_id(path.resolve().name, sys))
 
 
 def usb_id(name: str, sys: Path = SYS) -> str:
@@ -58,7 +61,7 @@ def configured(config: Config, one: Recognised[RecognitionRule]) -> Config:
 class FolderWatch:
     """Calls a function when files appear in folders, or their access rights change.
 
-    A folder that does not exist is not watched. Raises: SwarmError when the kernel refuses.
+    A folder may appear later, and again. Raises: SwarmError when the kernel refuses.
     """
 
     def __init__(self, folders: Iterable[str], changed: Callable[[], None]) -> None:
@@ -69,16 +72,28 @@ class FolderWatch:
         self._fd: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
         if self._fd < 0:
             raise SwarmError(f"inotify: {os.strerror(ctypes.get_errno())}")
-        for folder in sorted(set(folders)):
-            libc.inotify_add_watch(self._fd, os.fsencode(folder), _CREATED | _MOVED_TO | _ATTRIBUTES)
+        self._add_watch: Callable[[int, bytes, int], int] = libc.inotify_add_watch
+        self._folders = sorted(set(folders))
+        self._watch()
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._fd, self._readable)
+
+    def _watch(self) -> None:
+        """Watches the folders and those above them, as far as they exist now.
+
+        A folder that is watched already is not watched twice; one that was removed may have been made again.
+        """
+        for folder in self._folders:
+            self._add_watch(self._fd, os.fsencode(folder), _CREATED | _MOVED_TO | _ATTRIBUTES | _ADD)
+            for above in Path(folder).parents[:-1]:
+                self._add_watch(self._fd, os.fsencode(above), _CREATED | _MOVED_TO | _ADD)
 
     def _readable(self) -> None:
         try:
             os.read(self._fd, _EVENT_BYTES)
         except BlockingIOError:
             return
+        self._watch()
         self._changed()
 
     def close(self) -> None:

@@ -142,6 +142,13 @@ class BatteryConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """State of charge below which arming is refused."""
 
 
+class SerialConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Serial lines of the vehicle's devices: its drivers are those of a real vehicle."""
+
+    folder: str = ""
+    """Folder in which the lines appear as files gnss, imu, sonar, rc and chassis; empty: there are none."""
+
+
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The simulated world, vehicle and sensors."""
 
@@ -162,3 +169,4 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     multirotor: MultirotorLimits = MultirotorLimits()
     sensors: SensorsConfig = SensorsConfig()
     battery: BatteryConfig = BatteryConfig()
+    serial: SerialConfig = SerialConfig()

@@ -2,12 +2,15 @@
 
 import random
 import re
+from pathlib import Path
 from typing import ClassVar, Final
 
 from swarmd.sim import config as settings
 from swarmd.sim.chassis import ChassisPort
+from swarmd.sim.core.serial_devices import SerialDevices
 from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
+from swarmd.sim.serial_ports import SerialPorts
 from swarmd.sim.switch import Switch
 from swarmware.geometry.world import World
 from swarmware.model import paths
@@ -16,7 +19,7 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
-from swarmware.types.chassis import ChassisReport
+from swarmware.types.chassis import ChassisOrder, ChassisReport
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -54,7 +57,15 @@ class Sim(Service):
         self._driver = self.drive(self._core, self._perform)
         self._outputs = Outputs(module, config, simulation)
         self._port = ChassisPort(module, self._core, self._driver.feed)
-        self._switch = Switch(module)
+        self._switch = Switch(module, published=not config.serial.folder)
+        self._serial: SerialPorts | None = None
+        if config.serial.folder:
+            self._serial = SerialPorts(
+                module,
+                Path(config.serial.folder),
+                SerialDevices(config.setpoint_timeout_s),
+                self._on_serial,
+            )
         self._setpoint = module.reader(paths.SIM_SETPOINT, Setpoint)
         self._taken: Setpoint | None = None
         """The set-point that the simulation has."""
@@ -68,7 +79,11 @@ class Sim(Service):
         """Samples until the service ends."""
         self._port.serve()
         self._switch.serve()
-        await self._driver.run()
+        try:
+            await self._driver.run()
+        finally:
+            if self._serial is not None:
+                self._serial.close()
 
     def _last(self, start: Pose) -> tuple[Pose, bool]:
         """Last pose and arming after a short interruption; else the start pose, disarmed."""
@@ -90,10 +105,22 @@ class Sim(Service):
                 self._read(neighbours, self.module.now_ns())
             case PublishOutput(output):
                 self._outputs.write(output)
+                if self._serial is not None:
+                    self._serial.on_output(output, self._switch.mode)
                 for hit in output.collisions:
                     self.module.log.warning("collision with %s at %.2f m/s", hit.other, hit.speed_m_s)
             case PublishReport(report):
                 self._outputs.report.write(report)
+                if self._serial is not None:
+                    self._serial.on_report(report)
+
+    def _on_serial(self, received: Setpoint | ChassisOrder) -> None:
+        """Passes on what the driver of the chassis sent on its line."""
+        now_ns = self.module.now_ns()
+        if isinstance(received, Setpoint):
+            self._driver.feed(self._core.on_setpoint(received, now_ns, now_ns))
+        else:
+            self._driver.feed(self._core.on_order(received, now_ns))
 
     def _read(self, neighbours: bool, now_ns: int) -> None:
         core, feed = self._core, self._driver.feed

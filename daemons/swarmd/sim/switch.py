@@ -2,25 +2,36 @@
 
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 from swarmware.types.control import SafetySwitch, SwitchRequest
 from swarmware.types.vehicle import VehicleMode
 
 
 class Switch:
-    """Publishes the position of the switch: at first auto, after a restart the former one."""
+    """The position of the switch: at first auto, after a restart the former one.
 
-    def __init__(self, module: Module) -> None:
+    `published`: whether it is published here; else a driver reads it from the transmitter of the pilot.
+    """
+
+    def __init__(self, module: Module, *, published: bool) -> None:
         self._module = module
         former = module.reader("vehicle/switch", SafetySwitch)
-        self._former = former.value or SafetySwitch(VehicleMode.AUTO)
+        self._position = former.value or SafetySwitch(VehicleMode.AUTO)
         former.close()
-        self._board = module.writer(
-            "vehicle/switch", SafetySwitch, description="Position of the safety pilot's switch"
-        )
+        self._board: BoardWriter[SafetySwitch] | None = None
+        if published:
+            self._board = module.writer(
+                "vehicle/switch", SafetySwitch, description="Position of the safety pilot's switch"
+            )
+
+    @property
+    def mode(self) -> VehicleMode:
+        """The position that was set last."""
+        return self._position.mode
 
     def serve(self) -> None:
         """Publish the position, and register the handler that changes it."""
-        self._board.write(self._former)
+        self._publish()
         self._module.serve(
             "sys/sim/switch",
             SwitchRequest,
@@ -30,7 +41,11 @@ class Switch:
         )
 
     def _set(self, request: SwitchRequest, meta: Meta) -> SafetySwitch:
-        position = SafetySwitch(request.mode)
-        self._board.write(position)
-        self._module.log.info("switch at %s", position.mode)
-        return position
+        self._position = SafetySwitch(request.mode)
+        self._publish()
+        self._module.log.info("switch at %s", request.mode)
+        return self._position
+
+    def _publish(self) -> None:
+        if self._board is not None:
+            self._board.write(self._position)

@@ -18,13 +18,16 @@ BLOCK_GROUP: Final = "swarmware.blocks"
 OWN_DRIVERS: Final = (
     "adc",
     "bmp280",
+    "crsf",
     "invensense",
     "nmea",
     "replay",
     "serial_chassis",
     "servo",
     "sim",
+    "sonar",
     "system",
+    "vectornav",
     "vesc",
 )
 """Drivers of the daemon hal itself, whose names no plug-in can have."""

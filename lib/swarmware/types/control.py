@@ -18,7 +18,7 @@ class DriveMode(OpenEnum):
     HOLD = "hold"
     """No source: the manual set-points stopped, and the vehicle holds."""
     PILOT = "pilot"
-    """The safety pilot: the switch of the vehicle is at manual."""
+    """The safety pilot: the switch of the vehicle is at manual; it holds without set-points of the sticks."""
 
 
 class DriveEvent(OpenEnum):
@@ -52,7 +52,7 @@ class Drive(msgspec.Struct, frozen=True, array_like=True, gc=False):
     wz_rad_s: Finite = 0.0
     mode: DriveMode = DriveMode.AUTO
     source: str = ""
-    """navigator, the operator who has the stick, or empty: none, the vehicle holds."""
+    """navigator, the operator who has the stick, pilot, or empty: none, the vehicle holds."""
 
     @property
     def setpoint(self) -> Setpoint:

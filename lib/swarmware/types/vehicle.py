@@ -255,6 +255,7 @@ class VehicleState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     armed: bool
     landed: bool
     mode: VehicleMode = VehicleMode.AUTO
+    """auto: the navigator drives; manual: an operator or the safety pilot, or it holds (`control/state`)."""
 
     @property
     def resting(self) -> bool:

@@ -57,13 +57,15 @@ def test_a_set_point_of_each_source_is_passed_on_or_not_as_the_table_says(
     core = core_in(mode)
     if source is Source.NAVIGATOR:
         found = drives(core.on_setpoint(FORWARD, NOW + 2 * S, NOW + 2 * S))
+    elif source is Source.PILOT:
+        found = drives(core.on_sticks(FORWARD, NOW + 2 * S, NOW + 2 * S))
     else:
         found = drives(core.on_manual(FORWARD, ANNA.id, NOW + 2 * S, NOW + 2 * S))
     passed = DECISIONS[mode, source] is Decision.PASS
     assert bool(found) is passed
     assert all(drive.setpoint == FORWARD for drive in found)
     if passed:
-        assert found[0].source == (ANNA.name if source is Source.OPERATOR else "navigator")
+        assert found[0].source == (ANNA.name if source is Source.OPERATOR else source.value)
     assert core.refused == (DECISIONS[mode, source] is Decision.REFUSE)
 
 
@@ -226,3 +228,22 @@ def test_a_restarted_daemon_continues_in_its_mode_and_a_vehicle_driven_by_hand_h
 
 def test_the_shipped_file_has_the_defaults() -> None:
     assert load(Path(__file__).parents[3] / "etc/swarm/services/control.toml", Config) == Config()
+
+
+def test_the_safety_pilot_drives_by_the_sticks_and_the_vehicle_holds_without_them() -> None:
+    core = core_in(PILOT)
+    core.on_timer(NOW)
+    assert core.on_sticks(FORWARD, NOW - S, NOW) == [], "a set-point that was under way for too long"
+    assert core.expired == 1
+    (drive,) = drives(core.on_sticks(Setpoint(100.0), NOW, NOW))
+    assert drive == Drive(Config().speed_max_m_s, mode=PILOT, source="pilot")
+    silent_ns = NOW + round(Config().manual_timeout_s * S)
+    assert core.deadline_ns() == silent_ns
+    assert core.on_timer(silent_ns - 1) == []
+    assert drives(core.on_timer(silent_ns)) == [Drive(0.0, mode=PILOT)]
+    assert core.deadline_ns() == silent_ns + HOLD_NS
+    core.on_sticks(FORWARD, silent_ns, silent_ns)
+    core.on_switch(VehicleMode.AUTO, silent_ns + 1)
+    assert core.deadline_ns() is None
+    assert core.on_sticks(FORWARD, silent_ns + 2, silent_ns + 2) == []
+    assert drives(core.on_switch(VehicleMode.MANUAL, silent_ns + 3)) == [Drive(0.0, mode=PILOT)]

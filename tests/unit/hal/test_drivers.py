@@ -49,7 +49,7 @@ def test_periods_are_those_of_the_devices() -> None:
 def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
     with pytest.raises(
         NotFound,
-        match=r"'lidar': not installed; expected one of adc, bmp280, .*, servo, sim, system, vesc",
+        match=r"'lidar': not installed; expected one of adc, bmp280, .*, system, vectornav, vesc",
     ):
         make_all(Config(drivers=("lidar",)), UGV)
 

@@ -2,12 +2,13 @@
 
 import os
 import pty
+import shutil
 import tty
 from pathlib import Path
 
 import pytest
+from tests.unit.devices.test_nmea import CLASSIC
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_nmea import CLASSIC
 from tests.unit.hal.test_service import state_of, status
 
 from swarmd.hal.config import Config, RecognitionRule
@@ -15,6 +16,7 @@ from swarmd.hal.core.recognition import DeviceNode, Recognised, Recognition
 from swarmd.hal.hotplug import configured, nodes, usb_id
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
+from swarmware.runtime.pseudo_terminal import PseudoTerminal
 from swarmware.types.health import CheckReports
 from swarmware.types.vehicle import DriverTable, GnssFix
 
@@ -95,6 +97,37 @@ async def test_a_receiver_publishes_when_it_is_plugged_in_and_plugged_in_again(
             os.close(slave)
             os.close(master)
             await status(board, "nmea.gnss0", state="waiting")
+
+
+async def test_a_folder_of_devices_that_appears_later_is_watched_and_again_after_it_was_removed(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "dev/serial/by-id"
+    rule = RecognitionRule(path=f"{folder}/gnss*", driver="nmea", settings={"rate_hz": 50.0})
+    config = Config(drivers=(), recognise=(rule,), retry_s=600.0, report_hz=50.0)
+    async with running(tmp_path, [], config) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        await board.changed(20.0)
+        for _ in range(2):
+            line = PseudoTerminal(folder / "gnss0", lambda data: None)
+            await status(board, "nmea.gnss0", state="running")
+            line.close()
+            shutil.rmtree(tmp_path / "dev")
+            await status(board, "nmea.gnss0", state="waiting")
+
+
+def test_a_link_to_a_device_file_has_the_usb_number_of_its_target(tmp_path: Path) -> None:
+    usb = tmp_path / "devices/usb1/1-2"
+    usb.mkdir(parents=True)
+    (usb / "idVendor").write_text("1546\n")
+    (usb / "idProduct").write_text("01A8\n")
+    (tmp_path / "class/tty/ttyUSB0").mkdir(parents=True)
+    (tmp_path / "class/tty/ttyUSB0/device").symlink_to(usb)
+    (tmp_path / "ttyUSB0").touch()
+    (tmp_path / "by-id").mkdir()
+    link = tmp_path / "by-id/usb-u-blox_GNSS-if00"
+    link.symlink_to("../ttyUSB0")
+    assert list(nodes([f"{tmp_path}/by-id/*"], tmp_path)) == [DeviceNode(str(link), "1546:01a8")]
 
 
 async def test_a_device_without_an_installed_driver_is_a_fault_and_ends_nothing(tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ import tty
 from pathlib import Path
 
 import pytest
-from tests.unit.hal.firmware import Firmware
+from tests.unit.devices.test_nmea import CLASSIC, RMC
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_nmea import CLASSIC, RMC
 from tests.unit.hal.test_service import status
 
 from swarmd.hal.buses.serial_line import SerialLine
@@ -19,8 +18,9 @@ from swarmd.hal.drivers.nmea import NmeaReceiver
 from swarmd.hal.drivers.serial_chassis import SerialChassis
 from swarmware.errors import Denied
 from swarmware.module.module import Module
+from swarmware.testing.firmware import ChassisFirmware
 from swarmware.testing.tmpnode import tmp_node
-from swarmware.types.chassis import GainsRequest
+from swarmware.types.chassis import ChassisReport, GainsRequest
 from swarmware.types.control import Drive
 from swarmware.types.vehicle import (
     ArmRequest,
@@ -28,6 +28,7 @@ from swarmware.types.vehicle import (
     DriverTable,
     GnssFix,
     KillRequest,
+    Setpoint,
     VehicleState,
 )
 
@@ -37,7 +38,7 @@ RETRY = {"drivers": (), "retry_s": 0.05, "report_hz": 50.0, "failures": 2}
 async def test_a_vehicle_with_a_serial_chassis_is_armed_driven_and_killed_without_a_simulation(
     tmp_path: Path,
 ) -> None:
-    firmware = Firmware(tmp_path / "tty")
+    firmware = ChassisFirmware(tmp_path / "tty")
     firmware.noise = b"\x07noise\0"
     config = Config(**RETRY, serial_chassis=SerialChassisDriver(device=str(firmware.link)))  # type: ignore[arg-type]
     firmware.plug()
@@ -48,22 +49,22 @@ async def test_a_vehicle_with_a_serial_chassis_is_armed_driven_and_killed_withou
             board = other.reader("hal/drivers", DriverTable)
             battery = await other.reader("power/battery", BatteryState).changed(20.0)
             assert battery == BatteryState(24.5, 3.25, 0.75)
-            firmware.deaf = 2
+            firmware.ignored_orders = 2
             assert (
                 await other.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=20.0)
             ).armed
             drive = other.writer("act/drive", Drive)
             async with asyncio.timeout(20.0):
-                while (1.5, 0.0, 0.0, 0.25) not in firmware.setpoints:
+                while Setpoint(1.5, 0.0, 0.0, 0.25) not in firmware.setpoints:
                     drive.write(Drive(1.5, wz_rad_s=0.25))
                     await asyncio.sleep(0.01)
-                while firmware.setpoints[-1] != (0.0, 0.0, 0.0, 0.0):  # no more set-points arrive
+                while firmware.setpoints[-1] != Setpoint(0.0):  # no more set-points arrive
                     await board.changed()
             killed = await other.request(
                 "sys/vehicle/kill", KillRequest("uav1"), VehicleState, timeout_s=20.0
             )
             assert not killed.armed
-            assert not firmware.armed
+            assert not firmware.report.armed
     finally:
         firmware.unplug()
 
@@ -71,7 +72,7 @@ async def test_a_vehicle_with_a_serial_chassis_is_armed_driven_and_killed_withou
 async def test_gains_of_the_configuration_and_of_requests_are_sent_again_to_a_chassis_that_returns(
     tmp_path: Path,
 ) -> None:
-    firmware = Firmware(tmp_path / "tty")
+    firmware = ChassisFirmware(tmp_path / "tty")
     firmware.gains["yaw_kp"] = 0.5
     chassis = ChassisConfig(gains={"rate_kp": 0.25})
     serial = SerialChassisDriver(device=str(firmware.link))
@@ -92,7 +93,7 @@ async def test_gains_of_the_configuration_and_of_requests_are_sent_again_to_a_ch
         firmware.unplug()
         await status(board, "serial_chassis", state="waiting")
         firmware.gains = {"rate_kp": 0.1, "yaw_kp": 0.5}
-        firmware.answered = 0
+        firmware.report = ChassisReport(armed=False, landed=True)
         firmware.plug()
         async with asyncio.timeout(20.0):
             while firmware.gains != {"rate_kp": 0.25, "yaw_kp": 1.5}:
@@ -101,7 +102,7 @@ async def test_gains_of_the_configuration_and_of_requests_are_sent_again_to_a_ch
 
 
 async def test_an_unplugged_chassis_is_a_fault_and_is_reopened_when_it_is_back(tmp_path: Path) -> None:
-    firmware = Firmware(tmp_path / "tty")
+    firmware = ChassisFirmware(tmp_path / "tty")
     config = Config(**RETRY, serial_chassis=SerialChassisDriver(device=str(firmware.link)))  # type: ignore[arg-type]
     async with running(tmp_path, [SerialChassis(config)], config) as other:
         board = other.reader("hal/drivers", DriverTable)
@@ -144,7 +145,7 @@ async def test_a_receiver_with_the_wrong_rate_is_an_error_that_names_what_arrive
             async with asyncio.timeout(20.0):
                 while not receiver.refused:  # noqa: ASYNC110 - the line is read by the event loop
                     await asyncio.sleep(0)
-            with pytest.raises(DeviceError, match=r"no valid sentence for 5 s; refused: \d × no sentence"):
+            with pytest.raises(DeviceError, match=r"nothing valid for 5 s; refused: \d × no sentence"):
                 await receiver.read(module.now_ns() + 5_100_000_000)
             await receiver.close()
     finally:
@@ -158,8 +159,8 @@ async def test_a_line_is_refused_that_another_has_or_that_is_none(tmp_path: Path
     try:
         with pytest.raises(DeviceError, match="another process has it open"):
             SerialLine(os.ttyname(slave), 9600, lambda data: None)
-        with pytest.raises(DeviceError, match="12345 baud, expected one of 4800"):
-            SerialLine(os.ttyname(slave), 12345, lambda data: None)
+        with pytest.raises(DeviceError, match="50 baud, expected 300 to 4000000"):
+            SerialLine(os.ttyname(slave), 50, lambda data: None)
         file = tmp_path / "file"
         file.write_bytes(b"")
         with pytest.raises(DeviceError, match="no serial line"):

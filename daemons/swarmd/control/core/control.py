@@ -57,6 +57,8 @@ class ControlCore:
             self._state = msgspec.structs.replace(former, mode=DriveMode.HOLD) if manual else former
         self._manual_ns = 0
         """Stamp of the newest manual set-point, or when the stick was given."""
+        self._sticks_ns: int | None = None
+        """Stamp of the newest set-point of the safety pilot; None: none since the switch was moved."""
         self._hold_ns = AT_ONCE
         self.expired = 0
         """Manual set-points that were too old when they arrived."""
@@ -99,6 +101,16 @@ class ControlCore:
         drive = self._limited(setpoint)
         return [*actions, WriteDrive(drive, stamp_ns)]
 
+    def on_sticks(self, setpoint: Setpoint, stamp_ns: int, now_ns: int) -> list[Action]:
+        """Takes a set-point of the safety pilot's sticks."""
+        if DECISIONS[self._state.mode, Source.PILOT] is not Decision.PASS:
+            return []
+        if now_ns - stamp_ns > self._timeout_ns:
+            self.expired += 1
+            return []
+        self._sticks_ns = stamp_ns
+        return [WriteDrive(self._limited(setpoint), stamp_ns)]
+
     def on_request(self, request: DriveRequest, operator: Operator, now_ns: int) -> list[Action]:
         """Takes a request for the stick, or for the navigator.
 
@@ -133,6 +145,9 @@ class ControlCore:
         state, actions = self._state, list[Action]()
         if state.mode is DriveMode.MANUAL and now_ns - self._manual_ns >= self._timeout_ns:
             actions += self._move(DriveEvent.EXPIRED, state.holder, state.holder_id, now_ns)
+        if self._sticks_ns is not None and now_ns - self._sticks_ns >= self._timeout_ns:
+            self._sticks_ns = None
+            self._hold_ns = AT_ONCE
         if self._holds and now_ns >= self._hold_ns:
             self._hold_ns = now_ns + HOLD_NS
             actions.append(WriteDrive(Drive(0.0, mode=self._state.mode), now_ns))
@@ -142,11 +157,14 @@ class ControlCore:
         """When manual set-points expire, or the vehicle is commanded to hold again; None in mode auto."""
         if self._state.mode is DriveMode.MANUAL:
             return self._manual_ns + self._timeout_ns
+        if self._sticks_ns is not None:
+            return self._sticks_ns + self._timeout_ns
         return self._hold_ns if self._holds else None
 
     @property
     def _holds(self) -> bool:
-        return self._state.mode in (DriveMode.HOLD, DriveMode.PILOT)
+        mode = self._state.mode
+        return mode is DriveMode.HOLD or (mode is DriveMode.PILOT and self._sticks_ns is None)
 
     def _move(self, event: DriveEvent, holder: str, holder_id: int, now_ns: int) -> list[Action]:
         mode = TRANSITIONS[self._state.mode, event]
@@ -156,6 +174,7 @@ class ControlCore:
             return []
         if mode is not self._state.mode:
             self._hold_ns = AT_ONCE
+            self._sticks_ns = None
         self._state = ControlState(mode, holder, holder_id, now_ns, event.value)
         return [PublishMode(self._state)]
 
@@ -169,7 +188,7 @@ class ControlCore:
                 return f"{self._state.holder} has the stick"
 
     def _limited(self, setpoint: Setpoint) -> Drive:
-        config = self._config
+        config, pilot = self._config, self._state.mode is DriveMode.PILOT
         speed = math.hypot(setpoint.vx_m_s, setpoint.vy_m_s)
         ratio = min(1.0, config.speed_max_m_s / speed) if speed > 0.0 else 1.0
         return Drive(
@@ -177,8 +196,8 @@ class ControlCore:
             setpoint.vy_m_s * ratio,
             _clipped(setpoint.vz_m_s, config.climb_max_m_s),
             _clipped(setpoint.wz_rad_s, config.turn_max_rad_s),
-            DriveMode.MANUAL,
-            self._state.holder,
+            DriveMode.PILOT if pilot else DriveMode.MANUAL,
+            Source.PILOT.value if pilot else self._state.holder,
         )
 
 

@@ -11,6 +11,7 @@ class Source(StrEnum):
 
     NAVIGATOR = "navigator"
     OPERATOR = "operator"
+    PILOT = "pilot"
 
 
 class Decision(StrEnum):
@@ -24,14 +25,19 @@ class Decision(StrEnum):
 DECISIONS: Final[dict[tuple[DriveMode, Source], Decision]] = {
     (DriveMode.AUTO, Source.NAVIGATOR): Decision.PASS,
     (DriveMode.AUTO, Source.OPERATOR): Decision.REFUSE,
+    (DriveMode.AUTO, Source.PILOT): Decision.IGNORE,
     (DriveMode.MANUAL, Source.NAVIGATOR): Decision.IGNORE,
     (DriveMode.MANUAL, Source.OPERATOR): Decision.PASS,
+    (DriveMode.MANUAL, Source.PILOT): Decision.IGNORE,
     (DriveMode.HOLD, Source.NAVIGATOR): Decision.IGNORE,
     (DriveMode.HOLD, Source.OPERATOR): Decision.PASS,
+    (DriveMode.HOLD, Source.PILOT): Decision.IGNORE,
     (DriveMode.PILOT, Source.NAVIGATOR): Decision.IGNORE,
     (DriveMode.PILOT, Source.OPERATOR): Decision.REFUSE,
+    (DriveMode.PILOT, Source.PILOT): Decision.PASS,
 }
-"""What happens to a set-point of each source in each mode; an operator is the one who has the stick."""
+"""What happens to a set-point of each source in each mode; an operator is the one who has the stick, the
+pilot the one with the switch of the vehicle."""
 
 _AUTO, _MANUAL, _HOLD, _PILOT = DriveMode.AUTO, DriveMode.MANUAL, DriveMode.HOLD, DriveMode.PILOT
 

@@ -3,6 +3,7 @@
 import asyncio
 import fcntl
 import os
+import struct
 import termios
 from collections.abc import Callable
 from typing import Final
@@ -10,37 +11,28 @@ from typing import Final
 from swarmd.hal.buses.bus import Bus, opening_error
 from swarmd.hal.driver import DeviceError, DeviceGone
 
-_BAUDS: Final = {
-    baud: getattr(termios, f"B{baud}")
-    for baud in (
-        4800,
-        9600,
-        19200,
-        38400,
-        57600,
-        115200,
-        230400,
-        460800,
-        921600,
-        1_000_000,
-        1_500_000,
-        2_000_000,
-    )
-}
-BAUDS: Final = tuple(_BAUDS)
-"""Rates that a line may have. Source: termios(3)."""
+BAUD_MIN: Final = 300
+BAUD_MAX: Final = 4_000_000
+_MODE: Final = struct.Struct("=4IB19s2I")
+"""struct termios2: flags of input, output, control and local, line discipline, characters, rates."""
+_GET_MODE: Final = 0x802C542A
+_SET_MODE: Final = 0x402C542B
+_ANY_RATE: Final = 0o010000
+"""TCGETS2, TCSETS2, BOTHER: a rate as a number, also one that termios(3) does not have. Source: Linux,
+asm-generic/ioctls.h and termbits.h."""
 _READ_BYTES: Final = 4096
 
 
 class SerialLine(Bus):
     """An open serial line, eight data bits, no parity, one stop bit, for this process alone.
 
-    Raises: DeviceError when another process has it, or its rate is unknown; DeviceGone when it is not there.
+    Raises: DeviceError when another process has it, or it cannot have this rate; DeviceGone when there is
+    none.
     """
 
     def __init__(self, path: str, baud: int, on_bytes: Callable[[bytes], None]) -> None:
-        if baud not in _BAUDS:
-            raise DeviceError(f"{path}: {baud} baud, expected one of {', '.join(map(str, BAUDS))}")
+        if not BAUD_MIN <= baud <= BAUD_MAX:
+            raise DeviceError(f"{path}: {baud} baud, expected {BAUD_MIN} to {BAUD_MAX}")
         self.path = path
         self.dropped = 0
         """Writes that the line could not take, because it is slower or its other end does not read."""
@@ -63,15 +55,15 @@ class SerialLine(Bus):
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise DeviceError(f"{self.path}: another process has it open") from None
+        mode = bytearray(_MODE.size)
         try:
-            mode = termios.tcgetattr(self._fd)
-        except termios.error as error:
-            raise DeviceError(f"{self.path}: no serial line: {error.args[-1]}") from error
-        control = termios.CS8 | termios.CREAD | termios.CLOCAL
-        speed = _BAUDS[baud]
-        # raw: no translation of bytes, no signals, no echo
-        mode[:6] = [0, 0, control, 0, speed, speed]
-        termios.tcsetattr(self._fd, termios.TCSANOW, mode)
+            fcntl.ioctl(self._fd, _GET_MODE, mode)
+            *_, characters, _, _ = _MODE.unpack(mode)
+            control = termios.CS8 | termios.CREAD | termios.CLOCAL | _ANY_RATE
+            # raw: no translation of bytes, no signals, no echo
+            fcntl.ioctl(self._fd, _SET_MODE, _MODE.pack(0, 0, control, 0, 0, characters, baud, baud))
+        except OSError as error:
+            raise DeviceError(f"{self.path}: no serial line of {baud} baud: {error.strerror}") from error
         termios.tcflush(self._fd, termios.TCIFLUSH)
 
     def _readable(self) -> None:

@@ -5,8 +5,8 @@ from typing import Final
 from swarmd.hal.buses.serial_line import SerialLine
 from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import Config
-from swarmd.hal.core.chassis_frames import FrameDecoder, Telemetry, order_frame, setpoint_frame, telemetry
 from swarmd.hal.driver import Device, Site
+from swarmware.devices.chassis_frames import FrameDecoder, Telemetry, order_frame, setpoint_frame, telemetry
 from swarmware.errors import WireError
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter

@@ -1,4 +1,4 @@
-"""Frames of a serial chassis: the independent firmware reads them; damaged ones are refused."""
+"""Frames of a serial chassis: another implementation reads them; damaged ones are refused."""
 
 import math
 import re
@@ -8,15 +8,17 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.unit.hal.firmware import decoded, encoded
 
-from swarmd.hal.core.chassis_frames import (
+from swarmware.devices.chassis_frames import (
     FRAME_BYTES,
     GAINS_LIMIT,
     FrameDecoder,
+    Telemetry,
     cobs,
+    command,
     framed,
     order_frame,
+    report_frame,
     setpoint_frame,
     telemetry,
     uncobs,
@@ -27,6 +29,39 @@ from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import BatteryState, Setpoint
 
 PAGE = Path(__file__).parents[3] / "share/doc/reference/chassis-protocol.md"
+
+
+def crc16(data: bytes) -> int:
+    """The CRC of the page, bit by bit."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc
+
+
+def encoded(body: bytes) -> bytes:
+    """A frame as the page states it, written from the page alone."""
+    data = body + struct.pack("<H", crc16(body)) + b"\0"
+    out, at = bytearray(), 0
+    while at < len(data):
+        end = data.index(0, at)
+        out += bytes([end - at + 1]) + data[at:end]
+        at = end + 1
+    return bytes(out) + b"\0"
+
+
+def decoded(frame: bytes) -> bytes | None:
+    """The body of a frame, read by the page alone."""
+    out, at = bytearray(), 0
+    while at < len(frame):
+        if frame[at] == 0 or at + frame[at] > len(frame):
+            return None
+        out += frame[at + 1 : at + frame[at]] + b"\0"
+        at += frame[at]
+    body, crc = bytes(out[:-3]), bytes(out[-3:-1])
+    return body if crc == struct.pack("<H", crc16(body)) else None
 
 
 def test_the_example_of_the_page_is_what_is_sent() -> None:
@@ -121,3 +156,54 @@ def test_a_set_point_and_gains_arrive_as_they_were_sent() -> None:
 def test_an_order_that_does_not_fit_the_protocol_is_refused(order: ChassisOrder, reason: str) -> None:
     with pytest.raises(InvalidInput, match=reason):
         order_frame(order)
+
+
+@given(st.booleans(), st.booleans(), st.booleans(), st.integers(0, (1 << 63) - 1), st.text(max_size=300))
+def test_what_the_chassis_reports_arrives(
+    armed: bool, landed: bool, failsafe: bool, answered: int, reason: str
+) -> None:
+    sent = Telemetry(ChassisReport(armed, landed, answered, reason, not armed), failsafe, None)
+    body = decoded(report_frame(sent)[:-1])
+    assert body is not None
+    try:
+        found = telemetry(body)
+    except WireError:
+        assert not reason.isprintable()
+        return
+    assert reason.startswith(found.report.refused)
+    assert (found.report.armed, found.report.answered, found.failsafe) == (armed, answered, failsafe)
+
+
+def test_what_is_sent_to_the_chassis_is_what_it_reads() -> None:
+    for sent in (
+        Setpoint(1.0, -0.5, 0.25, 2.0),
+        ChassisOrder(9, ChassisAction.GAINS, {"yaw_kp": 0.5, "x": -1.0}),
+        ChassisOrder(10, ChassisAction.KILL),
+    ):
+        line = setpoint_frame(sent) if isinstance(sent, Setpoint) else order_frame(sent)
+        (body,) = FrameDecoder().feed(line)
+        assert command(body) == sent
+
+
+@given(st.binary(max_size=60))
+def test_any_bytes_are_a_command_or_refused(body: bytes) -> None:
+    try:
+        found = command(body)
+    except WireError:
+        return
+    assert registry.decode(type(found), registry.encode(found)) == found
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        (struct.pack("<Bffff", 1, math.nan, 0, 0, 0), "not finite"),
+        (struct.pack("<BQB", 2, 1, 99), "invalid order"),
+        (struct.pack("<BQB", 2, 1, 4) + b"x", "invalid order"),
+        (struct.pack("<BQB16sf", 2, 1, 4, b"a", math.inf), "invalid gain"),
+        (b"\x81", "neither"),
+    ],
+)
+def test_a_command_without_a_valid_content_is_refused_by_name(body: bytes, reason: str) -> None:
+    with pytest.raises(WireError, match=reason):
+        command(body)

@@ -1,4 +1,4 @@
-"""Sentences of satellite receivers, NMEA 0183: bytes in, fixes out; all else is refused and counted."""
+"""Sentences of satellite receivers, NMEA 0183: fixes of bytes, and bytes of fixes; all else is refused."""
 
 import math
 import re
@@ -29,7 +29,7 @@ class NmeaDecoder:
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
-        self.sentences = 0
+        self.valid = 0
         """Sentences with a valid checksum, also of types that are not used."""
         self._line = bytearray()
         self._overlong = False
@@ -59,7 +59,7 @@ class NmeaDecoder:
     def _sentence(self, line: bytes) -> GnssFix | None:
         try:
             fields = fields_of(line)
-            self.sentences += 1
+            self.valid += 1
             match fields[0][-3:]:
                 case "GGA":
                     return self._gga(fields)
@@ -132,3 +132,39 @@ def angle(text: str, hemisphere: str, letters: str, limit_deg: float) -> float:
     if len(hemisphere) != 1 or hemisphere not in letters or minutes >= 60 or not 0 <= found <= limit_deg:
         raise WireError("position out of range")
     return found if hemisphere == letters[0] else -found
+
+
+def sentence(body: str) -> bytes:
+    """A sentence with `$`, checksum and line end."""
+    checked = body.encode("ascii")
+    return b"$%b*%02X\r\n" % (checked, reduce(xor, checked, 0))
+
+
+def fix_sentences(fix: GnssFix, time_of_day_s: float) -> bytes:
+    """The sentences GST (accuracy) and GGA (position) of a fix.
+
+    The geoid is the ellipsoid, so that both heights are equal. Quality: RTK fixed below 0.1 m, else
+    autonomous.
+    """
+    hours, rest_s = divmod(time_of_day_s % 86_400.0, 3600.0)
+    minutes, seconds = divmod(rest_s, 60.0)
+    clock = f"{int(hours):02d}{int(minutes):02d}{min(int(seconds * 100), 5999) / 100:05.2f}"
+    axis_m = fix.h_acc_m / math.sqrt(2)
+    gst = f"GPGST,{clock},,,,,{axis_m:.4f},{axis_m:.4f},{fix.h_acc_m:.4f}"
+    gga = ",".join(
+        [
+            f"GPGGA,{clock}",
+            _spelled(fix.lat_deg, 2, "NS"),
+            _spelled(fix.lon_deg, 3, "EW"),
+            "4" if fix.h_acc_m < 0.1 else "1",
+            f"{fix.satellites:02d},0.8,{fix.alt_ellipsoid_m:.3f},M,0.0,M,,",
+        ]
+    )
+    return sentence(gst) + sentence(gga)
+
+
+def _spelled(angle_deg: float, digits: int, letters: str) -> str:
+    """`ddmm.mmmmmmm` and the hemisphere: seven decimals are 0.2 mm."""
+    degrees, minutes_e7 = divmod(round(abs(angle_deg) * 60e7), 600_000_000)
+    minutes = f"{minutes_e7 // 10**7:02d}.{minutes_e7 % 10**7:07d}"
+    return f"{degrees:0{digits}d}{minutes},{letters[angle_deg < 0]}"

@@ -1,4 +1,4 @@
-"""Frames on the serial line of a chassis: COBS, CRC-16, and contents, as `chassis-protocol.md` states."""
+"""Frames on the serial line of a chassis, both directions: COBS, CRC-16, contents (`chassis-protocol.md`)."""
 
 import binascii
 import math
@@ -23,11 +23,14 @@ _ACTIONS: Final = {
     ChassisAction.GAINS: 4,
     ChassisAction.CALIBRATE: 5,
 }
+_BY_NUMBER: Final = {number: action for action, number in _ACTIONS.items()}
 _SETPOINT_BODY: Final = struct.Struct("<Bffff")
 _ORDER_BODY: Final = struct.Struct("<BQB")
 _GAIN: Final = struct.Struct("<16sf")
 _REPORT_BODY: Final = struct.Struct("<BQBfff")
 _CRC: Final = struct.Struct("<H")
+_ARMED, _LANDED, _CALIBRATING, _FAILSAFE = 1, 2, 4, 8
+"""Flags of a report."""
 GAINS_LIMIT: Final = (FRAME_BYTES - _ORDER_BODY.size - _CRC.size) // _GAIN.size
 REASON_BYTES: Final = FRAME_BYTES - _REPORT_BODY.size - _CRC.size
 
@@ -81,10 +84,50 @@ def telemetry(frame: bytes) -> Telemetry:
         charge = min(max(remaining, 0.0), 1.0)
         battery = BatteryState(round(voltage_v, 3), round(current_a, 3), charge)
     return Telemetry(
-        ChassisReport(bool(flags & 1), bool(flags & 2), answered, reason, bool(flags & 4)),
-        bool(flags & 8),
+        ChassisReport(
+            bool(flags & _ARMED), bool(flags & _LANDED), answered, reason, bool(flags & _CALIBRATING)
+        ),
+        bool(flags & _FAILSAFE),
         battery,
     )
+
+
+def command(frame: bytes) -> Setpoint | ChassisOrder:
+    """The set-point or order in a frame without its framing: what the chassis receives. Raises: WireError."""
+    if frame[:1] == bytes([_SETPOINT]) and len(frame) == _SETPOINT_BODY.size:
+        values = _SETPOINT_BODY.unpack(frame)[1:]
+        if not all(math.isfinite(value) for value in values):
+            raise WireError("set-point that is not finite")
+        return Setpoint(*values)
+    if frame[:1] != bytes([_ORDER]) or len(frame) < _ORDER_BODY.size:
+        raise WireError("neither a set-point nor an order")
+    _, order, action = _ORDER_BODY.unpack_from(frame)
+    gains = frame[_ORDER_BODY.size :]
+    if order >= 1 << 63 or action not in _BY_NUMBER or len(gains) % _GAIN.size:
+        raise WireError("invalid order")
+    found: dict[str, float] = {}
+    for name, value in _GAIN.iter_unpack(gains):
+        spelled = name.rstrip(b"\0").decode("ascii", "replace")
+        if not spelled.isprintable() or not math.isfinite(value):
+            raise WireError("invalid gain")
+        found[spelled] = value
+    return ChassisOrder(order, _BY_NUMBER[action], found)
+
+
+def report_frame(content: Telemetry) -> bytes:
+    """The frame of a report, with its delimiter: what the chassis sends."""
+    report, battery = content.report, content.battery
+    flags = (
+        _ARMED * report.armed
+        | _LANDED * report.landed
+        | _CALIBRATING * report.calibrating
+        | _FAILSAFE * content.failsafe
+    )
+    measured = (math.nan,) * 3
+    if battery is not None:
+        measured = (battery.voltage_v, battery.current_a, battery.remaining_ratio)
+    reason = report.refused.encode("utf-8")[:REASON_BYTES].decode("utf-8", "ignore").encode("utf-8")
+    return framed(_REPORT_BODY.pack(_REPORT, report.answered, flags, *measured) + reason)
 
 
 def framed(body: bytes) -> bytes:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.hal.core.nmea import LINE_BYTES, NmeaDecoder
+from swarmware.devices.nmea import LINE_BYTES, NmeaDecoder, fix_sentences
 from swarmware.types import registry
 from swarmware.types.vehicle import GnssFix
 
@@ -43,7 +43,7 @@ def test_a_sentence_may_come_in_any_pieces_between_others() -> None:
         decoder = NmeaDecoder()
         fixes = [fix for at in range(0, len(line), size) for fix in decoder.feed(line[at : at + size])]
         assert len(fixes) == 2
-        assert decoder.sentences == 4
+        assert decoder.valid == 4
 
 
 def test_the_accuracy_of_the_receiver_is_preferred_while_it_is_fresh() -> None:
@@ -59,7 +59,7 @@ def test_the_accuracy_of_the_receiver_is_preferred_while_it_is_fresh() -> None:
 def test_without_a_measured_position_there_is_no_fix_and_no_error(quality: str) -> None:
     decoder = NmeaDecoder()
     assert list(decoder.feed(sentence(f"GPGGA,,,,,,{quality},00,99.9,,,,,,"))) == []
-    assert decoder.sentences == 1
+    assert decoder.valid == 1
     assert not decoder.refused
 
 
@@ -109,3 +109,24 @@ def test_any_fields_with_a_valid_checksum_are_a_fix_or_refused(fields: list[str]
         assert -90 <= fix.lat_deg <= 90
         assert -180 <= fix.lon_deg <= 180
         assert registry.decode(GnssFix, registry.encode(fix)) == fix
+
+
+@given(
+    st.floats(-90, 90),
+    st.floats(-180, 180),
+    st.floats(-400, 9000),
+    st.floats(0, 50),
+    st.integers(0, 99),
+    st.floats(0, 1e6),
+)
+def test_the_sentences_of_a_fix_are_read_as_this_fix(
+    lat: float, lon: float, height: float, accuracy: float, satellites: int, time_s: float
+) -> None:
+    decoder = NmeaDecoder()
+    (found,) = decoder.feed(fix_sentences(GnssFix(lat, lon, height, accuracy, satellites), time_s))
+    assert not decoder.refused
+    assert found.lat_deg == pytest.approx(lat, abs=2e-9)
+    assert found.lon_deg == pytest.approx(lon, abs=2e-9)
+    assert found.alt_ellipsoid_m == pytest.approx(height, abs=1e-3)
+    assert found.h_acc_m == pytest.approx(accuracy, abs=1e-3)
+    assert found.satellites == satellites

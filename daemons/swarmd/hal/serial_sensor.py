@@ -1,0 +1,96 @@
+"""Sensors that send on a serial line by themselves: each measurement is published when it arrives."""
+
+from abc import abstractmethod
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Final, Generic, Protocol, TypeVar
+
+from swarmd.hal.buses.serial_line import SerialLine
+from swarmd.hal.driver import DeviceError, Sensor
+from swarmware.module.module import Module
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+
+_NAMED: Final = 2
+"""Reasons that the error of a silent sensor names: the most frequent ones."""
+
+
+class SensorDecoder(Protocol[T_co]):
+    """What decodes the bytes of a sensor."""
+
+    refused: Counter[str]
+    """What was not understood, by the reason."""
+    valid: int
+    """Valid frames or sentences so far, also of types that are not used."""
+
+    def feed(self, data: bytes) -> Iterator[T_co]: ...
+
+
+class SerialSensor(Sensor, Generic[T]):
+    """Base of the drivers of such sensors; `read` watches the line.
+
+    A driver that overrides `open` or `close` calls this one too. `silent_s`: time without anything valid
+    after which the sensor counts as failed.
+    """
+
+    silent_s = 5.0
+
+    def __init__(
+        self, name: str, device: str, baud: int, rate_hz: float, decoder: Callable[[], SensorDecoder[T]]
+    ) -> None:
+        self.name = name
+        self.period_s = 1 / rate_hz
+        self._device = device
+        self._baud = baud
+        self._make_decoder = decoder
+        self._decoder = decoder()
+        self._line: SerialLine | None = None
+        self._published = self._counted = self._valid = 0
+        self._received_ns = 0
+        self.module: Module | None = None
+        """Module of the hardware abstraction; None before the first `open`."""
+
+    @abstractmethod
+    def publish(self, value: T, now_ns: int) -> bool:
+        """Publishes what was measured; False when it is not used."""
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """What was not understood since the line was opened, by the reason."""
+        return self._decoder.refused
+
+    async def open(self, module: Module) -> None:
+        """Opens the line. Raises: DeviceGone, DeviceError."""
+        self.module, self._decoder = module, self._make_decoder()
+        self._valid, self._received_ns = 0, module.now_ns()
+        self._line = SerialLine(self._device, self._baud, self._take)
+
+    def _take(self, data: bytes) -> None:
+        if self.module is None:
+            return
+        for value in self._decoder.feed(data):
+            self._published += self.publish(value, self.module.now_ns())
+
+    async def read(self, now_ns: int) -> bool:
+        """Whether there was a measurement since the last call.
+
+        Raises: DeviceGone when the line is lost; DeviceError when nothing valid arrives.
+        """
+        if self._line is not None:
+            self._line.check()
+        if self._decoder.valid != self._valid:
+            self._valid, self._received_ns = self._decoder.valid, now_ns
+        elif now_ns - self._received_ns > self.silent_s * 1e9:
+            counts = sorted(self.refused.items(), key=lambda item: -item[1])[:_NAMED]
+            refused = ", ".join(f"{count} × {what}" for what, count in counts) or "none"
+            raise DeviceError(f"{self._device}: nothing valid for {self.silent_s:g} s; refused: {refused}")
+        fresh = self._published != self._counted
+        self._counted = self._published
+        return fresh
+
+    async def close(self) -> None:
+        """Closes the line; a second call has no effect."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None

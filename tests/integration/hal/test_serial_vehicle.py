@@ -1,0 +1,171 @@
+"""A vehicle whose drivers are those of a real one: its devices are simulated behind serial lines."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import pytest
+
+from swarmd.hal.config import Config as HalConfig
+from swarmd.hal.config import (
+    CrsfDriver,
+    NmeaDriver,
+    RecognitionRule,
+    SerialChassisDriver,
+    SonarDriver,
+    VectorNavDriver,
+)
+from swarmd.sim.config import Config as SimConfig
+from swarmd.sim.config import SerialConfig
+from swarmware.devices.nmea import fix_sentences
+from swarmware.errors import Denied, NoAnswer
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.runtime.pseudo_terminal import PseudoTerminal
+from swarmware.testing.leaks import no_leaks
+from swarmware.testing.process import spawn
+from swarmware.testing.tmpnode import make_node
+from swarmware.types.control import ControlState, DriveMode, SafetySwitch, SwitchRequest
+from swarmware.types.scalar import Float
+from swarmware.types.tree import TreeEntry, TreeList, TreeListing
+from swarmware.types.vehicle import (
+    ArmRequest,
+    BatteryState,
+    DriverTable,
+    GnssFix,
+    Goal,
+    GoalKind,
+    NavStatus,
+    Pose,
+    VehicleMode,
+    VehicleState,
+)
+
+T = TypeVar("T", bound=msgspec.Struct)
+ARM = "sys/vehicle/arm"
+DRIVERS = ("nmea", "vectornav", "sonar", "crsf", "serial_chassis")
+
+
+async def until(board: BoardReader[T], right: Callable[[T], bool]) -> T:
+    async with asyncio.timeout(40.0):
+        while board.value is None or not right(board.value):
+            await board.changed()
+    return board.value
+
+
+def serial_node(root: Path) -> Path:
+    """A node whose hardware abstraction has no driver of the simulation."""
+    lines = root / "dev"
+    hal = HalConfig(
+        drivers=DRIVERS,
+        retry_s=0.2,
+        nmea=NmeaDriver(device=str(lines / "gnss"), baud=38400),
+        vectornav=VectorNavDriver(device=str(lines / "imu"), rate_hz=20.0),
+        sonar=SonarDriver(device=str(lines / "sonar"), rate_hz=20.0, max_m=6.4),
+        crsf=CrsfDriver(device=str(lines / "rc")),
+        serial_chassis=SerialChassisDriver(device=str(lines / "chassis")),
+    )
+    return make_node(root, services={"sim": SimConfig(serial=SerialConfig(folder=str(lines))), "hal": hal})
+
+
+def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(tmp_path: Path) -> None:
+    async def fly() -> None:
+        config_dir = serial_node(tmp_path)
+        async with (
+            spawn(config_dir, "sim", "hal", "control", "navigator"),
+            Module("test", config_dir=config_dir) as m,
+        ):
+            goals, status = m.writer("nav/goal", Goal), m.reader("nav/status", NavStatus)
+            truth, pose = m.reader("sim/truth", Pose), m.reader("nav/pose", Pose)
+            vehicle = m.reader("vehicle/state", VehicleState)
+            drivers = m.reader("hal/drivers", DriverTable)
+            await until(drivers, lambda table: all(one.state == "running" for one in table.drivers))
+            assert drivers.value is not None
+            assert [one.name for one in drivers.value.drivers] == list(DRIVERS)
+            await until(vehicle, lambda state: state == VehicleState(False, True))
+            await until(m.reader("power/battery", BatteryState), lambda battery: battery.voltage_v > 20.0)
+            start = await until(pose, lambda _: True)
+
+            assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+            goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
+            await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
+            assert (await until(m.reader("sensor/height", Float), lambda _: True)).value == pytest.approx(
+                3.0, abs=0.5
+            )
+            with pytest.raises(Denied, match="in the air"):
+                await m.request(ARM, ArmRequest(False), VehicleState)
+            goals.write(Goal(2, GoalKind.GOTO, start.x_m + 4.0, start.y_m + 3.0, 3.0, speed_m_s=2.0))
+            await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
+            here = truth.value
+            assert here is not None
+            assert math.dist((here.x_m, here.y_m), (start.x_m + 4.0, start.y_m + 3.0)) < 0.7
+
+            # the switch of the safety pilot's transmitter arrives by radio frames
+            switch, control = (
+                m.reader("vehicle/switch", SafetySwitch),
+                m.reader("control/state", ControlState),
+            )
+            await m.request("sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch)
+            await until(control, lambda state: state.mode is DriveMode.PILOT)
+            assert switch.value == SafetySwitch(VehicleMode.MANUAL)
+            await until(vehicle, lambda state: state.mode is VehicleMode.MANUAL)
+            await m.request("sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch)
+            await until(vehicle, lambda state: state.mode is VehicleMode.AUTO)
+
+            goals.write(Goal(3, GoalKind.LAND))
+            await until(status, lambda s: s.goal_seq == 3 and s.state == "arrived")
+            assert (await m.request(ARM, ArmRequest(False), VehicleState)).landed
+
+    with no_leaks(tmp_path):
+        asyncio.run(fly())
+
+
+def test_devices_that_are_unplugged_are_waited_for_and_the_vehicle_is_armed_again(tmp_path: Path) -> None:
+    async def replug() -> None:
+        config_dir = serial_node(tmp_path)
+        async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
+            drivers = m.reader("hal/drivers", DriverTable)
+            table = await until(drivers, lambda table: all(one.note for one in table.drivers))
+            assert all("no such device" in one.note for one in table.drivers)
+            for _ in range(2):
+                async with spawn(config_dir, "sim"):
+                    await until(drivers, lambda table: all(one.state == "running" for one in table.drivers))
+                    await until(m.reader("vehicle/state", VehicleState), lambda state: state.landed)
+                    assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+                await until(drivers, lambda table: all(one.state == "waiting" for one in table.drivers))
+
+    with no_leaks(tmp_path):
+        asyncio.run(replug())
+
+
+def test_a_device_that_is_plugged_in_gets_its_driver_and_its_branch_of_the_tree(tmp_path: Path) -> None:
+    async def plug() -> None:
+        folder = tmp_path / "dev/serial/by-id"
+        rule = RecognitionRule(path=f"{folder}/gnss*", driver="nmea", settings={"path": "sensor/gnss_left"})
+        hal = HalConfig(drivers=("system",), recognise=(rule,))
+        config_dir = make_node(tmp_path, services={"hal": hal})
+        async with spawn(config_dir, "tree", "hal"), Module("test", config_dir=config_dir) as m:
+
+            async def entries() -> list[TreeEntry]:
+                found = await m.request("sys/tree/list", TreeList("sensor/gnss_left"), TreeListing)
+                return list(found.entries)
+
+            await m.reader("hal/drivers", DriverTable).changed(20.0)
+            assert await entries() == []
+            line = PseudoTerminal(folder / "gnss0", lambda data: None)
+            fixes = m.reader("sensor/gnss_left", GnssFix)
+            async with asyncio.timeout(40.0):
+                while fixes.value is None or not await entries():
+                    line.write(fix_sentences(GnssFix(48.0, 11.0, 500.0, 0.02, 12), 3600.0))
+                    with suppress(NoAnswer):
+                        await fixes.changed(0.2)
+            (entry,) = await entries()
+            assert entry.type == "GnssFix"
+            line.close()
+
+    with no_leaks(tmp_path):
+        asyncio.run(plug())

@@ -1,0 +1,70 @@
+"""Frames of a VectorNav unit: angles and axes, damage, other outputs."""
+
+import binascii
+import math
+import struct
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from swarmware.devices.vectornav import FRAME_BYTES, VectorNavDecoder, frame
+from swarmware.types.vehicle import Imu
+
+NORTH_EAST = Imu(0.5, -0.25, 0.125, 1.0, 2.0, 9.75, math.pi / 4)
+
+
+def raw(*values: float) -> bytes:
+    """A frame written from the manual alone: yaw, pitch, roll, rates, accelerations."""
+    checked = struct.pack("<BH9f", 1, 0x0128, *values)
+    crc = 0
+    for byte in checked:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return b"\xfa" + checked + struct.pack(">H", crc)
+
+
+def test_a_unit_that_faces_east_and_turns_right_turns_clockwise_here() -> None:
+    (found,) = VectorNavDecoder().feed(raw(90.0, 0, 0, 0.0, 0.0, 0.5, 0.0, 1.0, -9.75))
+    assert found.yaw_rad == 0.0
+    assert found.wz_rad_s == -0.5
+    assert (found.ay_m_s2, found.az_m_s2) == (-1.0, 9.75)
+    (north,) = VectorNavDecoder().feed(raw(0.0, *[0.0] * 8))
+    assert north.yaw_rad == math.pi / 2
+
+
+def test_what_is_sent_is_what_is_read() -> None:
+    sent = frame(NORTH_EAST)
+    assert len(sent) == FRAME_BYTES
+    assert sent == raw(45.0, 0, 0, 0.5, 0.25, -0.125, 1.0, -2.0, -9.75)
+    (found,) = VectorNavDecoder().feed(sent)
+    assert found.yaw_rad is not None
+    assert abs(found.yaw_rad - math.pi / 4) < 1e-6
+    assert binascii.crc_hqx(sent[1:], 0) == 0
+
+
+@given(st.lists(st.binary(max_size=100), max_size=8), st.integers(1, 41))
+def test_whatever_is_on_the_line_the_next_frames_are_found_and_memory_is_bounded(
+    chunks: list[bytes], cut: int
+) -> None:
+    decoder = VectorNavDecoder()
+    for chunk in chunks:
+        for found in decoder.feed(chunk):
+            assert math.isfinite(found.ax_m_s2)
+        assert len(decoder._open) < FRAME_BYTES
+    sent = frame(NORTH_EAST)
+    damaged = bytearray(sent)
+    damaged[cut] ^= 0x10
+    before = decoder.valid
+    list(decoder.feed(bytes(damaged) + sent[:7]))
+    list(decoder.feed(sent[7:] + sent + sent))
+    assert decoder.valid >= before + 2, "at most the frame in the tail of the garbage is lost"
+
+
+def test_another_output_and_values_out_of_range_are_refused_by_name() -> None:
+    decoder = VectorNavDecoder()
+    assert list(decoder.feed(b"\xfa\x01\x29\x01" + bytes(40))) == []
+    assert list(decoder.feed(raw(math.nan, *[0.0] * 8))) == []
+    assert list(decoder.feed(raw(0.0, 0.0, 0.0, 1e9, *[0.0] * 5))) == []
+    assert decoder.refused["another output: expected group 1 with the fields 0x0128"] == 1
+    assert decoder.refused["value out of range"] == 2
