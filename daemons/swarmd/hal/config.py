@@ -86,6 +86,23 @@ class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Whether the recording is repeated."""
 
 
+class RecordingDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `recording`: the log of a vehicle instead of its devices."""
+
+    folder: str = "/var/lib/swarm/replay"
+    """Folder of log segments (`*.mcap`), as a logger writes them."""
+    platform: str = ""
+    """Platform whose resources are published; empty: that of the first entry."""
+    pattern: str = "sensor/*"
+    """Pattern of its resources: `{sensor,power}/**`."""
+    speed: Annotated[float, msgspec.Meta(ge=0.01, le=50)] = 1.0
+    """Seconds of the recording in one second."""
+    loop: bool = True
+    """Whether the recording is repeated."""
+    wake_hz: Rate = 50.0
+    """Rate at which due entries are published, each stamped with its own instant."""
+
+
 class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Driver `nmea`: a satellite receiver on a serial line."""
 
@@ -320,6 +337,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()
     replay: ReplayDriver = ReplayDriver()
+    recording: RecordingDriver = RecordingDriver()
     nmea: NmeaDriver = NmeaDriver()
     vectornav: VectorNavDriver = VectorNavDriver()
     sonar: SonarDriver = SonarDriver()

@@ -21,6 +21,7 @@ OWN_DRIVERS: Final = (
     "crsf",
     "invensense",
     "nmea",
+    "recording",
     "replay",
     "serial_chassis",
     "servo",

@@ -1,0 +1,138 @@
+"""Replay of a log: the recorded resources of a vehicle take the place of its devices."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from swarmd.hal.blocking import BlockingDevice
+from swarmd.hal.config import Config, RecordingDriver
+from swarmd.hal.core.playback import Playback
+from swarmd.hal.driver import Device, DeviceError, DeviceGone, Sensor, Site
+from swarmware.errors import NotFound
+from swarmware.model.resource import Kind
+from swarmware.module.module import Module
+from swarmware.module.streamwriter import StreamWriter
+from swarmware.module.writer import BoardWriter
+from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import FolderSource, Query
+
+_BATCH: Final = 1000
+"""Entries of one call: at most this many are written before other drivers have their turn."""
+_STREAMS: Final = frozenset({Kind.STREAM.value, Kind.EVENT.value})
+
+Writer = BoardWriter[Any] | StreamWriter[Any]
+
+
+class RecordedDevices(BlockingDevice, Sensor):
+    """Publishes the entries of a log at their pace, each with the stamp of its own instant."""
+
+    name = "recording"
+
+    def __init__(self, config: RecordingDriver) -> None:
+        self.period_s = 1 / config.wake_hz
+        self._config = config
+        self._entries: Iterator[LogEntry] = iter(())
+        self._next: LogEntry | None = None
+        self._playback: Playback | None = None
+        self._platform = ""
+        self._module: Module | None = None
+        self._writers: dict[str, Writer] = {}
+        self.refused = 0
+        """Entries of unknown types, or whose payload does not match their type."""
+
+    async def open(self, module: Module) -> None:
+        """Opens the log; its resources appear with their first entries."""
+        self._module, self._playback = module, None
+        await super().open(module)
+
+    def connect(self) -> None:
+        """Finds the first entry. Raises: DeviceGone without the folder, DeviceError without entries."""
+        self._platform = self._config.platform
+        self._rewind()
+        first = self._next
+        if first is None:
+            raise DeviceError(f"log {self._config.folder}: no entries of {self._config.pattern}")
+        self._platform = first.platform
+
+    def _rewind(self) -> None:
+        config = self._config
+        try:
+            source = FolderSource([Path(config.folder)])
+        except NotFound as error:
+            raise DeviceGone(str(error)) from error
+        self._entries = source.entries(Query(pattern=f"/{self._platform or '*'}/{config.pattern}"))
+        self._next = next(self._entries, None)
+
+    async def read(self, now_ns: int) -> bool:
+        """Publishes the entries that are due."""
+        due = await self.in_thread(lambda: self._due(now_ns))
+        playback = self._playback
+        if playback is None:
+            return False
+        for entry in due:
+            self._publish(entry, min(playback.local_ns(_sent_ns(entry)), now_ns))
+        return bool(due)
+
+    def _due(self, now_ns: int) -> list[LogEntry]:
+        """The entries that are due, read in the thread of the device."""
+        found: list[LogEntry] = []
+        while len(found) < _BATCH:
+            entry = self._next
+            if entry is None:
+                if not self._config.loop or found:
+                    return found  # what was found has stamps of this pass
+                self._rewind()
+                self._playback = None
+                if self._next is None:
+                    raise DeviceError(f"log {self._config.folder}: its entries were removed")
+                continue
+            if self._playback is None:
+                self._playback = Playback(entry.utc_ns, now_ns, self._config.speed)
+            if not self._playback.is_due(entry.utc_ns, now_ns):
+                return found
+            found.append(entry)
+            self._next = next(self._entries, None)
+        return found
+
+    def _publish(self, entry: LogEntry, stamp_ns: int) -> None:
+        value = entry.value()
+        if value is None:
+            self.refused += 1
+            return
+        writer = self._writers.get(entry.path)
+        if writer is None:
+            writer = self._writers[entry.path] = self._opened(entry, type(value))
+        writer.write(value, stamp_ns)
+
+    def _opened(self, entry: LogEntry, cls: type[msgspec.Struct]) -> Writer:
+        """The writer of a resource. Raises: Conflict when another program writes it."""
+        if self._module is None:
+            raise DeviceError(f"{self.name}: not open")
+        if entry.kind in _STREAMS:
+            kind: Any = entry.kind
+            return self._module.stream_writer(entry.path, cls, kind=kind)
+        return self._module.writer(entry.path, cls)
+
+    def disconnect(self) -> None:
+        """Releases the entries of the log."""
+        self._entries, self._next = iter(()), None
+
+    async def close(self) -> None:
+        """Closes the log and all resources."""
+        await super().close()
+        for writer in self._writers.values():
+            if self._module is not None:
+                self._module.close_writer(writer)
+        self._writers = {}
+
+
+def _sent_ns(entry: LogEntry) -> int:
+    """Instant of a value in UTC; of its recording where it is not known."""
+    return entry.sent_utc_ns or entry.utc_ns
+
+
+def make(config: Config, site: Site) -> list[Device]:
+    """Creates the driver of the log."""
+    return [RecordedDevices(config.recording)]

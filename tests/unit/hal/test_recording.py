@@ -1,0 +1,119 @@
+"""A log in place of devices: pace, stamps, the end and its repetition, what cannot be read."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.unit.hal.rig import running
+from tests.unit.hal.test_service import status
+
+from swarmd.hal.config import Config, RecordingDriver
+from swarmd.hal.core.playback import Playback
+from swarmd.hal.drivers.recording import RecordedDevices
+from swarmware.recorder.segment import LogChannel, SegmentWriter
+from swarmware.types import registry
+from swarmware.types.scalar import Blob, Float
+from swarmware.types.vehicle import DriverTable
+
+FAST = Config(drivers=(), retry_s=0.05, report_hz=50.0, failures=1)
+UTC = 1_700_000_000_000_000_000
+MS = 1_000_000
+
+
+def log(folder: Path, platform: str = "uav7", count: int = 40, *, step_ms: int = 10) -> Path:
+    """A segment with a board, a stream and values of another platform, `step_ms` apart."""
+    folder.mkdir(exist_ok=True)
+    writer = SegmentWriter(folder / "00000001.mcap", {})
+    writer.set_clock(UTC)
+    for k in range(count):
+        at = k * step_ms * MS
+        for path, kind, value in (
+            ("sensor/height", "board", Float(float(k))),
+            ("sensor/lidar", "stream", Blob(bytes([k]))),
+        ):
+            channel = LogChannel(platform, path, kind, type(value).__name__, f"{platform}:hal:out")
+            writer.append(channel, 2 * k + (kind == "stream") + 1, at, UTC + at, registry.encode(value))
+        strange = LogChannel(platform, "sensor/strange", "board", "Unknown", f"{platform}:x:out")
+        writer.append(strange, k + 1, at, UTC + at, b"\x93\x01\x02\x03")
+        other = LogChannel("gcs", "sensor/height", "board", "Float", "gcs:hal:out")
+        writer.append(other, k + 1, at, UTC + at + 1, registry.encode(Float(-1.0)))
+    writer.close()
+    return folder
+
+
+def test_entries_are_due_at_their_pace_and_after_a_long_stall_where_it_was() -> None:
+    playback = Playback(UTC, 1000 * MS, 2.0)
+    assert playback.local_ns(UTC + 100 * MS) == 1050 * MS
+    assert playback.is_due(UTC + 100 * MS, 1050 * MS)
+    assert not playback.is_due(UTC + 100 * MS, 1050 * MS - 1)
+    assert playback.is_due(UTC + 100 * MS, 2050 * MS)
+    assert playback.stalled_ns == 0
+    assert playback.is_due(UTC + 100 * MS, 9050 * MS)
+    assert playback.stalled_ns == 8000 * MS
+    assert playback.local_ns(UTC + 100 * MS) == 9050 * MS
+    assert not playback.is_due(UTC + 102 * MS, 9050 * MS)
+
+
+@given(st.floats(0.01, 50), st.integers(0, 10**15))
+def test_the_pace_is_the_speed(speed: float, passed_ns: int) -> None:
+    playback = Playback(UTC, 0, speed)
+    assert playback.local_ns(UTC + passed_ns) == pytest.approx(passed_ns / speed, abs=1)
+
+
+async def test_a_log_is_published_in_order_with_the_stamps_of_its_pace(tmp_path: Path) -> None:
+    folder = log(tmp_path / "log")
+    config = RecordingDriver(folder=str(folder), platform="uav7", speed=2.0, loop=False, wake_hz=100.0)
+    driver = RecordedDevices(config)
+    async with running(tmp_path, [driver], FAST) as other:
+        stream = other.stream_reader("sensor/lidar", Blob)
+        board = other.reader("hal/drivers", DriverTable)
+        items, stamps = [], []
+        for _ in range(40):
+            items.append((await stream.next(20.0)).value[0])
+            assert stream.meta is not None
+            stamps.append(stream.meta.stamp_ns)
+        assert items == list(range(40))
+        assert {b - a for a, b in pairwise(stamps)} == {5 * MS}
+        heights = other.reader("sensor/height", Float)
+        while heights.value != Float(39.0):
+            await board.changed(20.0)
+        assert driver.refused == 40
+        assert (await status(board, "recording", state="running")).errors == 0
+
+
+async def test_a_log_without_a_platform_is_that_of_its_first_entry_and_is_repeated(tmp_path: Path) -> None:
+    folder = log(tmp_path / "log", count=5)
+    config = RecordingDriver(folder=str(folder), pattern="sensor/lidar", speed=1.0, wake_hz=100.0)
+    async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
+        stream = other.stream_reader("sensor/lidar", Blob)
+        items, stamps = [], []
+        for _ in range(15):
+            items.append((await stream.next(20.0)).value[0])
+            assert stream.meta is not None
+            stamps.append(stream.meta.stamp_ns)
+        assert items == [*range(5)] * 3
+        assert stamps == sorted(stamps)
+
+
+async def test_a_log_that_is_absent_or_empty_is_named_and_waited_for(tmp_path: Path) -> None:
+    config = RecordingDriver(folder=str(tmp_path / "log"), pattern="sensor/lidar")
+    async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        assert "no such directory" in (await status(board, "recording", state="waiting")).note
+        (tmp_path / "log").mkdir()
+        assert "no entries of sensor/lidar" in (await status(board, "recording", state="failed")).note
+        log(tmp_path / "log")
+        await status(board, "recording", state="running")
+
+
+async def test_a_resource_that_another_program_writes_is_a_fault_that_names_it(tmp_path: Path) -> None:
+    config = RecordingDriver(folder=str(tmp_path / "log"), pattern="sensor/height", wake_hz=100.0)
+    async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        await status(board, "recording", state="waiting")
+        other.writer("sensor/height", Float).write(Float(0.0))
+        log(tmp_path / "log")
+        note = (await status(board, "recording", state="failed")).note
+        assert "sensor.height.ring: process" in note
