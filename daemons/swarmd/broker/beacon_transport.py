@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action
+from swarmd.broker.core.action import Action, ReportImpersonation
 from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.beacon import beacon_codec as codec
@@ -82,6 +82,8 @@ class BeaconTransport:
         """Openers of the newest and former group keys, by mark."""
         self._limiter = DatagramLimiter(member_ids(keys.roster))
         self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
+        self._sequence = -1
+        """Number of the last own beacon."""
         self._unreturned = 0
         self._faults = 0
         self._seeds: dict[str, Address] = {}
@@ -126,6 +128,7 @@ class BeaconTransport:
         """Sends a beacon, stamped as late as possible; `composed_ns`: instant to which its ages and echoes
         refer."""
         beacon, sequence = outgoing.beacon, outgoing.sequence
+        self._sequence = sequence
         exchange = self._core.exchange
         if exchange is not None and exchange.epochs.sealing is not self._group:
             self._group = exchange.epochs.sealing
@@ -172,7 +175,7 @@ class BeaconTransport:
 
     def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
         sender_hw = codec.sender_of(data)
-        if sender_hw == self._hardware and self._is_own(data):
+        if sender_hw == self._hardware and self._is_own(data, address, rx_mono_ns):
             self._unreturned = 0  # multicast loops datagrams back
             return
         if self._hear is not None and sender_hw not in self._hear:
@@ -283,13 +286,35 @@ class BeaconTransport:
         for opener in self._openers.values():
             opener.adopt(hw, session)
 
-    def _is_own(self, data: bytes) -> bool:
-        """Whether a datagram is an own one that was looped back; one without a session counts as own."""
+    def _is_own(self, data: bytes, address: Address, rx_mono_ns: int) -> bool:
+        """Whether a datagram is an own one that was looped back; one without a session counts as own.
+
+        One with a number that was not used yet, and a valid seal, is of a member that has forged it.
+        """
         try:
-            session = codec.decode_header(data)[0].session
+            header, start = codec.decode_header(data)
         except WireError:
             return True
-        return session in (None, self._session)
+        if header.session not in (None, self._session):
+            return False
+        if header.sequence <= self._sequence or not self._limiter.may_open(
+            address, self._hardware, rx_mono_ns
+        ):
+            return True
+        opener = self._opener(header.epoch, rx_mono_ns)
+        opened = (
+            Refusal.EPOCH
+            if opener is None
+            else opener.open(
+                header.epoch, self._hardware, self._session, header.sequence, data[:start], data[start:]
+            )
+        )
+        if isinstance(opened, Refusal):
+            self._limiter.bad(address)
+        else:
+            self._counters.refused.impersonated += 1
+            self._feed((ReportImpersonation(address[0]),))
+        return True
 
     def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
         refused = self._counters.refused

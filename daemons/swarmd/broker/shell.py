@@ -6,6 +6,7 @@ from typing import Final
 
 from swarmd.broker.beacon_transport import FAULTS, BeaconTransport
 from swarmd.broker.config import Config
+from swarmd.broker.contradictions import ContradictionReports
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
@@ -13,8 +14,10 @@ from swarmd.broker.core.action import (
     PollInputs,
     ProveSession,
     PublishTables,
+    ReportContradictions,
     ReportDuplicate,
     ReportDuplicateGone,
+    ReportImpersonation,
     ReportSlowdown,
     SendBeacon,
     WriteClockSamples,
@@ -78,6 +81,7 @@ class BrokerShell:
         self._core = core
         self._plan_at = -1
         self._refusals = RefusalLog()
+        self._contradictions = ContradictionReports(core, keys, self._on_denial)
         self._seeds = bool(config.seeds)
         self._driver = service.drive(core, self._perform)
         feed = self._driver.feed
@@ -177,6 +181,10 @@ class BrokerShell:
                 self._membership.apply(action.change)
             case ReportSlowdown():
                 self._report_slowdown(action)
+            case ReportContradictions():
+                self._contradictions.on_contradictions(action.found, self._clock.now_ns())
+            case ReportImpersonation():
+                self._contradictions.on_impersonation(action.host, self._clock.now_ns())
 
     def _read_inputs(self, boards: bool) -> None:
         self._transport.receive()

@@ -217,9 +217,21 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     undated: int = 0
     """Messages and requests with a lifetime, of a neighbour whose clock is not known here yet; it repeats
     them."""
+    contradicted: int = 0
+    """Relayed values of boards that the beacons of their origin contradict: a member has made them up."""
+    impersonated: int = 0
+    """Beacons that a member has sealed in the name of this node."""
 
 
-CERTAINLY_HOSTILE: Final = ("forged", "spoofed", "unsigned", "revoked", "unknown_keys")
+CERTAINLY_HOSTILE: Final = (
+    "forged",
+    "spoofed",
+    "unsigned",
+    "revoked",
+    "unknown_keys",
+    "contradicted",
+    "impersonated",
+)
 """Counters of `Refused` that input of a valid member never increments."""
 HOSTILE: Final = (
     *CERTAINLY_HOSTILE,
@@ -271,11 +283,13 @@ class SignedRoster(msgspec.Struct, frozen=True, array_like=True, gc=False):
 @register
 class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """A request that the role of its sender does not permit, a frame that was forwarded without a valid
-    signature, or a connection with a key that is not on the roster (events `net/denials`, `tree/denials`)."""
+    signature, a relayed value that its origin never sent, or a connection with a key that is not on the
+    roster (events `net/denials`, `tree/denials`)."""
 
     platform: str
     """Authenticated platform of the sender; with verb `forward` that which forwarded the frame, with verb
-    `connect` a revoked platform, or the address of an unknown computer."""
+    `relay` the sender of the beacon with the value, with verb `connect` a revoked platform, or the address of
+    an unknown computer, with verb `beacon` the address of a member that forged one of this node."""
     role: str
     verb: str
     path: str

@@ -4,7 +4,7 @@ import pytest
 
 from swarmd.broker.beacon_transport import BeaconTransport
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action
+from swarmd.broker.core.action import Action, ReportImpersonation
 from swarmd.broker.core.admission.sessions import digest
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode, RouteRow
@@ -84,4 +84,30 @@ async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leav
     shell.datagrams.send_beacon(0)
     assert shell.counters.failed_ticks == 1
     assert shell.counters.sent_datagrams == 0, "nobody is there to send it to"
+    shell.datagrams.close()
+
+
+async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_reported() -> None:
+    shell = Shell()
+    shell.core.on_inputs_read(0)
+    shell.datagrams.send_beacon(0)
+    own_hw, used = shell.core.identity.hw, shell.datagrams._sequence
+    group = Keys.open("uav1").group
+
+    def receive(sequence: int, *, session: int = 1, named: bool = True, damaged: bool = False) -> None:
+        clear = codec.encode_header(Header(0, own_hw, sequence, 0, session if named else None))
+        sealed = bytearray(Sealer(group, own_hw, session).seal(sequence, clear, codec.encode(shell.beacon)))
+        sealed[-1] ^= damaged
+        shell.datagrams._on_datagram(clear + sealed, ("127.0.0.9", 1), 0, True)
+
+    receive(used)
+    receive(used + 1, damaged=True)
+    receive(used + 1, session=2, named=False)
+    assert shell.counters.refused.impersonated == 0, "looped back, of an outsider, of another start"
+    receive(used + 1)
+    receive(used + 2, named=False)
+    receive(used + 2)
+    assert shell.counters.refused.impersonated == 2, "a repetition proves nothing"
+    assert shell.actions == [ReportImpersonation("127.0.0.9")] * 2
+    assert shell.datagrams._unreturned == 0
     shell.datagrams.close()

@@ -42,6 +42,16 @@ async def test_a_member_that_forwards_false_frames_is_named_with_what_to_do(tmp_
     assert "revoke it" in found.advice
 
 
+async def test_a_member_that_relays_false_values_is_named_with_what_to_do(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("broker", config_dir=config_dir) as broker:
+        denials = broker.stream_writer("net/denials", Denial, kind="event")
+        denials.write(Denial("uav2", "node", "relay", "/uav3/nav/pose", 9, "forged by uav2"))
+        (found,) = await examined(config_dir, "denied")
+    assert found.text == "node@uav2: /uav3/nav/pose: 9 times, last 0 s ago: forged by uav2"
+    assert "unless other nodes deny one from which it takes these values" in found.advice
+
+
 def test_the_file_of_access_rules_is_checked_with_its_line(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
 

@@ -45,6 +45,8 @@ REFUSALS_SHOWN: Final = 8
 ADVICE: Final = {
     "forward": "it forwards frames that their senders did not sign: revoke it, or upgrade it",
     "late": "a slow link (swarmctl link ls), or another member repeats recorded commands",
+    "relay": "revoke it, unless other nodes deny one from which it takes these values",
+    "beacon": "a member has the group key and forges: find it by its address, revoke it",
     "connect": "stop it, or give it keys: swarmctl keys invite; block outsiders by a firewall",
 }
 """What to do about a denial, by its verb."""

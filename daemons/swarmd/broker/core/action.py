@@ -3,6 +3,7 @@
 import msgspec
 
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
+from swarmd.broker.core.boards.claims import Contradiction
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.types.net import BoardSubscription, ChannelLimits, TimingBatch
@@ -86,6 +87,19 @@ class ReportSlowdown(msgspec.Struct, frozen=True):
     """Median lateness of the last beacons."""
 
 
+class ReportContradictions(msgspec.Struct, frozen=True, gc=False):
+    """Action: report relayed values that the beacons of their origins contradict."""
+
+    found: list[Contradiction]
+
+
+class ReportImpersonation(msgspec.Struct, frozen=True):
+    """Action: report a beacon that a member has sealed in the name of this node."""
+
+    host: str
+    """Source address of the datagram."""
+
+
 Action = (
     PollInputs
     | SendBeacon
@@ -99,6 +113,8 @@ Action = (
     | ReportDuplicate
     | ReportDuplicateGone
     | ReportSlowdown
+    | ReportContradictions
+    | ReportImpersonation
     | LinkChanged
     | SendRoster
     | ApplyRoster

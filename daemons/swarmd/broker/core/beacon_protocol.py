@@ -5,7 +5,15 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, PlatformCode
+from swarmd.broker.core.beacon.beacon import (
+    BODY_LIMIT,
+    NEVER_NS,
+    Beacon,
+    BoardValue,
+    Header,
+    Hello,
+    PlatformCode,
+)
 from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
     REQUEST_BYTES,
@@ -16,9 +24,11 @@ from swarmd.broker.core.beacon.beacon_codec import (
 )
 from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, IDLE_HZ, MIN_HZ, Slowdown, allowed_hz
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
+from swarmd.broker.core.boards.claims import SETTLED_NS, Contradiction, OriginBeacon, OwnClaims
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
+from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, Neighbour
 from swarmd.broker.core.topology.node_table import NodeTable
 from swarmd.broker.core.topology.routing_table import RouteChanged
@@ -44,6 +54,8 @@ OWN_SHARE: Final = 700
 """Limit in bytes of the topology sections; the rest of the body is for values, members and relays."""
 SETTLE_NS: Final = 15_000_000_000
 """No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
+DIRECT_PERIODS: Final = 2.5
+"""Declared periods since the last beacon of an origin in which relayed values of its boards are not used."""
 SLOWER: Final = 1.25
 """A period that grew by this factor is declared at once, or neighbours would take the link down."""
 _FORGET_NS: Final = 10_000_000_000
@@ -84,6 +96,8 @@ class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
     """Values of subscribed boards."""
     first_hello: bool
     """First hello of a new or restarted neighbour: answer soon with an own hello."""
+    contradictions: list[Contradiction]
+    """Relayed values that the beacons of their origins contradict."""
 
 
 class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
@@ -116,6 +130,9 @@ class BeaconProtocol:
         self.nodes = NodeTable(identity.hw)
         self.published = PublishedBoards()
         self.relay_cache = RelayCache()
+        self._own_claims = OwnClaims(identity.hw)
+        self._composed: list[BoardValue] = []
+        """Own values of the beacon that was composed last."""
         self.slowdown = Slowdown()
         self.tcp_port = 0
         self.frame_port = 0
@@ -224,24 +241,26 @@ class BeaconProtocol:
                 self.nodes.on_row(row, rx_ns)
         if first_hello:
             self.nodes.announce_again()
-        values = self._take_values(neighbour, beacon, rx_ns) if beacon.values or beacon.relays else []
+        values = self._take_values(neighbour, header, beacon, rx_ns) if beacon.values or beacon.relays else []
+        contradictions, self.relay_cache.contradictions = self.relay_cache.contradictions, []
+        self.counters.refused.contradicted += len(contradictions)
         return ReceivedBeacon(
-            neighbour, update.clock_sample, update.links, update.routes, values, first_hello
+            neighbour, update.clock_sample, update.links, update.routes, values, first_hello, contradictions
         )
 
     def _take_values(
-        self, neighbour: Neighbour, beacon: Beacon, rx_ns: int
+        self, neighbour: Neighbour, header: Header, beacon: Beacon, rx_ns: int
     ) -> list[tuple[BoardSubscription, RemoteValue]]:
         found: list[tuple[BoardSubscription, RemoteValue]] = []
-        hw, clock_us = neighbour.hw, neighbour.clock_us
-        on_value, wants = self.relay_cache.on_value, self._subscriptions
+        hw, clock_us, cache = neighbour.hw, neighbour.clock_us, self.relay_cache
+        wants, find = self._subscriptions, self.topology.neighbours.get
         if neighbour.hello is not None:
+            is_newest = header.sequence == neighbour.top
+            is_settled = rx_ns - neighbour.since_ns > SETTLED_NS
+            origin = OriginBeacon(header.sequence, neighbour.window if is_newest else 0, is_settled)
             for value in beacon.values:
-                age_us, data_id = value.age_us, value.data_id
-                remote = on_value(
-                    hw, hw, data_id, clock_us - age_us, age_us, 1, value.packed, value.payload, rx_ns
-                )
-                subscription = wants.get((hw, data_id))
+                remote = cache.on_own_value(hw, value, clock_us, origin, rx_ns)
+                subscription = wants.get((hw, value.data_id))
                 if subscription is not None:
                     self._count(subscription, len(value.payload), remote)
                     if remote is not None:
@@ -249,18 +268,26 @@ class BeaconProtocol:
         for relay in beacon.relays:
             origin_hw = relay.origin_hw
             if origin_hw == self.identity.hw:
+                if (false := self._own_claims.on_claim(hw, relay, rx_ns)) is not None:
+                    cache.contradictions.append(false)
                 continue
-            remote = on_value(
-                hw,
-                origin_hw,
-                relay.data_id,
-                relay.stamp_us,
-                relay.age_us,
-                relay.hops,
-                relay.packed,
-                relay.payload,
-                rx_ns,
-            )
+            origin_link = find(origin_hw)
+            remote = None
+            if origin_link is not None and _is_received(origin_link, rx_ns):
+                clock_now_us = origin_link.clock_us + (rx_ns - origin_link.received_ns) // 1000
+                cache.on_claim(hw, relay, origin_link.top, clock_now_us, rx_ns)
+            else:
+                remote = cache.on_value(
+                    hw,
+                    origin_hw,
+                    relay.data_id,
+                    relay.stamp_us,
+                    relay.age_us,
+                    relay.hops,
+                    relay.packed,
+                    relay.payload,
+                    rx_ns,
+                )
             subscription = wants.get((origin_hw, relay.data_id))
             if subscription is not None:
                 self._count(subscription, len(relay.payload), remote)
@@ -318,6 +345,13 @@ class BeaconProtocol:
         """The boards that this node subscribes to."""
         return tuple(one.want for one in self._subscriptions.values())
 
+    def board_path(self, origin_hw: int, data_id: int) -> str:
+        """Path of a subscribed or own board; its data id where it is neither."""
+        if origin_hw == self.identity.hw and (board := self.published.boards.get(data_id)) is not None:
+            return board.path
+        subscription = self._subscriptions.get((origin_hw, data_id))
+        return f"{data_id:08x}" if subscription is None else subscription.want.path
+
     def set_roster_version(self, version: int) -> None:
         """Sets the version of the roster that hellos show."""
         self._announcements = ROSTER_HELLOS if self._roster_version else 0
@@ -352,7 +386,7 @@ class BeaconProtocol:
             + len(section.requests) * REQUEST_BYTES
         )
         hz = self.beacon_hz()
-        values = self.published.values(now_ns, room, round(1e9 / hz))
+        values = self._composed = self.published.values(now_ns, room, round(1e9 / hz))
         room -= sum(value_bytes(value.payload) for value in values)
         for value in values:
             channel = self.counters.channel(self.published.boards[value.data_id].path)
@@ -426,3 +460,11 @@ class BeaconProtocol:
         # rises fast, falls slowly: too few beacons are better than too many
         self._datagram_bytes += more / (4 if more > 0 else 16)
         self.topology.sent(sequence, tx_ns)
+        self._own_claims.on_sent(self._composed, sequence, tx_ns)
+
+
+def _is_received(origin: Neighbour, now_ns: int) -> bool:
+    """Whether the origin of a relayed value is received itself, so that its own beacons have the value."""
+    if origin.hello is None or origin.state is LinkState.DOWN:
+        return False
+    return now_ns - origin.received_ns <= DIRECT_PERIODS * origin.period_ns

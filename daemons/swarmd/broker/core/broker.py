@@ -13,6 +13,7 @@ from swarmd.broker.core.action import (
     PollInputs,
     ProveSession,
     PublishTables,
+    ReportContradictions,
     ReportDuplicate,
     ReportDuplicateGone,
     ReportSlowdown,
@@ -291,6 +292,8 @@ class BrokerCore:
             self._clock_samples.append(received.clock_sample)
         if received.values:
             actions.append(WriteMirrors(received.values))
+        if received.contradictions:
+            actions.append(ReportContradictions(received.contradictions))
         if received.first_hello:
             self._protocol.schedule_hello()
         if received.links or received.routes:
@@ -437,6 +440,10 @@ class BrokerCore:
     def has_link(self, hw: int) -> bool:
         """Whether a node is or was a neighbour."""
         return self._neighbours.get(hw) is not None
+
+    def board_path(self, origin_hw: int, data_id: int) -> str:
+        """Path of a subscribed or own board; its data id where it is neither."""
+        return self._protocol.board_path(origin_hw, data_id)
 
     def clock_bound_ns(self, hw: int, now_ns: int) -> int | None:
         """Lower bound of a neighbour's clock, which its beacons show; None: it is not known."""

@@ -5,8 +5,9 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon import HOPS_MAX, NEVER_NS, RelayedValue
+from swarmd.broker.core.beacon.beacon import HOPS_MAX, NEVER_NS, BoardValue, RelayedValue
 from swarmd.broker.core.beacon.beacon_codec import relay_bytes
+from swarmd.broker.core.boards.claims import Claim, Claims, Contradiction, OriginBeacon
 
 PERIOD_NS: Final = 250_000_000
 """Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.0 kB/s per
@@ -43,8 +44,10 @@ class _CachedValue:
     __slots__ = (
         "age_us",
         "changed",
+        "claims",
         "copies",
         "data_id",
+        "direct",
         "holders",
         "hops",
         "origin_hw",
@@ -71,6 +74,9 @@ class _CachedValue:
         """The payload differs from the one relayed last."""
         self.copies = 0
         self.holders: set[int] = set()
+        self.direct = False
+        """The origin itself sent it."""
+        self.claims = Claims()
 
 
 class RelayCache:
@@ -83,6 +89,61 @@ class RelayCache:
         self.late = 0
         self.was_late = False
         """The last value given to `on_value` was older than the cached one."""
+        self.contradictions: list[Contradiction] = []
+        """Relayed values that were contradicted since they were last taken from here."""
+
+    def on_own_value(
+        self, origin_hw: int, value: BoardValue, clock_us: int, beacon: OriginBeacon, rx_ns: int
+    ) -> RemoteValue | None:
+        """Takes a value from its origin, whose clock was `clock_us` when it sent it. It replaces any value
+        that came from a relay. None: it is not new."""
+        stamp_us, payload = clock_us - value.age_us, value.payload
+        key = origin_hw, value.data_id
+        entry = self._entries.get(key)
+        of_relay = entry is not None and not entry.direct and beacon.received != 0
+        remote = self.on_value(
+            origin_hw,
+            origin_hw,
+            value.data_id,
+            stamp_us,
+            value.age_us,
+            1,
+            value.packed,
+            payload,
+            rx_ns,
+            replaces=of_relay,
+        )
+        entry = self._entries.get(key)
+        if entry is None or not beacon.received:
+            return remote
+        entry.direct = True
+        false, true = entry.claims.on_own(beacon, stamp_us, payload)
+        for claim in true:
+            entry.holders.add(claim.relay_hw)
+            entry.copies += claim.hops > entry.hops
+        for claim in false:
+            self._contradicted(claim, key)
+        return remote
+
+    def on_claim(self, relay_hw: int, value: RelayedValue, after: int, clock_us: int, rx_ns: int) -> None:
+        """Takes a relayed value whose origin this node receives itself: it is not used, but compared.
+
+        `after`: sequence number of the origin's newest beacon; `clock_us`: its clock now.
+        """
+        self.was_late = False
+        entry = self._entries.get((value.origin_hw, value.data_id))
+        if entry is None:
+            return
+        if not self._is_newer(entry, value.stamp_us, value.age_us, value.payload, rx_ns):
+            self._on_repeated(entry, relay_hw, value.stamp_us - entry.stamp_us, value.hops, rx_ns)
+            return
+        entry.holders.add(relay_hw)  # it has a newer one than this node would relay to it
+        claim = Claim(relay_hw, value.stamp_us, value.hops, value.payload, after)
+        if entry.claims.on_claim(claim, clock_us):
+            self._contradicted(claim, (value.origin_hw, value.data_id))
+
+    def _contradicted(self, claim: Claim, key: tuple[int, int]) -> None:
+        self.contradictions.append(Contradiction(claim.relay_hw, *key, claim.hops))
 
     def on_value(
         self,
@@ -95,14 +156,21 @@ class RelayCache:
         packed: bool,
         payload: bytes,
         rx_ns: int,
+        *,
+        replaces: bool = False,
     ) -> RemoteValue | None:
-        """Takes a value of a beacon, the sender's own (`hops` 1) or relayed by it. None: it is not newer."""
+        """Takes a value of a beacon, the sender's own (`hops` 1) or relayed by it. None: it is not newer.
+
+        `replaces`: it is taken unless it is the same, however old it is.
+        """
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             if len(self._entries) >= ENTRY_LIMIT:
                 return None
             entry = self._entries[origin_hw, data_id] = _CachedValue(origin_hw, data_id)
-        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns):
+        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns) and not (
+            replaces and (payload != entry.payload or entry.stamp_us - stamp_us > COARSE_US)
+        ):
             self._on_repeated(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
             return None
         entry.changed = entry.changed or payload != entry.payload
@@ -115,6 +183,7 @@ class RelayCache:
         entry.relayed = False
         entry.copies = 0
         entry.holders = {sender_hw, origin_hw}
+        entry.direct = sender_hw == origin_hw
         return RemoteValue(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
 
     @staticmethod

@@ -1,0 +1,58 @@
+"""Reports of members that state in beacons what another member never sent: to the journal, and as the event
+`net/denials`."""
+
+import logging
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from swarmd.broker.core.admission.access_filter import UNKNOWN
+from swarmd.broker.core.boards.claims import Contradiction
+from swarmd.broker.core.broker import BrokerCore
+from swarmware.model.names import join
+from swarmware.transport.security.denials import DenialReports
+from swarmware.transport.security.keys import Keys
+from swarmware.types.net import Denial
+
+RELAY: Final = "relay"
+"""Verb of a denial: the platform relayed a value that the beacons of its origin contradict."""
+
+BEACON: Final = "beacon"
+"""Verb of a denial: a member sealed a beacon in the name of this node."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class ContradictionReports:
+    """Names the relays of contradicted values, each with each board at a limited rate."""
+
+    def __init__(self, core: BrokerCore, keys: Keys, on_denial: Callable[[Denial], None]) -> None:
+        self._core = core
+        self._keys = keys
+        self._on_denial = on_denial
+        self._reports = DenialReports()
+
+    def on_contradictions(self, found: Iterable[Contradiction], now_ns: int) -> None:
+        """Reports the relays of these values."""
+        roster, nodes = self._keys.roster, self._core.nodes
+        roles = {} if roster is None else roster.roles()
+        for each in found:
+            relay, origin = nodes.platform(each.relay_hw), nodes.platform(each.origin_hw)
+            role = roles.get(relay)
+            path = join(origin, self._core.board_path(each.origin_hw, each.data_id))
+            # a relay that received the origin itself states two hops
+            source = "" if each.hops <= 2 else f", or of a node between it and {origin}"
+            reason = f"a value of {path} that {origin} never sent: forged by {relay}{source}"
+            name = UNKNOWN if role is None else role.name.lower()
+            self._report(Denial(relay, name, RELAY, path, 1, reason), now_ns)
+
+    def on_impersonation(self, host: str, now_ns: int) -> None:
+        """Reports the address of a member that sealed a beacon in the name of this node."""
+        own = self._core.identity.platform
+        reason = f"a beacon in the name of {own} that {own} never sent: sealed by a member, from {host}"
+        self._report(Denial(host, UNKNOWN, BEACON, "", 1, reason), now_ns)
+
+    def _report(self, denial: Denial, now_ns: int) -> None:
+        report = self._reports.report(denial, now_ns)
+        if report is not None:
+            log.warning("denied: %s", denial.reason)
+            self._on_denial(report)

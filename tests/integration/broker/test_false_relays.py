@@ -1,0 +1,176 @@
+"""A member with valid keys relays invented poses of another one, in the beacons that it seals."""
+
+import asyncio
+import logging
+import socket
+from contextlib import AsyncExitStack
+from itertools import count
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import pytest
+from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.test_handshakes import found_by_doctor
+
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, Header, RelayedValue
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
+from swarmd.broker.core.broker import BrokerCore
+from swarmware.model.names import data_id, hardware_id
+from swarmware.module.board import BoardReader
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Sealer
+from swarmware.types.net import Denial
+from swarmware.types.vehicle import Pose
+
+TRIES: Final = 1000
+EACH: Final = 15
+"""Invented values in a beacon."""
+NAMES: Final = ("uav1", "uav2", "uav3")
+POSE: Final = data_id("nav/pose", "Pose")
+INVENTED_Y_M: Final = 666.0
+
+
+class Forger:
+    """Adds invented poses of uav3 to the beacons of uav2: a program with the keys of uav2 can do that."""
+
+    def __init__(self) -> None:
+        self.sent = 0
+        self.ahead_ns = 0
+        self.forges = False
+        self._compose = BeaconProtocol.compose
+
+    def compose(self, protocol: BeaconProtocol, now_ns: int) -> OutgoingBeacon:
+        outgoing = self._compose(protocol, now_ns)
+        if protocol.identity.platform != "uav2" or not self.forges:
+            return outgoing
+        # all nodes of this test have the clock of this computer
+        payload = Pose.planar(0.0, INVENTED_Y_M).pack()
+        relays = tuple(
+            RelayedValue(
+                hardware_id("uav3"), POSE, (now_ns + self.ahead_ns) // 1000 + each, 0, 2, True, payload
+            )
+            for each in range(EACH)
+        )
+        self.sent += EACH
+        return msgspec.structs.replace(
+            outgoing, beacon=msgspec.structs.replace(outgoing.beacon, relays=relays)
+        )
+
+
+@pytest.fixture
+def forger(monkeypatch: pytest.MonkeyPatch) -> Forger:
+    made = Forger()
+
+    def compose(protocol: BeaconProtocol, now_ns: int) -> OutgoingBeacon:
+        return made.compose(protocol, now_ns)
+
+    monkeypatch.setattr(BeaconProtocol, "compose", compose)
+    return made
+
+
+def plan(line: dict[str, Station]) -> BoardReader[Pose]:
+    line["uav3"].plan([("nav/pose", Pose)])
+    line["uav1"].plan(wants=[("uav3", "nav/pose", Pose)])
+    return line["uav1"].app.reader("/uav3/nav/pose", Pose)
+
+
+@on_uvloop
+async def test_none_of_a_thousand_invented_values_is_taken_where_the_origin_is_received(
+    tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    async with swarm(tmp_path, *NAMES) as cell:
+        owner = cell["uav1"]
+        pose = plan(cell)
+        writer = cell["uav3"].app.writer("nav/pose", Pose)
+        denials = owner.app.stream_reader("net/denials", Denial)
+        for station in cell.values():
+            await station.until_up(*(name for name in NAMES if name != station.platform))
+        step, taken = 0.0, list[float]()
+        while forger.sent < TRIES:
+            step += 1.0
+            writer.write(Pose.planar(step, 0.0))
+            await pose.changed()
+            if (value := pose.value) is not None:
+                taken.append(value.y_m)
+                forger.forges = True
+        assert INVENTED_Y_M not in taken
+        assert len(taken) > TRIES // EACH // 2
+        await owner.until_counted(lambda traffic: traffic.refused.contradicted > 0)
+        denial = await denials.next(PATIENCE_S)
+        assert (denial.platform, denial.verb, denial.path) == ("uav2", "relay", "/uav3/nav/pose")
+        assert denial.reason.endswith("uav3 never sent: forged by uav2")
+        # the origin finds it, too
+        await cell["uav3"].until_counted(lambda traffic: traffic.refused.contradicted > 0)
+        found = await found_by_doctor(owner, "denied")
+        assert found.text.startswith("operator@uav2: /uav3/nav/pose: ")
+        assert "revoke it" in found.advice
+        assert "contradicted" in (await found_by_doctor(owner, "refused")).text
+        assert any("forged by uav2" in record.getMessage() for record in caplog.records)
+
+
+@on_uvloop
+async def test_where_the_origin_is_not_received_invented_values_end_soon_after_the_last_one(
+    tmp_path: Path, forger: Forger
+) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line, AsyncExitStack() as stack:
+        pose = plan(line)
+        writer = line["uav3"].app.writer("nav/pose", Pose)
+        await line["uav1"].until_reaches(uav3="uav2")
+
+        async def drive() -> None:
+            for step in count():
+                writer.write(Pose.planar(float(step), 0.0))
+                await asyncio.sleep(0.05)
+
+        async def until(y_m: float) -> None:
+            await line["uav1"].until(lambda: pose.value is not None and pose.value.y_m == y_m, pose)
+
+        driving = asyncio.create_task(drive(), name="uav3 moves")
+        stack.callback(driving.cancel)
+        await until(0.0)
+        forger.ahead_ns, forger.forges = 500_000_000, True
+        await until(INVENTED_Y_M)
+        forger.forges = False
+        await until(0.0)
+        # the origin has received them
+        await line["uav3"].until_counted(lambda traffic: traffic.refused.contradicted > 0)
+
+
+@on_uvloop
+async def test_a_member_that_seals_beacons_in_the_name_of_another_is_found_by_that_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compose = BrokerCore.compose
+    last: dict[str, tuple[int, int]] = {}
+
+    def record(core: BrokerCore, now_ns: int) -> OutgoingBeacon:
+        outgoing = compose(core, now_ns)
+        last[core.identity.platform] = outgoing.sequence, core.session
+        return outgoing
+
+    monkeypatch.setattr(BrokerCore, "compose", record)
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        victim = pair["uav1"]
+        await victim.until_up("uav2")
+        denials = victim.app.stream_reader("net/denials", Denial)
+        group = Keys.load(tmp_path / "keys" / "uav2", "uav2").group
+        hw, (used, session) = hardware_id("uav1"), last["uav1"]
+        sealer = Sealer(group, hw, session)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+            for number in range(TRIES):
+                clear = codec.encode_header(Header(group.mark, hw, used + 5000 + number, 0))
+                sealed = sealer.seal(used + 5000 + number, clear, codec.encode(Beacon()))
+                sock.sendto(clear + sealed, ("239.83.87.1", victim.group_port))
+                if number % 50 == 0:
+                    await asyncio.sleep(0.002)
+        await victim.until_counted(lambda traffic: traffic.refused.impersonated >= TRIES // 2)
+        denial = await denials.next(PATIENCE_S)
+        assert (denial.platform, denial.verb) == ("127.0.0.1", "beacon")
+        assert "in the name of uav1 that uav1 never sent" in denial.reason
+        found = await found_by_doctor(victim, "denied")
+        assert found.text.startswith("unknown@127.0.0.1: beacon: ")
+        assert "revoke it" in found.advice
