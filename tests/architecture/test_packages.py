@@ -16,6 +16,7 @@ MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
 THIN = {
+    "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
     "lib/swarmware/transport/enrolment/proof.py": "the proof of a key, for both ends and for the root",
@@ -28,6 +29,7 @@ THIN = {
     "lib/swarmware/service/reason.py": "the line of an expected error",
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
+    "daemons/swarmd/hal/core/flight/attitude_loop.py": "the attitude loop, the one without an integral",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
     "daemons/swarmd/tree/core/rate.py": "the rate of a resource",

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -9,6 +10,9 @@ from swarmd.hal.config import Config
 from swarmware.errors import SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
+
+if TYPE_CHECKING:
+    from swarmware.model.airframe import Airframe
 
 
 class DeviceError(SwarmError):
@@ -69,6 +73,8 @@ class Site(msgspec.Struct, frozen=True):
     """uav | ugv | usv | gcs."""
     data_dir: str
     """The folder share/swarm/data."""
+    airframe: "Airframe | None" = None
+    """Airframe that the flight controller flies; None: the chassis has its own attitude control."""
 
 
 Factory = Callable[[Config, Site], Sequence[Device]]

@@ -50,7 +50,12 @@ class Hal(Service):
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
         node = module.node.config
-        self._site = Site(node.kind, str(node.share_path / "data"))
+        airframe = None
+        if node.airframe:
+            from swarmware.model.airframe_file import load_airframe  # most vehicles have none
+
+            airframe = load_airframe(node.share_path, node.airframe)
+        self._site = Site(node.kind, str(node.share_path / "data"), airframe)
         self._devices = make_all(config, self._site)
         self._schedules: dict[str, Schedule] = {}
         self._recognition = Recognition(config.recognise)

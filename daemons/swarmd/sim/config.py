@@ -6,6 +6,7 @@ import msgspec
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 Sigma = Annotated[float, msgspec.Meta(ge=0, le=100)]
+Speed = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Power = Annotated[float, msgspec.Meta(ge=0, le=100_000)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
@@ -127,6 +128,17 @@ class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Ratio of outliers among the echoes."""
 
 
+class WindConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Wind at a vehicle with an airframe; others are not moved by it."""
+
+    mean_m_s: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
+    """Mean velocity of the air: to the east, to the north, up."""
+    gust_sigma_m_s: Sigma = 0.0
+    """Standard deviation of the gusts along each axis."""
+    gust_tau_s: Positive = 2.0
+    """Correlation time of the gusts."""
+
+
 class BatteryConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Capacity and voltages of the battery."""
 
@@ -168,5 +180,6 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     surface: SurfaceLimits = SurfaceLimits()
     multirotor: MultirotorLimits = MultirotorLimits()
     sensors: SensorsConfig = SensorsConfig()
+    wind: WindConfig = WindConfig()
     battery: BatteryConfig = BatteryConfig()
     serial: SerialConfig = SerialConfig()

@@ -1,4 +1,4 @@
-"""The simulation's shell: set-points in, truth and sensors out, at fixed instants."""
+"""The simulation's shell: set-points or outputs in, truth and sensors out, at fixed instants."""
 
 import random
 import re
@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 from swarmd.sim import config as settings
 from swarmd.sim.chassis import ChassisPort
 from swarmd.sim.core.serial_devices import SerialDevices
-from swarmd.sim.core.simulation import Simulation, SimulationOutput
+from swarmd.sim.core.simulation import Command, Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
 from swarmd.sim.serial_ports import SerialPorts
 from swarmd.sim.switch import Switch
@@ -19,7 +19,7 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
-from swarmware.types.chassis import ChassisOrder, ChassisReport
+from swarmware.types.chassis import ActuatorOutputs, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -51,7 +51,12 @@ class Sim(Service):
         jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
         start = world.start_pose(node.config.kind, config.number or number_in(module.platform), jitter)
         pose, armed = self._last(start)
-        simulation = Simulation(config, world, node.config.kind, pose, chance.gauss, chance.random)
+        airframe = None
+        if node.config.airframe:
+            from swarmware.model.airframe_file import load_airframe  # most vehicles have none
+
+            airframe = load_airframe(node.config.share_path, node.config.airframe)
+        simulation = Simulation(config, world, node.config.kind, pose, chance.gauss, chance.random, airframe)
         simulation.vehicle.armed = armed
         self._core = VehicleCore(config, simulation)
         self._driver = self.drive(self._core, self._perform)
@@ -66,9 +71,13 @@ class Sim(Service):
                 SerialDevices(config.setpoint_timeout_s),
                 self._on_serial,
             )
-        self._setpoint = module.reader(paths.SIM_SETPOINT, Setpoint)
-        self._taken: Setpoint | None = None
-        """The set-point that the simulation has."""
+        self._commands: BoardReader[Setpoint] | BoardReader[ActuatorOutputs] = (
+            module.reader(paths.SIM_OUTPUTS, ActuatorOutputs)
+            if airframe is not None
+            else module.reader(paths.SIM_SETPOINT, Setpoint)
+        )
+        self._taken: Command | None = None
+        """The command that the simulation has."""
         self._poses = module.readers("/*/nav/pose", Pose)
         self._neighbours: dict[str, BoardReader[Pose]] = {}
         self._taken_poses: dict[str, Pose] = {}
@@ -118,16 +127,16 @@ class Sim(Service):
         """Passes on what the driver of the chassis sent on its line."""
         now_ns = self.module.now_ns()
         if isinstance(received, Setpoint):
-            self._driver.feed(self._core.on_setpoint(received, now_ns, now_ns))
+            self._driver.feed(self._core.on_command(received, now_ns, now_ns))
         else:
             self._driver.feed(self._core.on_order(received, now_ns))
 
     def _read(self, neighbours: bool, now_ns: int) -> None:
         core, feed = self._core, self._driver.feed
-        setpoint = self._setpoint.value
-        if setpoint is not None and setpoint is not self._taken:
-            self._taken = setpoint
-            feed(core.on_setpoint(setpoint, self._setpoint.local_stamp_ns or now_ns, now_ns))
+        command = self._commands.value
+        if command is not None and command is not self._taken:
+            self._taken = command
+            feed(core.on_command(command, self._commands.stamp_ns or now_ns, now_ns))
         if neighbours:
             if now_ns >= self._look_ns:
                 self._look_ns = now_ns + round(_LOOK_S * 1e9)
@@ -154,7 +163,7 @@ class Outputs:
         )
         self.report = writer(paths.SIM_REPORT, ChassisReport)
         self._gnss = writer("sim/sensors/gnss", GnssFix, rate_hz=rates.gnss_hz)
-        self._imu = writer("sim/sensors/imu", Imu, rate_hz=rates.imu_hz)
+        self._imu = writer("sim/sensors/imu", Imu, rate_hz=simulation.imu_hz)
         self._scan = writer("sim/sensors/range", Range, rate_hz=rates.range_hz)
         self._battery = writer("sim/sensors/battery", BatteryState, rate_hz=1.0)
         self._sonar: BoardWriter[Range] | None = None

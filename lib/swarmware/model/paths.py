@@ -79,6 +79,11 @@ def world(share_dir: Path, name: str) -> Path:
     return share_dir / "worlds" / f"{name}.toml"
 
 
+def airframe(share_dir: Path, name: str) -> Path:
+    """File of an airframe."""
+    return share_dir / "airframes" / f"{name}.toml"
+
+
 def drain_record(data_dir: Path) -> Path:
     """File that states who drained the platform; absent: it is not drained."""
     return data_dir / "drained.json"
@@ -110,6 +115,7 @@ def simulated_sensor(device: str) -> str:
 
 
 SIM_SETPOINT: Final = "sim/chassis/setpoint"
+SIM_OUTPUTS: Final = "sim/chassis/outputs"
 SIM_ORDERS: Final = "sim/chassis/orders"
 SIM_REPORT: Final = "sim/chassis/report"
 """Resources of the simulated chassis: what it gets from its driver, and what it reports."""

@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmware.model.open_enum import OpenEnum
-from swarmware.types.bounds import Finite
+from swarmware.types.bounds import Finite, Ratio
 from swarmware.types.registry import register
 
 
@@ -43,6 +43,16 @@ class ChassisReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Reason of the refusal of that order; empty when it was executed."""
     calibrating: bool = False
     """Whether its motor controllers are being calibrated."""
+
+
+@register
+class ActuatorOutputs(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Outputs of a flight controller to motors and servos; none: the motors stop."""
+
+    motors: tuple[Ratio, ...] = ()
+    """Of each motor controller, from 0 (stopped) to 1 (full), in the order of the airframe."""
+    servos: tuple[Ratio, ...] = ()
+    """Of each servo, from -1 to 1."""
 
 
 @register

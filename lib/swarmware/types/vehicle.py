@@ -194,6 +194,10 @@ class Imu(msgspec.Struct, frozen=True, array_like=True, gc=False):
     az_m_s2: float
     yaw_rad: float | None = None
     """Heading from its own attitude filter (gyro and compass), 0 is east, counter-clockwise."""
+    roll_rad: float | None = None
+    """Roll from an attitude filter; None: the vehicle stays level."""
+    pitch_rad: float | None = None
+    """Pitch, positive with the nose down; None as roll."""
 
 
 @register

@@ -77,7 +77,7 @@ class Vehicle:
             self._next_nav_ns += 50_000_000
             step = self.navigator.step(now_ns)
             self.told = step.pose
-            self.simulation.on_setpoint(step.setpoint, now_ns)
+            self.simulation.on_command(step.setpoint, now_ns)
             self.status = step.status or self.status
         if now_ns >= self._next_tick_ns:
             self._next_tick_ns += 100_000_000 + self._chance.randrange(-5_000_000, 5_000_000)

@@ -75,7 +75,7 @@ class Platform:
         now_ns = self.air.now_ns
         match action:
             case ReadBoards():
-                self.simulated.feed(self.vehicle.on_setpoint(self.setpoint, now_ns, now_ns))
+                self.simulated.feed(self.vehicle.on_command(self.setpoint, now_ns, now_ns))
                 self.simulated.feed(self.vehicle.on_boards_read(now_ns))
             case PublishOutput(output):
                 self.measure(output, now_ns)

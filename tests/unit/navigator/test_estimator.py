@@ -8,9 +8,11 @@ from statistics import mean
 import pytest
 
 from swarmd.navigator.config import EstimatorConfig
-from swarmd.navigator.core.estimator import Estimator, KalmanAxis
+from swarmd.navigator.core.estimator import Estimator
 from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
+from swarmware.geometry.geodesy import GRAVITY_M_S2
+from swarmware.geometry.kalman_axis import KalmanAxis
 from swarmware.geometry.world import Bounds, World
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
@@ -18,6 +20,12 @@ WORLD = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 10
 MS = 1_000_000
 Motion = Callable[[float], tuple[Pose, tuple[float, float, float]]]
 """Truth and body acceleration at a time in seconds."""
+
+
+def measured(sensors: SensorErrors, pose: Pose, acceleration: tuple[float, float, float]) -> Imu:
+    """What the inertial unit of a level body measures."""
+    ahead, aside, up = acceleration
+    return sensors.imu(pose, (0.0, 0.0, pose.wz_rad_s), (ahead, aside, up + GRAVITY_M_S2))
 
 
 def circle(t: float) -> tuple[Pose, tuple[float, float, float]]:
@@ -41,7 +49,7 @@ def follow(
     for ms in range(0, round(seconds * 1000), 10):
         pose, acceleration = motion(ms / 1000)
         if ms % 20 == 0:
-            estimator.on_imu(sensors.imu(pose, acceleration), ms * MS)
+            estimator.on_imu(measured(sensors, pose, acceleration), ms * MS)
         if ms % 100 == 0:
             fixes.append((ms, sensors.gnss(pose, 0.1)))
         while fixes and fixes[0][0] <= ms - delay_ms:
@@ -74,7 +82,7 @@ def test_velocity_and_heading_follow_too() -> None:
     estimator = Estimator(EstimatorConfig(), WORLD.origin)
     for ms in range(0, 10_000, 50):
         pose, acceleration = circle(ms / 1000)
-        estimator.on_imu(sensors.imu(pose, acceleration), ms * MS)
+        estimator.on_imu(measured(sensors, pose, acceleration), ms * MS)
         if ms % 100 == 0:
             estimator.on_gnss(sensors.gnss(pose, 0.1), ms * MS)
         estimator.predict(ms * MS)

@@ -14,6 +14,7 @@ from swarmd.navigator.core.estimator import Estimator
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
+from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.geometry.world import Bounds, World
 from swarmware.types.vehicle import Goal, GoalKind, Imu, Pose, VehicleState
 
@@ -24,6 +25,12 @@ REST_MS = round(1000 / Config().rest_hz)
 MOVING_MS = round(1000 / Config().rate_hz)
 Way = Callable[[float], tuple[float, float, float]]
 """Distance, speed and acceleration along the heading, at a time in seconds."""
+
+
+def measured(sensors: SensorErrors, pose: Pose, acceleration: tuple[float, float, float]) -> Imu:
+    """What the inertial unit of a level body measures."""
+    ahead, aside, up = acceleration
+    return sensors.imu(pose, (0.0, 0.0, pose.wz_rad_s), (ahead, aside, up + GRAVITY_M_S2))
 
 
 class Parked:
@@ -51,7 +58,7 @@ class Parked:
         """On by one period: the sensors are sampled at its end."""
         self.ms += self.period_ms
         pose, accel = self.truth()
-        self.estimator.on_imu(self.sensors.imu(pose, (accel + self.tilt_m_s2, 0.0, 0.0)), self.ms * MS)
+        self.estimator.on_imu(measured(self.sensors, pose, (accel + self.tilt_m_s2, 0.0, 0.0)), self.ms * MS)
         fix_ms = max(self.period_ms, 100)
         if self.ms % fix_ms == 0:
             self.estimator.on_gnss(self.sensors.gnss(pose, fix_ms / 1000), self.ms * MS)
@@ -169,7 +176,7 @@ def test_whoever_is_armed_and_climbs_is_not_held_for_one_step() -> None:
     def step() -> Pose | None:
         parked.step()
         truth, _ = parked.truth()
-        navigator.on_imu(parked.sensors.imu(truth, (0.0, 0.0, 0.0)), parked.ms * MS)
+        navigator.on_imu(measured(parked.sensors, truth, (0.0, 0.0, 0.0)), parked.ms * MS)
         navigator.on_gnss(parked.sensors.gnss(truth, 0.1), parked.ms * MS)
         return navigator.step(parked.ms * MS).pose
 

@@ -62,7 +62,9 @@ def test_the_slow_error_wanders_slowly() -> None:
 
 def test_the_inertial_unit_feels_gravity_rate_and_heading() -> None:
     errors = sensors()
-    samples = [errors.imu(TRUTH, (0.5, -0.2, 0.1)) for _ in range(400)]
+    samples = [errors.imu(TRUTH, (0.2, 0.1, 0.4), (0.5, -0.2, GRAVITY_M_S2 + 0.1)) for _ in range(400)]
+    assert mean(s.wx_rad_s for s in samples) == pytest.approx(0.2, abs=0.005)
+    assert mean(s.wy_rad_s for s in samples) == pytest.approx(0.1, abs=0.005)
     assert mean(s.wz_rad_s for s in samples) == pytest.approx(0.4, abs=0.005)
     assert mean(s.ax_m_s2 for s in samples) == pytest.approx(0.5, abs=0.02)
     assert mean(s.az_m_s2 for s in samples) == pytest.approx(GRAVITY_M_S2 + 0.1, abs=0.02)

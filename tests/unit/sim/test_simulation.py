@@ -39,7 +39,7 @@ class Run:
         for _ in range(round(seconds * 1e9 / step_ns)):
             self.now_ns += step_ns
             if wanted is not None:
-                self.simulation.on_setpoint(wanted, self.now_ns)
+                self.simulation.on_command(wanted, self.now_ns)
             sample = self.simulation.advance(self.now_ns)
             if sample is not None:
                 self.samples.append(sample)
@@ -126,7 +126,7 @@ def test_a_moving_vehicle_wakes_with_its_sensors_which_share_instants(kind: str)
         due_ns = simulation.deadline_ns()
         assert due_ns is not None
         run.now_ns = due_ns
-        simulation.on_setpoint(Setpoint(1.0, 0.0, 0.5), due_ns)
+        simulation.on_command(Setpoint(1.0, 0.0, 0.5), due_ns)
         sample = simulation.advance(run.now_ns)
         assert sample is not None
         stamps.append(sample.stamp_ns)
@@ -160,7 +160,7 @@ def test_a_set_point_acts_from_its_own_instant_however_late_the_call_is() -> Non
         for step in range(1, 41):
             run.now_ns = begin_ns + step * STEP_NS
             if step == 20:
-                run.simulation.on_setpoint(Setpoint(1.0), run.now_ns)
+                run.simulation.on_command(Setpoint(1.0), run.now_ns)
             if step % pause == 0 and (sample := run.simulation.advance(run.now_ns)) is not None:
                 run.samples.append(sample)
     assert often.samples[-1].truth.x_m > 0.1

@@ -40,7 +40,7 @@ class Rig:
         if isinstance(action, ReadBoards):
             now_ns = self.time.now_ns
             if self.setpoint is not None:
-                self.driver.feed(self.core.on_setpoint(self.setpoint, now_ns, now_ns))
+                self.driver.feed(self.core.on_command(self.setpoint, now_ns, now_ns))
             if action.neighbours and self.neighbour is not None:
                 self.driver.feed(self.core.on_neighbour("ugv2", self.neighbour, now_ns, now_ns))
             self.driver.feed(self.core.on_boards_read(now_ns))

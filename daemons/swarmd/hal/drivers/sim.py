@@ -1,6 +1,6 @@
 """Drivers of the simulated sensors: publish the measurements of service `sim`."""
 
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import msgspec
 
@@ -15,6 +15,9 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Range, VehicleState
+
+if TYPE_CHECKING:
+    from swarmware.model.airframe import Airframe
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -148,11 +151,26 @@ def make(config: Config, site: Site) -> list[Device]:
     rest_hz = rates.rest_hz
     found: list[Device] = [
         SimSensor("gnss", "sensor/gnss", GnssFix, rates.gnss_hz, rest_hz),
-        SimSensor("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
         SimSensor("range", "sensor/range", Range, rates.range_hz, rest_hz),
         SimSensor("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
-        SimChassis(config.chassis),
     ]
+    if site.airframe is not None:
+        found.append(_flight(config, site.airframe))
+    else:
+        found += [
+            SimSensor("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
+            SimChassis(config.chassis),
+        ]
     if site.kind == PlatformKind.UAV:
         found.append(SimSonar(rates.sonar_hz, rest_hz, rates.sonar_window))
     return found
+
+
+def _flight(config: Config, airframe: "Airframe") -> Device:
+    """The flight controller of an airframe."""
+    from swarmd.hal.core.flight.multirotor_controller import (
+        MultirotorController,
+    )  # vehicles without one fly level
+    from swarmd.hal.drivers.sim_flight import SimFlight
+
+    return SimFlight(config.chassis, MultirotorController(airframe), airframe.control_hz, config.sim.imu_hz)

@@ -1,26 +1,21 @@
-"""State estimator: position and velocity from GNSS fixes and accelerations, heading from gyro and compass.
-
-A Kalman filter with two states for each axis, without a library: libraries need numpy, which the node of an
-air vehicle does not have, and are slower for matrices of this size.
-"""
+"""State estimator: position and velocity from GNSS fixes and accelerations, heading from gyro and compass."""
 
 import math
 from typing import Final
 
 from swarmd.navigator.config import EstimatorConfig
 from swarmd.navigator.core.standstill import Standstill
+from swarmware.geometry.attitude import levelled
 from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap, Origin
+from swarmware.geometry.kalman_axis import FIRST_SPEED_SIGMA_M_S, KalmanAxis
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
-_FIRST_SPEED_SIGMA_M_S: Final = 0.5
 _PREDICTION_MAX_S: Final = 0.5
 """Longest prediction in one step."""
 _SLOW_M_S: Final = 0.15
 """Speed of the fixes above which a vehicle moves: the inertial unit does not measure steady motion."""
 _REFERENCE_MIN_S: Final = 0.8
 """Minimum time between two fixes that are compared for rest."""
-_REST_SIGMA_M_S: Final = 0.05
-"""Standard deviation of the velocity after a rest that a set-point ends."""
 _GATE: Final = 3.5
 """Innovation gate in standard deviations: a fix outside means that the vehicle has moved."""
 _GATE_FIXES: Final = 3
@@ -30,61 +25,6 @@ _REST_BLOCKED_S: Final = 3.0
 _STEP_M: Final = 0.01
 _STEP_RAD: Final = 0.01
 """Changes of the estimate above which the pose at rest is published again; its error is larger."""
-
-
-class KalmanAxis:
-    """Kalman filter of one axis: state position and velocity, input the measured acceleration.
-
-    Units: metres, seconds. The error covariance is symmetric: pp, pv, vv.
-    """
-
-    __slots__ = ("_noise", "p", "pp", "pv", "v", "vv")
-
-    def __init__(self, position: float, sigma: float, accel_sigma: float) -> None:
-        self.p = position
-        self.v = 0.0
-        self.pp = sigma * sigma
-        self.pv = 0.0
-        self.vv = _FIRST_SPEED_SIGMA_M_S**2
-        self._noise = accel_sigma * accel_sigma
-
-    def predict(self, accel: float, dt_s: float) -> None:
-        """Predicts the state and its covariance by dt at constant acceleration."""
-        half = dt_s * dt_s / 2
-        self.p += self.v * dt_s + accel * half
-        self.v += accel * dt_s
-        q = self._noise
-        self.pp += dt_s * (2 * self.pv + dt_s * self.vv) + q * half * half
-        self.pv += dt_s * self.vv + q * half * dt_s
-        self.vv += q * dt_s * dt_s
-
-    def rest(self, sigma: float) -> None:
-        """Begins a rest: zero velocity, and a position no better than one fix."""
-        self.v = self.pv = 0.0
-        self.vv = _REST_SIGMA_M_S**2
-        self.pp = max(self.pp, sigma * sigma)
-
-    def average(self, measured: float, variance: float) -> None:
-        """Corrects the position of a vehicle at rest by a measured one."""
-        share = self.pp / (self.pp + variance)
-        self.p += share * (measured - self.p)
-        self.pp *= 1 - share
-
-    def restart(self, measured: float, sigma: float) -> None:
-        """Resets the position to a measured one, and the velocity to unknown."""
-        self.p, self.pp = measured, sigma * sigma
-        self.v, self.pv, self.vv = 0.0, 0.0, _FIRST_SPEED_SIGMA_M_S**2
-
-    def update(self, measured: float, sigma: float) -> None:
-        """Corrects position and velocity by a measured position."""
-        innovation_variance = self.pp + sigma * sigma
-        kp, kv = self.pp / innovation_variance, self.pv / innovation_variance
-        innovation = measured - self.p
-        self.p += kp * innovation
-        self.v += kv * innovation
-        self.vv -= kv * self.pv
-        self.pv *= 1 - kp
-        self.pp *= 1 - kp
 
 
 class Estimator:
@@ -146,14 +86,20 @@ class Estimator:
         """The velocity is zero, and the position the average of the fixes (zero-velocity update)."""
 
     def on_imu(self, imu: Imu, stamp_ns: int) -> None:
-        """Takes rates and specific force of a level body, and the heading when the unit measures one."""
+        """Takes rates and specific force, and the heading when the unit measures one.
+
+        Without roll and pitch the body counts as level.
+        """
         if stamp_ns <= self._imu_ns:
             return
         dt_s = min((stamp_ns - self._imu_ns) / 1e9, _PREDICTION_MAX_S)
         self._imu_ns = stamp_ns
         self._standstill.on_imu(imu, stamp_ns, dt_s)
-        self._w = imu.wz_rad_s
-        self._accel = (imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2 - GRAVITY_M_S2)
+        rate, force = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s), (imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2)
+        if imu.roll_rad is not None and imu.pitch_rad is not None:
+            rate, force = (levelled(vector, imu.roll_rad, imu.pitch_rad) for vector in (rate, force))
+        self._w = rate[2]
+        self._accel = (force[0], force[1], force[2] - GRAVITY_M_S2)
         if imu.yaw_rad is not None:
             self._compass = (imu.yaw_rad, min(1.0, dt_s / self._config.yaw_tau_s))
 
@@ -209,7 +155,7 @@ class Estimator:
             self.at_rest = False
             if not quiet:  # moved by an external force: the speed is unknown
                 for axis in axes:
-                    axis.vv = _FIRST_SPEED_SIGMA_M_S**2
+                    axis.vv = FIRST_SPEED_SIGMA_M_S**2
         elif self._may_rest and quiet and self._now_ns >= self._rest_allowed_ns:
             if not self._is_stationary():
                 return

@@ -1,10 +1,13 @@
 """Model of a ground vehicle: the kinematics of S0 behind a drive with limits."""
 
 import math
+from typing import Final
 
 import msgspec
 
 from swarmd.sim.config import GroundLimits
+from swarmware.geometry.attitude import Vector
+from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.vehicle import Pose, Setpoint
 
 
@@ -40,6 +43,8 @@ class Ground:
 
     flies = False
     landed = True
+    safe: Final = Setpoint(0.0)
+    stall_s: Final = 1.0
 
     def __init__(self, limits: GroundLimits, start: Pose) -> None:
         self._limits = limits
@@ -76,9 +81,13 @@ class Ground:
         velocity = (s.v_m_s * math.cos(s.yaw_rad), s.v_m_s * math.sin(s.yaw_rad), 0.0)
         return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)
 
-    def acceleration(self) -> tuple[float, float, float]:
-        """Acceleration forward, left and up, without gravity: tangential and centripetal."""
-        return self._accel, self.state.v_m_s * self.state.w_rad_s, 0.0
+    def rates(self) -> Vector:
+        """Rates about the body axes."""
+        return 0.0, 0.0, self.state.w_rad_s
+
+    def specific_force(self) -> Vector:
+        """What an accelerometer measures: tangential, centripetal, the reaction to gravity."""
+        return self._accel, self.state.v_m_s * self.state.w_rad_s, GRAVITY_M_S2
 
     def power_w(self) -> float:
         """Electric power in W."""

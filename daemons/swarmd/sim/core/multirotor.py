@@ -4,6 +4,7 @@ import math
 from typing import Final
 
 from swarmd.sim.config import MultirotorLimits
+from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.vehicle import Pose, Setpoint
 
@@ -19,6 +20,8 @@ class Multirotor:
     __slots__ = ("_accel", "_limits", "_v", "_w", "_x", "_yaw", "armed", "landed")
 
     flies = True
+    safe: Final = Setpoint(0.0)
+    stall_s: Final = 1.0
 
     def __init__(self, limits: MultirotorLimits, start: Pose) -> None:
         self._limits = limits
@@ -98,11 +101,15 @@ class Multirotor:
         velocity = (self._v[0], self._v[1], self._v[2])
         return Pose.planar(self._x[0], self._x[1], self._x[2], self._yaw, velocity, self._w)
 
-    def acceleration(self) -> tuple[float, float, float]:
-        """Acceleration forward, left and up, without gravity."""
+    def rates(self) -> Vector:
+        """Rates about the body axes."""
+        return 0.0, 0.0, self._w
+
+    def specific_force(self) -> Vector:
+        """What an accelerometer of a level body measures: acceleration, and the reaction to gravity."""
         cos, sin = math.cos(self._yaw), math.sin(self._yaw)
         ax, ay, az = self._accel
-        return ax * cos + ay * sin, ay * cos - ax * sin, az
+        return ax * cos + ay * sin, ay * cos - ax * sin, az + GRAVITY_M_S2
 
     def power_w(self) -> float:
         """Electric power in W."""

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmd.sim.config import SensorsConfig
-from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap
+from swarmware.geometry.attitude import Vector
+from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, LocalMap
 from swarmware.geometry.world import World
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Range
 
@@ -55,17 +56,17 @@ class SensorErrors:
         accuracy = math.hypot(sigma, self._config.gnss_bias_sigma_m)
         return GnssFix(lat, lon, alt, accuracy, _SATELLITES)
 
-    def imu(self, pose: Pose, acceleration: tuple[float, float, float]) -> Imu:
-        """Measures rates, specific force and heading."""
+    def imu(self, pose: Pose, rates: Vector, specific_force: Vector) -> Imu:
+        """Measures rates and specific force in body axes, and the heading."""
         config, gauss = self._config, self._gauss
         rate, force = config.gyro_sigma_rad_s, config.accel_sigma_m_s2
         return Imu(
-            gauss(0.0, rate),
-            gauss(0.0, rate),
-            gauss(pose.wz_rad_s, rate),
-            gauss(acceleration[0], force),
-            gauss(acceleration[1], force),
-            gauss(acceleration[2] + GRAVITY_M_S2, force),
+            gauss(rates[0], rate),
+            gauss(rates[1], rate),
+            gauss(rates[2], rate),
+            gauss(specific_force[0], force),
+            gauss(specific_force[1], force),
+            gauss(specific_force[2], force),
             math.remainder(gauss(pose.yaw_rad + self._yaw_bias_rad, config.yaw_sigma_rad), math.tau),
         )
 

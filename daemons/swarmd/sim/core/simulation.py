@@ -1,7 +1,7 @@
 """Simulation of one vehicle in its world, at a fixed sample rate."""
 
 import math
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 import msgspec
 
@@ -13,9 +13,10 @@ from swarmd.sim.core.multirotor import Multirotor
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
 from swarmd.sim.core.surface import Surface
 from swarmware.errors import Denied, InvalidInput
+from swarmware.geometry.attitude import Vector
 from swarmware.geometry.world import World
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import (
     BatteryState,
     Collision,
@@ -27,13 +28,15 @@ from swarmware.types.vehicle import (
     VehicleState,
 )
 
+if TYPE_CHECKING:
+    from swarmware.model.airframe import Airframe
+
 BOUNDS: Final = "bounds"
 GROUND: Final = "ground"
 """Names in a collision besides those of obstacles and platforms."""
 
-_STOP: Final = Setpoint(0.0)
-_CATCH_UP_S: Final = 1.0
-"""Longest stall of the computer that is simulated afterwards; during a longer one time stops."""
+_STEPS_PER_SAMPLE: Final = 2
+"""Steps per sample of the inertial unit of an airframe: at each one its newest outputs are taken."""
 _SCANNER_M: Final = 0.3
 """Height of the scanner of a ground vehicle above the ground."""
 _BATTERY_HZ: Final = 1.0
@@ -41,10 +44,26 @@ _RELEASE_M: Final = 0.1
 """Distance at which a contact ends."""
 
 
-class VehicleModel(Protocol):
+Command = Setpoint | ActuatorOutputs
+"""What drives a vehicle: a set-point where its model has controllers of its own, else outputs of a flight
+controller."""
+C_contra = TypeVar("C_contra", Setpoint, ActuatorOutputs, contravariant=True)
+
+
+class VehicleModel(Protocol[C_contra]):
     """Interface of a vehicle model."""
 
     armed: bool
+
+    @property
+    def safe(self) -> Command:
+        """Command in force while none is fresh."""
+        ...
+
+    @property
+    def stall_s(self) -> float:
+        """Longest stall of the computer that is simulated afterwards; during a longer one time stops."""
+        ...
 
     @property
     def flies(self) -> bool: ...
@@ -52,10 +71,11 @@ class VehicleModel(Protocol):
     def landed(self) -> bool: ...
     @property
     def radius_m(self) -> float: ...
-    def step(self, wanted: Setpoint, dt_s: float) -> float: ...
+    def step(self, wanted: C_contra, dt_s: float, /) -> float: ...
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None: ...
     def pose(self) -> Pose: ...
-    def acceleration(self) -> tuple[float, float, float]: ...
+    def rates(self) -> Vector: ...
+    def specific_force(self) -> Vector: ...
     def power_w(self) -> float: ...
 
 
@@ -113,22 +133,38 @@ class Simulation:
     """
 
     def __init__(
-        self, config: Config, world: World, kind: PlatformKind, start: Pose, gauss: Gauss, uniform: Uniform
+        self,
+        config: Config,
+        world: World,
+        kind: PlatformKind,
+        start: Pose,
+        gauss: Gauss,
+        uniform: Uniform,
+        airframe: "Airframe | None" = None,
     ) -> None:
+        """`airframe`: of a vehicle that its flight controller flies; None: it follows set-points itself."""
         self._config = config
         self._world = world
-        self.vehicle = model(config, kind, start)
-        self._battery = Battery(config.battery)
+        # which commands a model takes is decided once, with the driver: by the airframe
+        self.vehicle: VehicleModel[Any] = (
+            model(config, kind, start) if airframe is None else flying_body(airframe, config, start, gauss)
+        )
+        self._battery = Battery(
+            config.battery
+            if airframe is None
+            else msgspec.structs.replace(config.battery, capacity_wh=airframe.battery_wh)
+        )
         self._sensors = SensorErrors(config.sensors, world, gauss, uniform)
-        self._dt_ns = round(1e9 / config.rate_hz)
+        self._rate_hz = config.rate_hz if airframe is None else _STEPS_PER_SAMPLE * airframe.control_hz
+        self._dt_ns = round(1e9 / self._rate_hz)
         self._dt_s = self._dt_ns / 1e9
         self._begun = False
         self._steps = 0
         """Index of the current sample: its instant in periods."""
-        self._setpoint = _STOP
-        self._setpoint_ns = 0
-        self._next_setpoint: tuple[Setpoint, int] | None = None
-        """The newest set-point and its instant: it is in force from the step that contains it."""
+        self._command: Command = self.vehicle.safe
+        self._command_ns = 0
+        self._next_command: tuple[Command, int] | None = None
+        """The newest command and its instant: it is in force from the step that contains it."""
         self._answer = (0, "")
         """Number of the newest order that was answered, and the reason if it was refused."""
         self._published: ChassisReport | None = None
@@ -139,7 +175,7 @@ class Simulation:
         rates = config.sensors
         self._moving = _SamplePeriods(
             self._every(rates.gnss_hz),
-            self._every(rates.imu_hz),
+            self._every(rates.imu_hz if airframe is None else airframe.control_hz),
             self._every(rates.range_hz),
             self._every(_BATTERY_HZ),
             self._every(rates.sonar_hz) if self.vehicle.flies else None,
@@ -148,11 +184,13 @@ class Simulation:
         self._due_after = (-1, self._moving, 0)
         """Instant of the next sample after a step, with the periods for which it holds."""
         self._every_contact = self._every(config.contacts_hz)
-        self.output_hz = config.rate_hz / min(self._moving.all())
+        self.output_hz = self._rate_hz / min(self._moving.all())
         """Rate of the true pose: it comes with the fastest sensor."""
+        self.imu_hz = self._rate_hz / self._moving.imu
+        """Rate of the inertial unit."""
 
     def _every(self, rate_hz: float) -> int:
-        return max(1, round(self._config.rate_hz / rate_hz))
+        return max(1, round(self._rate_hz / rate_hz))
 
     def state(self) -> VehicleState:
         """State of the vehicle: armed, landed."""
@@ -162,11 +200,11 @@ class Simulation:
         """Report of the chassis: armed, landed, answer to the newest order."""
         return ChassisReport(self.vehicle.armed, self.vehicle.landed, *self._answer)
 
-    def on_setpoint(self, setpoint: Setpoint, now_ns: int) -> None:
-        """Takes a set-point of the driver."""
-        if self._next_setpoint is not None:
-            self._setpoint, self._setpoint_ns = self._next_setpoint
-        self._next_setpoint = (setpoint, now_ns)
+    def on_command(self, command: Command, stamp_ns: int) -> None:
+        """Takes a command of the driver: a set-point, or outputs where the vehicle has an airframe."""
+        if self._next_command is not None:
+            self._command, self._command_ns = self._next_command
+        self._next_command = (command, stamp_ns)
 
     def on_order(self, order: ChassisOrder) -> ChassisReport:
         """Executes an order, unless it was answered before; the report states a refusal."""
@@ -230,7 +268,7 @@ class Simulation:
         due = reached - self._steps
         if due <= 0:
             return None
-        max_steps = round(_CATCH_UP_S / self._dt_s)
+        max_steps = round(self.vehicle.stall_s / self._dt_s)
         if due > max_steps:
             self._steps += due - max_steps
             due = max_steps
@@ -279,12 +317,12 @@ class Simulation:
         vehicle = self.vehicle
         if self._battery.empty:
             vehicle.armed = False
-        if self._next_setpoint is not None and self._next_setpoint[1] < stamp_ns:
-            self._setpoint, self._setpoint_ns = self._next_setpoint
-            self._next_setpoint = None
-        old = stamp_ns - self._setpoint_ns > self._config.setpoint_timeout_s * 1e9
+        if self._next_command is not None and self._next_command[1] < stamp_ns:
+            self._command, self._command_ns = self._next_command
+            self._next_command = None
+        old = stamp_ns - self._command_ns > self._config.setpoint_timeout_s * 1e9
         before = vehicle.pose()
-        impact_m_s = vehicle.step(_STOP if old else self._setpoint, self._dt_s)
+        impact_m_s = vehicle.step(vehicle.safe if old else self._command, self._dt_s)
         self._battery.draw(vehicle.power_w(), self._dt_s)
         pose = vehicle.pose()
         speed = math.hypot(before.vx_m_s, before.vy_m_s, before.vz_m_s)
@@ -329,7 +367,7 @@ class Simulation:
             self._stamp_ns(),
             pose,
             sensors.gnss(pose, periods.gnss * self._dt_s) if due(periods.gnss) else None,
-            sensors.imu(pose, vehicle.acceleration()) if due(periods.imu) else None,
+            sensors.imu(pose, vehicle.rates(), vehicle.specific_force()) if due(periods.imu) else None,
             sensors.scan(pose, max(pose.z_m, _SCANNER_M)) if due(periods.scan) else None,
             sensors.sonar(pose.z_m) if periods.sonar is not None and due(periods.sonar) else None,
             self._battery.state() if due(periods.battery) else None,
@@ -338,7 +376,18 @@ class Simulation:
         )
 
 
-def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel:
+def flying_body(
+    airframe: "Airframe", config: Config, start: Pose, gauss: Gauss
+) -> VehicleModel[ActuatorOutputs]:
+    """The vehicle model of an airframe."""
+    from swarmd.sim.core.flying_body import FlyingBody  # most vehicles have none
+    from swarmd.sim.core.multirotor_airframe import MultirotorRotors
+    from swarmd.sim.core.wind import GustyWind
+
+    return FlyingBody(MultirotorRotors(airframe), airframe.body, start, GustyWind(config.wind, gauss))
+
+
+def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel[Setpoint]:
     """The vehicle model for a kind of platform: uav multirotor, ugv ground vehicle, usv surface vessel.
 
     Raises: InvalidInput for a kind without a vehicle, such as gcs.

@@ -1,10 +1,13 @@
 """Model of a surface vessel: surge and yaw by propellers, first-order response of the hull, sway in turns."""
 
 import math
+from typing import Final
 
 import msgspec
 
 from swarmd.sim.config import SurfaceLimits
+from swarmware.geometry.attitude import Vector
+from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.vehicle import Pose, Setpoint
 
 
@@ -31,6 +34,8 @@ class Surface:
 
     flies = False
     landed = True
+    safe: Final = Setpoint(0.0)
+    stall_s: Final = 1.0
 
     def __init__(self, limits: SurfaceLimits, start: Pose) -> None:
         self._limits = limits
@@ -82,9 +87,13 @@ class Surface:
         velocity = (s.surge_m_s * cos - s.sway_m_s * sin, s.surge_m_s * sin + s.sway_m_s * cos, 0.0)
         return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)
 
-    def acceleration(self) -> tuple[float, float, float]:
-        """Acceleration forward, left and up, without gravity: tangential and centripetal."""
-        return self._accel, self.state.surge_m_s * self.state.w_rad_s, 0.0
+    def rates(self) -> Vector:
+        """Rates about the body axes."""
+        return 0.0, 0.0, self.state.w_rad_s
+
+    def specific_force(self) -> Vector:
+        """What an accelerometer measures: tangential, centripetal, the reaction to gravity."""
+        return self._accel, self.state.surge_m_s * self.state.w_rad_s, GRAVITY_M_S2
 
     def power_w(self) -> float:
         """Electric power in W: that of a propeller is proportional to the cube of the speed."""

@@ -3,14 +3,14 @@
 import msgspec
 
 from swarmd.sim.config import Config
-from swarmd.sim.core.simulation import Simulation, SimulationOutput
+from swarmd.sim.core.simulation import Command, Simulation, SimulationOutput
 from swarmware.runtime.core import AT_ONCE
 from swarmware.types.chassis import ChassisOrder, ChassisReport
-from swarmware.types.vehicle import Pose, Setpoint
+from swarmware.types.vehicle import Pose
 
 
 class ReadBoards(msgspec.Struct, frozen=True):
-    """Action: read the set-point, then call `on_boards_read`."""
+    """Action: read the command, then call `on_boards_read`."""
 
     neighbours: bool
     """Also read the poses of other platforms that are not clear: a collision check is due."""
@@ -39,9 +39,9 @@ class VehicleCore:
         self._contacts_ns = round(1e9 / config.contacts_hz)
         self._next_contacts_ns = AT_ONCE
 
-    def on_setpoint(self, setpoint: Setpoint, stamp_ns: int, now_ns: int) -> list[Action]:
-        """Takes a set-point of the driver."""
-        self._simulation.on_setpoint(setpoint, stamp_ns)
+    def on_command(self, command: Command, stamp_ns: int, now_ns: int) -> list[Action]:
+        """Takes a command of the driver: a set-point, or outputs of a flight controller."""
+        self._simulation.on_command(command, stamp_ns)
         return []
 
     def on_neighbour(self, platform: str, pose: Pose, stamp_ns: int, now_ns: int) -> list[Action]:

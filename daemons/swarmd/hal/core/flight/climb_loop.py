@@ -1,0 +1,44 @@
+"""Height and climb loop: from the vertical velocity to the vertical acceleration."""
+
+from typing import Final
+
+from swarmd.hal.core.flight.flight_state import FlightState
+from swarmware.model.airframe import CascadeLimits, MultirotorGains
+
+_AHEAD_M: Final = 0.3
+"""Largest distance of the commanded height from that of the vehicle."""
+_INTEGRAL_MAX_M_S2: Final = 3.0
+"""Bound of the integral: a mass that is not as configured."""
+
+
+class ClimbLoop:
+    """PI controller of the climb rate below a proportional one of the height."""
+
+    __slots__ = ("_height_m", "_integral")
+
+    def __init__(self) -> None:
+        self._height_m: float | None = None
+        self._integral = 0.0
+
+    def reset(self) -> None:
+        """Clears the integral and the commanded height."""
+        self._height_m = None
+        self._integral = 0.0
+
+    def acceleration_m_s2(
+        self,
+        gains: MultirotorGains,
+        limits: CascadeLimits,
+        wanted_m_s: float,
+        state: FlightState,
+        dt_s: float,
+    ) -> float:
+        """Vertical acceleration for a climb rate."""
+        wanted_m_s = max(-limits.sink_max_m_s, min(limits.climb_max_m_s, wanted_m_s))
+        height_m, climb_m_s = state.position_m[2], state.velocity_m_s[2]
+        held = height_m if self._height_m is None else self._height_m + wanted_m_s * dt_s
+        held = self._height_m = max(height_m - _AHEAD_M, min(height_m + _AHEAD_M, held))
+        error = wanted_m_s + gains.height_kp_1_s * (held - height_m) - climb_m_s
+        integral = self._integral + gains.climb_ki_1_s2 * error * dt_s
+        self._integral = max(-_INTEGRAL_MAX_M_S2, min(_INTEGRAL_MAX_M_S2, integral))
+        return gains.climb_kp_1_s * error + self._integral

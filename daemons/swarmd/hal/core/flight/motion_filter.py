@@ -1,0 +1,79 @@
+"""Position and velocity from accelerations, fixes and the sonar's height."""
+
+from typing import Final
+
+from swarmware.geometry.attitude import Vector
+from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap, Origin
+from swarmware.geometry.kalman_axis import KalmanAxis
+from swarmware.types.vehicle import GnssFix
+
+_ACCEL_SIGMA_M_S2: Final = 0.5
+"""Standard deviation of one acceleration at 100 Hz: of the sensor, and of a tilt error of some degrees."""
+_HEIGHT_SIGMA_M: Final = 0.05
+"""Standard deviation of a height of the sonar, after the median filter."""
+_HEIGHT_GATE_M: Final = 0.5
+"""Innovation above which a height is that of something else than the ground below the fixes."""
+_LATE_MAX_S: Final = 0.5
+"""Largest age of a fix that is corrected for the way since."""
+
+
+class MotionFilter:
+    """Kalman filter with position and velocity for each axis; its origin is the first fix."""
+
+    __slots__ = ("_axes", "_map", "fix_ns")
+
+    def __init__(self) -> None:
+        self._axes: tuple[KalmanAxis, KalmanAxis, KalmanAxis] | None = None
+        self._map: LocalMap | None = None
+        self.fix_ns = -(1 << 62)
+        """Stamp of the newest fix."""
+
+    @property
+    def velocity_m_s(self) -> Vector:
+        """Velocity in the map; zero before the first fix."""
+        axes = self._axes
+        return (0.0, 0.0, 0.0) if axes is None else (axes[0].v, axes[1].v, axes[2].v)
+
+    @property
+    def position_m(self) -> Vector:
+        """Position relative to the first fix."""
+        axes = self._axes
+        return (0.0, 0.0, 0.0) if axes is None else (axes[0].p, axes[1].p, axes[2].p)
+
+    def predict(self, force_m_s2: Vector, dt_s: float, *, landed: bool) -> None:
+        """Predicts the state by the specific force in map coordinates; a landed vehicle is at rest."""
+        axes = self._axes
+        if axes is None:
+            return
+        x, y, z = axes
+        if landed:
+            x.v = y.v = z.v = 0.0
+            return
+        x.predict(force_m_s2[0], dt_s)
+        y.predict(force_m_s2[1], dt_s)
+        z.predict(force_m_s2[2] - GRAVITY_M_S2, dt_s)
+
+    def on_fix(self, fix: GnssFix, stamp_ns: int, now_ns: int) -> None:
+        """Takes a position fix."""
+        if stamp_ns <= self.fix_ns:
+            return
+        self.fix_ns = stamp_ns
+        if self._map is None or self._axes is None:
+            origin = Origin(lat_deg=fix.lat_deg, lon_deg=fix.lon_deg, alt_ellipsoid_m=fix.alt_ellipsoid_m)
+            self._map = LocalMap(origin)
+            sigmas = (fix.h_acc_m, fix.h_acc_m, fix.h_acc_m * GNSS_HEIGHT_RATIO)
+            x, y, z = (KalmanAxis(0.0, sigma, _ACCEL_SIGMA_M_S2) for sigma in sigmas)
+            self._axes = x, y, z
+            return
+        late_s = min(max((now_ns - stamp_ns) / 1e9, 0.0), _LATE_MAX_S)
+        place = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
+        for axis, measured, ratio in zip(self._axes, place, (1.0, 1.0, GNSS_HEIGHT_RATIO), strict=True):
+            axis.update(measured + axis.v * late_s, fix.h_acc_m * ratio)
+
+    def on_height(self, height_m: float) -> None:
+        """Takes the height above the ground, after outlier rejection."""
+        if self._axes is None:
+            return
+        axis = self._axes[2]
+        if abs(height_m - axis.p) < _HEIGHT_GATE_M:
+            axis.update(height_m, _HEIGHT_SIGMA_M)

@@ -1,0 +1,39 @@
+"""Rate loop: from body rates to the moment that the actuators produce."""
+
+from typing import Final
+
+from swarmware.geometry.attitude import Vector
+from swarmware.model.airframe import MultirotorGains
+
+_INTEGRAL_MAX_RAD_S2: Final = 4.0
+"""Bound of the integral: a centre of mass that is not where the file says, and uneven rotors."""
+
+
+class RateLoop:
+    """PI controller of the rates; the moment compensates the gyroscopic one of the turning body."""
+
+    __slots__ = ("_inertia", "_integral")
+
+    def __init__(self, inertia_kg_m2: Vector) -> None:
+        self._inertia = inertia_kg_m2
+        self._integral = [0.0, 0.0, 0.0]
+
+    def reset(self) -> None:
+        """Clears the integral, which would wind up on the ground."""
+        self._integral = [0.0, 0.0, 0.0]
+
+    def moment_n_m(
+        self, gains: MultirotorGains, wanted: Vector, rates: Vector, dt_s: float, *, learns: bool
+    ) -> Vector:
+        """Moment about the body axes; `learns`: the integral follows the error."""
+        tilt, yaw = (gains.rate_kp_1_s, gains.rate_ki_1_s2), (gains.yaw_rate_kp_1_s, gains.yaw_rate_ki_1_s2)
+        integral, (ix, iy, iz), (p, q, r) = self._integral, self._inertia, rates
+        accelerations = []
+        for axis, (kp, ki) in enumerate((tilt, tilt, yaw)):
+            error = wanted[axis] - rates[axis]
+            if learns:
+                held = integral[axis] + ki * error * dt_s
+                integral[axis] = max(-_INTEGRAL_MAX_RAD_S2, min(_INTEGRAL_MAX_RAD_S2, held))
+            accelerations.append(kp * error + integral[axis])
+        a, b, c = accelerations
+        return a * ix + (iz - iy) * q * r, b * iy + (ix - iz) * r * p, c * iz + (iy - ix) * p * q

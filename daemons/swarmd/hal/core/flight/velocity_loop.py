@@ -1,0 +1,49 @@
+"""Velocity loop: from the horizontal velocity to roll and pitch."""
+
+import math
+
+from swarmd.hal.core.flight.flight_state import FlightState
+from swarmware.geometry.geodesy import GRAVITY_M_S2
+from swarmware.model.airframe import CascadeLimits, MultirotorGains
+
+
+class VelocityLoop:
+    """PI controller in the map; its output is limited to the acceleration at the maximum tilt."""
+
+    __slots__ = ("_integral", "acceleration_m_s2")
+
+    def __init__(self) -> None:
+        self._integral = (0.0, 0.0)
+        """Acceleration to the east and the north: against the wind, also when the vehicle turns."""
+        self.acceleration_m_s2 = (0.0, 0.0)
+        """Acceleration that was commanded last, to the east and the north, without the integral."""
+
+    def reset(self) -> None:
+        """Clears the integral of the wind."""
+        self._integral = self.acceleration_m_s2 = (0.0, 0.0)
+
+    def tilt_rad(
+        self,
+        gains: MultirotorGains,
+        limits: CascadeLimits,
+        wanted_m_s: tuple[float, float],
+        state: FlightState,
+        dt_s: float,
+    ) -> tuple[float, float]:
+        """Roll and pitch for a velocity forward and left."""
+        cos, sin = math.cos(state.yaw_rad), math.sin(state.yaw_rad)
+        forward, left = wanted_m_s
+        scale = min(1.0, limits.velocity_max_m_s / max(math.hypot(forward, left), 1e-9))
+        error_x = (forward * cos - left * sin) * scale - state.velocity_m_s[0]
+        error_y = (forward * sin + left * cos) * scale - state.velocity_m_s[1]
+        x = gains.velocity_kp_1_s * error_x + self._integral[0]
+        y = gains.velocity_kp_1_s * error_y + self._integral[1]
+        size, max_m_s2 = math.hypot(x, y), GRAVITY_M_S2 * math.tan(limits.tilt_max_rad)
+        if size <= max_m_s2:  # anti-windup: the integral only follows while the output is not limited
+            step = gains.velocity_ki_1_s2 * dt_s
+            self._integral = self._integral[0] + error_x * step, self._integral[1] + error_y * step
+        else:
+            x, y = x * max_m_s2 / size, y * max_m_s2 / size
+        self.acceleration_m_s2 = x - self._integral[0], y - self._integral[1]
+        ahead, aside = x * cos + y * sin, y * cos - x * sin
+        return math.atan2(-aside, math.hypot(ahead, GRAVITY_M_S2)), math.atan2(ahead, GRAVITY_M_S2)

@@ -1,0 +1,39 @@
+"""Driver of the actuators of a simulated airframe: the flight controller's outputs go to service `sim`."""
+
+from swarmd.hal.config import ChassisConfig
+from swarmd.hal.core.flight.control_law import ControlLaw
+from swarmd.hal.drivers.sim_port import SimPort
+from swarmd.hal.flight_controller import FlightController
+from swarmware.model import paths
+from swarmware.module.module import Module
+from swarmware.types.chassis import ActuatorOutputs, ChassisOrder
+
+
+class SimFlight(FlightController):
+    """Flight controller whose inertial unit and motors are simulated."""
+
+    def __init__(
+        self, config: ChassisConfig, controller: ControlLaw, control_hz: float, imu_hz: float
+    ) -> None:
+        source = paths.simulated_sensor("imu")
+        super().__init__("sim.flight", config, controller, control_hz, source, imu_hz)
+        self._port = SimPort(paths.SIM_OUTPUTS, ActuatorOutputs)
+
+    async def open(self, module: Module) -> None:
+        """Opens the boards that it shares with the simulation, which may not run yet."""
+        await super().open(module)
+        self._port.open(module)
+        self.start(self._port.follow(self.on_report))
+
+    def send_outputs(self, outputs: ActuatorOutputs, stamp_ns: int) -> None:
+        """Writes the outputs for the simulation."""
+        self._port.command(outputs, stamp_ns)
+
+    def carry_order(self, order: ChassisOrder) -> None:
+        """Writes the order for the simulation."""
+        self._port.order(order)
+
+    async def close(self) -> None:
+        """Closes the boards of the simulation."""
+        await super().close()
+        self._port.close()

@@ -1,0 +1,139 @@
+"""Driver of an airframe without attitude control of its own: runs the cascade that commands the actuators."""
+
+from abc import abstractmethod
+
+import msgspec
+
+from swarmd.hal.chassis import Chassis
+from swarmd.hal.config import ChassisConfig
+from swarmd.hal.core.flight.control_law import ControlLaw
+from swarmd.hal.core.flight.flight_core import FlightCore
+from swarmware.errors import Denied
+from swarmware.module.board import BoardReader
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.scalar import Float
+from swarmware.types.vehicle import GnssFix, Imu, Setpoint
+
+
+class FlightController(Chassis):
+    """Base of the drivers of airframes, which differ only in how outputs reach their actuators.
+
+    It is called at the rate of the inertial unit, whose samples it reads from the board `imu`, and publishes
+    `sensor/imu`: their mean at `imu_hz`, with the attitude of its filter. Fixes and the sonar's height come
+    from the boards of their drivers. A driver implements `send_outputs` and `carry_order`, and passes each
+    report of the device to `on_report`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        config: ChassisConfig,
+        controller: ControlLaw,
+        control_hz: float,
+        imu: str,
+        imu_hz: float,
+    ) -> None:
+        # set-points are looked for at the rate of control
+        super().__init__(name, msgspec.structs.replace(config, rate_hz=control_hz))
+        self._flight = FlightCore(controller)
+        self._source = imu
+        self._imu_hz = imu_hz
+        self._imu_ns = 0
+        """Instant at which the mean of the samples was published."""
+        self._imu: BoardReader[Imu] | None = None
+        self._gnss: BoardReader[GnssFix] | None = None
+        self._height: BoardReader[Float] | None = None
+        self._taken_height: Float | None = None
+        self._mean: BoardWriter[Imu] | None = None
+
+    @abstractmethod
+    def send_outputs(self, outputs: ActuatorOutputs, stamp_ns: int) -> None:
+        """Sends outputs to the actuators."""
+
+    @abstractmethod
+    def carry_order(self, order: ChassisOrder) -> None:
+        """Sends an order to the device; also a repeated one."""
+
+    async def open(self, module: Module) -> None:
+        """Opens the boards of the sensors."""
+        await super().open(module)
+        self._imu = module.reader(self._source, Imu)
+        self._gnss = module.reader("sensor/gnss", GnssFix)
+        self._height = module.reader("sensor/height", Float)
+        self._mean = module.writer("sensor/imu", Imu, rate_hz=self._imu_hz)
+
+    async def close(self) -> None:
+        """Closes the boards of the sensors."""
+        await super().close()
+        for reader in (self._imu, self._gnss, self._height):
+            if reader is not None:
+                reader.close()
+        if self.module is not None and self._mean is not None:
+            self.module.close_writer(self._mean)
+        self._imu = self._gnss = self._height = self._mean = None
+
+    async def write(self, now_ns: int) -> bool:
+        """Runs the filters and the cascade for the newest inertial sample; False when there was no new one.
+
+        Raises: DeviceError when the device has not reported for too long.
+        """
+        await super().write(now_ns)
+        self._read(now_ns)
+        outputs = self._flight.step(now_ns)
+        if outputs is None:
+            return False
+        self.send_outputs(outputs, now_ns)
+        self._publish_imu(now_ns)
+        return True
+
+    def _read(self, now_ns: int) -> None:
+        flight, gnss, height, imu = self._flight, self._gnss, self._height, self._imu
+        if gnss is not None and (fix := gnss.value) is not None:
+            flight.on_gnss(fix, gnss.stamp_ns or now_ns, now_ns)
+        if height is not None and (found := height.value) is not None and found is not self._taken_height:
+            self._taken_height = found
+            flight.on_height(found.value)
+        if imu is not None and (sample := imu.value) is not None:
+            flight.on_imu(sample, imu.stamp_ns or now_ns)
+
+    def _publish_imu(self, now_ns: int) -> None:
+        # half a period of control early: the instants of both rates are not the same
+        if self._mean is None or now_ns - self._imu_ns < 1e9 / self._imu_hz - self.period_s / 2 * 1e9:
+            return
+        mean = self._flight.take_imu()
+        if mean is not None:
+            self._imu_ns = now_ns
+            self._mean.write(mean, self._flight.imu_ns)
+
+    def failsafe(self, now_ns: int) -> str:
+        """Reason, also when inertial samples are missing."""
+        state = self.state
+        if state is not None and state.armed and self._flight.is_blind(now_ns):
+            return f"no inertial samples in {self._source}: the attitude is not known"
+        return super().failsafe(now_ns)
+
+    def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
+        """Takes a report of the device: armed, landed."""
+        super().on_report(report, stamp_ns)
+        self._flight.on_vehicle(armed=report.armed, landed=report.landed)
+
+    def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        """Takes the set-point that the cascade follows."""
+        self._flight.on_setpoint(setpoint)
+
+    def send_order(self, order: ChassisOrder) -> None:
+        """Sends an order to the device; gains are those of the own controllers."""
+        if order.action is not ChassisAction.GAINS:
+            self.carry_order(order)
+            return
+        refusal = ""
+        try:
+            self._flight.controller.set_gains(order.gains)
+        except Denied as error:
+            refusal = str(error)
+        state, module = self.state, self.module
+        if state is not None and module is not None:
+            answer = ChassisReport(state.armed, state.landed, order.number, refusal)
+            self.on_report(answer, module.now_ns())

@@ -1,0 +1,25 @@
+"""Interface of airframe models: from the outputs of a flight controller to force and moment on the body."""
+
+from typing import Protocol
+
+from swarmd.sim.core.rigid_body import RigidBody
+from swarmware.geometry.attitude import Vector
+from swarmware.types.chassis import ActuatorOutputs
+
+
+class AirframeModel(Protocol):
+    """Actuators and aerodynamics of one vehicle."""
+
+    def loads(
+        self, outputs: ActuatorOutputs, body: RigidBody, air_m_s: Vector, dt_s: float
+    ) -> tuple[Vector, Vector]:
+        """Advances the actuators by a step; force in N and moment in N m, in body axes, without gravity.
+
+        `outputs`: as the actuators get them; without motors they stop. `air_m_s`: velocity of the body
+        relative to the air, in body axes.
+        """
+        ...
+
+    def power_w(self) -> float:
+        """Electric power of motors and electronics now."""
+        ...

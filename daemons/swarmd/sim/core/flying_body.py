@@ -1,0 +1,102 @@
+"""A vehicle flown by the outputs of its flight controller: a rigid body with actuators, wind and ground."""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from swarmd.sim.core.airframe_model import AirframeModel
+from swarmd.sim.core.rigid_body import RigidBody
+from swarmware.geometry.attitude import Vector
+from swarmware.geometry.geodesy import GRAVITY_M_S2
+from swarmware.model.airframe import BodyConfig
+from swarmware.types.chassis import ActuatorOutputs
+from swarmware.types.vehicle import Pose
+
+_STEP_S: Final = 0.0025
+"""Longest step of the integration: a tenth of the fastest time constant, that of small motors."""
+_TIPPED: Final = math.cos(math.radians(45))
+"""A vehicle that touches the ground at a larger tilt falls over."""
+
+Wind = Callable[[float], Vector]
+"""Advances the wind by a duration in s; its velocity in the map."""
+
+
+class FlyingBody:
+    """Model of a vehicle that does not stay level by itself.
+
+    On the ground it is at rest and level, until its lift exceeds the weight.
+    """
+
+    __slots__ = ("_body", "_config", "_model", "_wind", "armed", "landed")
+
+    flies = True
+    safe: Final = ActuatorOutputs()
+    stall_s: Final = 0.1
+
+    def __init__(self, model: AirframeModel, config: BodyConfig, start: Pose, wind: Wind) -> None:
+        self._model = model
+        self._config = config
+        self._wind = wind
+        place = (start.x_m, start.y_m, max(0.0, start.z_m))
+        self._body = RigidBody(config.mass_kg, config.inertia_kg_m2, place, start.yaw_rad)
+        self.armed = False
+        self.landed = place[2] <= 0.0
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the sphere around the vehicle."""
+        return self._config.radius_m
+
+    def step(self, outputs: ActuatorOutputs, dt_s: float) -> float:
+        """Simulates one sample; the speed of an impact on the ground, else 0."""
+        if not self.armed:
+            outputs = self.safe
+        wind = self._wind(dt_s)
+        count = math.ceil(dt_s / _STEP_S - 1e-9)
+        impact_m_s = 0.0
+        for _ in range(count):
+            impact_m_s = max(impact_m_s, self._substep(outputs, wind, dt_s / count))
+        return impact_m_s
+
+    def _substep(self, outputs: ActuatorOutputs, wind: Vector, dt_s: float) -> float:
+        body = self._body
+        vx, vy, vz = body.velocity_m_s
+        air = body.to_body((vx - wind[0], vy - wind[1], vz - wind[2]))
+        force, moment = self._model.loads(outputs, body, air, dt_s)
+        if self.landed:
+            if body.to_map(force)[2] <= body.mass_kg * GRAVITY_M_S2:
+                return 0.0
+            self.landed = False
+        body.step(force, moment, dt_s)
+        if body.position_m[2] <= 0.0 and body.velocity_m_s[2] <= 0.0:
+            return self._touch_down()
+        return 0.0
+
+    def _touch_down(self) -> float:
+        body = self._body
+        speed_m_s, sink_m_s, tipped = math.hypot(*body.velocity_m_s), -body.velocity_m_s[2], body.up < _TIPPED
+        x, y, _ = body.position_m
+        body.rest((x, y, 0.0), level=True)
+        self.landed = True
+        return speed_m_s if tipped or sink_m_s > self._config.hard_landing_m_s else 0.0
+
+    def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
+        """Stops the vehicle at an obstacle that it hit."""
+        self._body.rest((x_m, y_m, z_m), level=False)
+
+    def pose(self) -> Pose:
+        """The true pose of the vehicle."""
+        body = self._body
+        return Pose(*body.position_m, *body.attitude, *body.velocity_m_s, body.to_map(body.rates_rad_s)[2])
+
+    def rates(self) -> Vector:
+        """Rates about the body axes."""
+        return self._body.rates_rad_s
+
+    def specific_force(self) -> Vector:
+        """What an accelerometer measures, in body axes."""
+        return self._body.specific_force_m_s2
+
+    def power_w(self) -> float:
+        """Electric power in W."""
+        return self._model.power_w()

@@ -1,0 +1,63 @@
+"""Model of a multirotor airframe: rotors with lag, thrust and torque; drag."""
+
+import math
+
+from swarmd.sim.core.rigid_body import RigidBody
+from swarmware.geometry.attitude import Vector
+from swarmware.model.airframe import BodyConfig, MultirotorAirframe
+from swarmware.types.chassis import ActuatorOutputs
+
+
+class MultirotorRotors:
+    """Rotors of fixed pitch: the speed follows the output with a lag, thrust and torque its square.
+
+    Source: Mahony, Kumar, Corke 2012, "Multirotor aerial vehicles", IEEE Robotics & Automation Magazine 19.
+    """
+
+    __slots__ = ("_airframe", "_arms", "_hover", "_speeds")
+
+    def __init__(self, airframe: MultirotorAirframe) -> None:
+        self._airframe = airframe
+        self._speeds = [0.0] * len(airframe.rotors)
+        """Speed of each rotor over its maximum."""
+        ratio = airframe.motor.torque_ratio_m
+        self._arms = tuple((rotor.x_m, rotor.y_m, rotor.torque_sign * ratio) for rotor in airframe.rotors)
+        self._hover = airframe.hover_thrust_n / (airframe.motor.thrust_max_n * len(airframe.rotors))
+
+    def loads(
+        self, outputs: ActuatorOutputs, body: RigidBody, air_m_s: Vector, dt_s: float
+    ) -> tuple[Vector, Vector]:
+        """Advances the rotors by a step; force and moment in body axes, without gravity."""
+        airframe, speeds = self._airframe, self._speeds
+        share = 1 - math.exp(-dt_s / airframe.motor.tau_s)
+        motors = outputs.motors or (0.0,) * len(speeds)
+        thrust_max = airframe.motor.thrust_max_n
+        up = roll = pitch = yaw = 0.0
+        for index, ((x, y, torque), output) in enumerate(zip(self._arms, motors, strict=False)):
+            speeds[index] += (min(max(output, 0.0), 1.0) - speeds[index]) * share
+            thrust = thrust_max * speeds[index] ** 2
+            up += thrust
+            roll += y * thrust
+            pitch -= x * thrust
+            yaw += torque * thrust
+        drag = _drag(airframe.body, air_m_s)
+        turn, (p, q, r) = airframe.body.turn_drag_n_m_s, body.rates_rad_s
+        return (
+            (drag[0], drag[1], drag[2] + up),
+            (roll - turn[0] * p, pitch - turn[1] * q, yaw - turn[2] * r),
+        )
+
+    def power_w(self) -> float:
+        """Electric power in W: thrust^1.5 of each rotor, as momentum theory gives it."""
+        motor = self._airframe.motor
+        mean = sum(speed**3 for speed in self._speeds) / len(self._speeds)
+        return motor.idle_w + motor.hover_w * mean / math.pow(self._hover, 1.5)
+
+
+def _drag(config: BodyConfig, air_m_s: Vector) -> Vector:
+    """Force of the air on a body that moves through it, in body axes."""
+    x, y, z = (
+        -(linear + quadratic * abs(speed)) * speed
+        for linear, quadratic, speed in zip(config.drag_n_s_m, config.drag_n_s2_m2, air_m_s, strict=True)
+    )
+    return x, y, z
