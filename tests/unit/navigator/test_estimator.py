@@ -131,6 +131,22 @@ def test_an_old_fix_changes_nothing() -> None:
     assert estimator.pose() == before
 
 
+def test_the_force_of_a_tilted_body_is_levelled_by_its_attitude() -> None:
+    # a multirotor accelerates by its tilt: the accelerometer itself feels nothing forward
+    pitch = 0.2
+    lift = GRAVITY_M_S2 / math.cos(pitch)
+    for attitude, speed in (((0.0, pitch), GRAVITY_M_S2 * math.tan(pitch)), ((None, None), 0.0)):
+        estimator = fed(1000)
+        for ms in range(1000, 2000, 10):
+            estimator.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, lift, 0.0, *attitude), ms * MS)
+            estimator.predict(ms * MS)
+        estimator.on_gnss(GnssFix(0.0, 0.0, 0.0, 50.0, 4), 1990 * MS)
+        estimator.predict(1990 * MS)
+        pose = estimator.pose()
+        assert pose is not None
+        assert pose.vx_m_s == pytest.approx(speed, abs=0.15)
+
+
 def test_the_sonar_corrects_the_height() -> None:
     estimator = fed(1000)
     for ms in range(1000, 3000, 50):
