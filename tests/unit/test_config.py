@@ -22,6 +22,7 @@ from swarmware.model import config
         ('services = ["a", "a"]', "services: a name is listed twice"),
         (f'run_dir = "/{"a" * 88}"', "run_dir: 89 bytes; expected at most 88"),
         ('kind = "boat"', r"key kind: invalid enum value 'boat'"),
+        ('kind = "ugv"\nairframe = "quad_1k5"', r"key airframe: 'quad_1k5' of a ugv; expected kind uav"),
         ('platform = "UAV"', r"node.toml: .*platform name 'UAV'"),
         ("\nx =", r"node.toml: line 2: invalid TOML"),
         ("clock = 3", r"line 1: key clock: expected `object`, got `int` \(it is 3\)"),

@@ -83,6 +83,10 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             raise InvalidInput(
                 f"key kind: invalid enum value {self.kind.value!r}; expected one of {', '.join(PlatformKind)}"
             )
+        if self.airframe and self.kind != PlatformKind.UAV:
+            raise InvalidInput(
+                f"key airframe: {self.airframe!r} of a {self.kind}; expected kind uav, or none"
+            )
         size = len(os.fsencode(self.run_dir))
         if size > RUN_DIR_LIMIT:
             raise InvalidInput(f"key run_dir: {size} bytes; expected at most {RUN_DIR_LIMIT}")

@@ -8,7 +8,7 @@ import pytest
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.sim.config import Config as SimConfig
-from swarmware.errors import Denied
+from swarmware.errors import Denied, SwarmError
 from swarmware.geometry.attitude import to_euler
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -37,6 +37,16 @@ async def until(
     async with asyncio.timeout(timeout_s):
         while board.value is None or not right(board.value):
             await board.changed()
+
+
+def test_an_unknown_airframe_is_refused_by_the_simulation_with_the_known_ones(tmp_path: Path) -> None:
+    async def start() -> None:
+        config_dir = make_node(tmp_path, "uav1", services={"sim": SimConfig()}, airframe="quad")
+        with pytest.raises(SwarmError, match=r"no airframe 'quad'; expected one of .*quad_1k5"):
+            async with spawn(config_dir, "sim"):
+                pass
+
+    asyncio.run(start())
 
 
 def test_a_quadrotor_takes_off_holds_and_lands_and_falls_when_it_is_killed(tmp_path: Path) -> None:
