@@ -91,12 +91,12 @@ class FlightController(Chassis):
     def _read(self, now_ns: int) -> None:
         flight, gnss, height, imu = self._flight, self._gnss, self._height, self._imu
         if gnss is not None and (fix := gnss.value) is not None:
-            flight.on_gnss(fix, gnss.stamp_ns or now_ns, now_ns)
+            flight.on_gnss(fix, gnss.local_stamp_ns or now_ns, now_ns)
         if height is not None and (found := height.value) is not None and found is not self._taken_height:
             self._taken_height = found
             flight.on_height(found.value)
         if imu is not None and (sample := imu.value) is not None:
-            flight.on_imu(sample, imu.stamp_ns or now_ns)
+            flight.on_imu(sample, imu.local_stamp_ns or now_ns)
 
     def _publish_imu(self, now_ns: int) -> None:
         # half a period of control early: the instants of both rates are not the same

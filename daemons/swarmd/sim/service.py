@@ -136,7 +136,7 @@ class Sim(Service):
         command = self._commands.value
         if command is not None and command is not self._taken:
             self._taken = command
-            feed(core.on_command(command, self._commands.stamp_ns or now_ns, now_ns))
+            feed(core.on_command(command, self._commands.local_stamp_ns or now_ns, now_ns))
         if neighbours:
             if now_ns >= self._look_ns:
                 self._look_ns = now_ns + round(_LOOK_S * 1e9)

@@ -48,7 +48,7 @@ class SimPort(Generic[T]):
         if reports is None or module is None:
             return
         async for report in reports:
-            take(report, reports.stamp_ns or module.now_ns())
+            take(report, reports.local_stamp_ns or module.now_ns())
 
     def command(self, value: T, stamp_ns: int) -> None:
         """Writes a command for the simulation."""
