@@ -1,6 +1,5 @@
 """Routes frames between platforms: from local applications to neighbours, and from neighbours onward."""
 
-import asyncio
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,10 +14,10 @@ from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.frame_delivery import FrameDelivery
-from swarmd.broker.links.frame_datagrams import FrameDatagrams
+from swarmd.broker.links.frame_links import FrameLinks
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.unit_delay import UnitDelay
-from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
+from swarmd.broker.links.zmq_links import LinkPeer
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access
 from swarmware.model.clock import Clock
@@ -85,35 +84,22 @@ class FrameGateway:
         changes."""
         self._visits: dict[int, int] = {}
         """Nodes that are not neighbours and got the roster, and when their connection is closed."""
-        self.links = ZmqLinks(
+        self.links = FrameLinks(
             config,
             keys,
-            asyncio.get_running_loop(),
-            now_ns=clock.now_ns,
-            refused=core.counters.refused,
+            PairEnd(core.identity.hw, core.session, keys.curve_public),
+            clock,
+            core.counters,
+            excludes=self._excludes,
+            find_peer=self._peer,
             on_frame=self._from_connection,
             on_roster=self._roster_from_connection,
+            on_datagram=self._from_datagram,
             on_unknown_key=self._on_unknown_key,
             on_given_up=self._gave_up,
             on_sent=self._sent,
+            on_begun=self._sent_datagram,
         )
-        try:
-            self.datagrams = FrameDatagrams(
-                config,
-                keys,
-                PairEnd(core.identity.hw, core.session, keys.curve_public),
-                clock,
-                core.counters,
-                self.links.port,
-                excludes=self._excludes,
-                find_peer=self._peer,
-                on_frame=self._from_datagram,
-                on_sent=self._sent_datagram,
-                on_unsent=self._send,
-            )
-        except ConfigError:
-            self.links.close()
-            raise
 
     def from_here(self, frame: Frame, data: bytes | None = None) -> None:
         """Takes a frame of a local application for another platform; called by the message router.
@@ -129,14 +115,14 @@ class FrameGateway:
     @contextmanager
     def batch(self) -> Iterator[None]:
         """Context manager: queues frames for other platforms and sends them together when it ends."""
-        with self.links.batch(), self.datagrams.batch():
+        with self.links.batch():
             yield
 
     def prepare(self, hw: int) -> None:
         """Makes the keys for datagrams to a neighbour that has introduced itself."""
         peer = self._peer(hw)
         if peer is not None:
-            self.datagrams.prepare(peer)
+            self.links.prepare(peer)
 
     def prove(self, hw: int, session: int) -> None:
         """Sends a neighbour the own session over a connection that only the own key opens."""
@@ -231,11 +217,10 @@ class FrameGateway:
     def on_roster(self, change: RosterChange) -> None:
         """The keys have another roster: roles, members, and connections of those who left."""
         self._delivery.set_roles(change.roster.roles())
-        self.datagrams.on_roster()
         gone = {member.platform for member in change.gone}
         for hw in [hw for hw, (_, peer) in self._peers.items() if peer.platform in gone]:
             self.neighbour_gone(hw)
-        self.links.drop_revoked()
+        self.links.on_roster()
 
     def end_visits(self) -> None:
         """Closes the connections to nodes that got the roster and did not become neighbours."""
@@ -351,8 +336,8 @@ class FrameGateway:
         """Sends the first transmission of an urgent frame as a datagram; retransmissions take the
         connection."""
         if first:
-            return self.datagrams.send(peer, frame)
-        self.datagrams.on_repeated(peer.hw)
+            return self.links.send_once(peer, frame)
+        self.links.on_repeated(peer.hw)
         return False
 
     def _sent_datagram(self, peer: LinkPeer, frame: Frame) -> None:
@@ -363,9 +348,7 @@ class FrameGateway:
     def _send(self, peer: LinkPeer, frame: Frame, data: bytes | None = None) -> None:
         if data is None or data[HOPS_AT] != frame.hops_left:
             data = encode(frame)
-        gone = self.links.send(peer, data, frame)
-        if gone:
-            self._gave_up(peer, gone)
+        self.links.send(peer, data, frame)
 
     def _sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
         """Counts a frame that a connection took; queued and rerouted frames are not counted."""
@@ -400,11 +383,7 @@ class FrameGateway:
 
     def update_counters(self) -> None:
         """Brings the traffic counters of the connections up to date."""
-        count, counters = self.links.count, self._counters
-        count.sample_all()
-        counters.tcp_sent_bytes = count.sent_bytes
-        counters.tcp_received_bytes = count.received_bytes
-        counters.refused.denied_connections = self.links.denied
+        self.links.update_counters()
 
     def _gave_up(self, peer: LinkPeer, waiting: list[QueuedFrame]) -> None:
         for item in waiting:
@@ -420,5 +399,4 @@ class FrameGateway:
     def close(self) -> None:
         """Close all connections to neighbours."""
         self._delivery.close()
-        self.datagrams.close()
         self.links.close()

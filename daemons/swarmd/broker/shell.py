@@ -108,7 +108,8 @@ class BrokerShell:
         self._boards = NetBoards(module)
         self._membership = Membership(service, keys, self._transport, self._gateway)
         self._plan = module.reader("tree/plan", TreePlan)
-        core.set_ports(self._gateway.links.port, self._gateway.datagrams.port)
+        links = self._gateway.links
+        core.set_ports(links.tcp_port, links.frame_port)
 
     async def run(self) -> None:
         """Serves the requests and drives the core until it is cancelled."""
@@ -123,8 +124,8 @@ class BrokerShell:
         self._health.report("processor", description="Beacons are sent when they are due")
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
-        log.info("listening: udp %d, tcp %d", self._transport.port, self._gateway.links.port)
         gateway = self._gateway
+        log.info("listening: udp %d, tcp %d", self._transport.port, gateway.links.tcp_port)
         messaging.set_gateway(gateway.from_here, gateway.batch, relay=gateway.from_here)
         try:
             await self._driver.run()
@@ -204,6 +205,7 @@ class BrokerShell:
             present = self._traffic()
             self._boards.traffic.write(present)
             self._log_refusals(present.refused)
+        self._gateway.links.on_qualities(self._core.report.link_qualities())
         self._boards.neighbours.write(self._neighbours())
         self._boards.routes.write(self._core.report.routes())
 

@@ -35,13 +35,15 @@ class LinkTransport(OpenEnum):
 
 
 class ConnectionStatus(OpenEnum):
-    """State of the TCP connections to a neighbour."""
+    """How frames travel to a neighbour: state of the TCP connections, or datagrams."""
 
     IDLE = "idle"
     """No connection: there was no frame to send."""
     CONNECTED = "tcp"
     CONNECTING = "tcp connecting"
     DENIED = "tcp denied"
+    DATAGRAMS = "udp"
+    """In datagrams that are acknowledged, because the link loses packets."""
 
 
 @register
@@ -74,7 +76,7 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mission: int
     boot_id: int
     transport: ConnectionStatus
-    """State of its connections: of the two, for commands and for data, the worse one."""
+    """How frames travel to it; with two connections, for commands and for data, the state of the worse one."""
     multicast: bool
     """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
 

@@ -10,7 +10,7 @@ from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop,
 
 from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.forwarding.frame_datagram import encode_header
+from swarmd.broker.core.forwarding.frame_datagram import FRAME, encode_header
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, NotFound
@@ -119,8 +119,8 @@ async def test_forged_replayed_and_garbage_datagrams_are_refused_and_counted(
         recorded = wire.to("uav1")[0]
         before, before2 = await refused(uav1), await refused(uav2)
         changed = recorded[:-1] + bytes((recorded[-1] ^ 1,))
-        newer = encode_header(int.from_bytes(recorded[2:6], "little"), 0xFFFF_FFF0) + recorded[10:]
-        stranger = encode_header(1, 1) + NOISE.randbytes(60)
+        newer = encode_header(FRAME, int.from_bytes(recorded[2:6], "little"), 0xFFFF_FFF0) + recorded[10:]
+        stranger = encode_header(FRAME, 1, 1) + NOISE.randbytes(60)
         garbage = [b"", b"x", NOISE.randbytes(1200), recorded[:10]]
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as attacker:
             for datagram in (recorded, changed, newer, stranger, *garbage):

@@ -8,9 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.forwarding.frame_datagram import (
+    FRAME,
     FRAME_MAX,
     HEADER_BYTES,
     MISSES,
+    PACKET,
     RETRY_NS,
     DatagramPaths,
     decode_header,
@@ -69,7 +71,9 @@ def test_a_datagram_is_never_longer_than_a_beacon() -> None:
 
 
 def test_the_header_comes_back() -> None:
-    assert decode_header(encode_header(0xB77A24A2, 1000) + b"sealed") == (0xB77A24A2, 1000)
+    for content in (FRAME, PACKET):
+        header = encode_header(content, 0xB77A24A2, 1000)
+        assert decode_header(header + b"sealed") == (content, 0xB77A24A2, 1000)
 
 
 @given(st.binary(max_size=40))
@@ -79,8 +83,8 @@ def test_any_bytes_are_a_header_or_a_wire_error(data: bytes) -> None:
 
 
 def test_a_header_of_another_version_or_without_a_frame_is_refused() -> None:
-    clear = encode_header(1, 1)
-    for data in (b"", clear, bytes((clear[0], clear[1] + 1)) + clear[2:] + b"x", b"\x54" + clear[1:] + b"x"):
+    clear = encode_header(FRAME, 1, 1)
+    for data in (b"", clear, bytes((clear[0], 9)) + clear[2:] + b"x", b"\x54" + clear[1:] + b"x"):
         with pytest.raises(WireError, match="datagram"):
             decode_header(data)
 
@@ -97,7 +101,7 @@ class Pair:
 
 
 KEYS = (Keys.open("uav1"), Keys.open("uav2"))
-CLEAR = encode_header(1, 5)
+CLEAR = encode_header(FRAME, 1, 5)
 
 
 def test_what_one_seals_the_other_opens_once() -> None:
@@ -122,7 +126,9 @@ def test_a_changed_datagram_is_forged_and_the_genuine_one_is_still_taken(at: int
     genuine = bytes(box)
     box[at] ^= 1
     assert pair.there.open(5, CLEAR, bytes(box)) is Refusal.FORGED
-    assert pair.there.open(5, encode_header(1, 6), genuine) is Refusal.FORGED, "the header is sealed, too"
+    assert pair.there.open(5, encode_header(FRAME, 1, 6), genuine) is Refusal.FORGED, (
+        "the header is sealed, too"
+    )
     assert pair.there.open(5, CLEAR, genuine) == Opened(b"land", 10)
 
 

@@ -32,9 +32,15 @@ from swarmd.broker.core.beacon_protocol import HELLO_CHANGING_NS, HELLO_NS, SLOW
 from swarmd.broker.core.boards.published_boards import REPEATS
 from swarmd.broker.core.boards.relay_cache import COPIES, OLDEST_NS, PERIOD_NS, REPEAT_NS
 from swarmd.broker.core.forwarding.forwarder import LOOP_NS
+from swarmd.broker.core.forwarding.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
 from swarmd.broker.core.forwarding.frame_datagram import MAGIC as DATAGRAM_MAGIC
-from swarmd.broker.core.forwarding.frame_datagram import MISSES, RETRY_NS
-from swarmd.broker.core.forwarding.frame_datagram import VERSION as DATAGRAM_VERSION
+from swarmd.broker.core.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
+from swarmd.broker.core.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
+from swarmd.broker.core.reliable.rate_control import BASE_NS, LOSS_EXCESS, TARGET_NS
+from swarmd.broker.core.reliable.reassembly import SPAN_MAX
+from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
+from swarmd.broker.core.reliable.reliable_link import BLOCKED
+from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS, CLEAN, CLEAN_NS, LOSSY
 from swarmd.broker.core.topology.neighbour import (
     CLOCK_HIGH_MAX,
     COST_MAX,
@@ -226,12 +232,25 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"ZAP domain is `{DOMAIN}`",
         f"A frame that returns within {LOOP_NS // MS} ms",
         f"as one datagram of at most {datagram}",
-        f"clear header: 0x{DATAGRAM_MAGIC:X} ‖ version {DATAGRAM_VERSION}",
+        f"clear header: 0x{DATAGRAM_MAGIC:X} ‖ content {FRAME}",
+        f"with content {PACKET},",
+        f"smoothed loss of {LOSSY:.0%}".replace("%", " %"),
+        f"below {CLEAN:.0%}".replace("%", " %") + f" for {CLEAN_NS // SECOND} s",
+        f"acknowledge {BLOCKED} probes in a row",
+        f"A packet has at most {PACKET_MAX // 1000} {PACKET_MAX % 1000} bytes",
+        f"up to {SPAN_MAX // 1000} {SPAN_MAX % 1000:03}",
+        f"at most {RANGES_MAX} ranges",
+        f"in {DELAY_UNIT_NS // 1000} µs",
+        f"within {ACK_DELAY_NS // MS} ms",
+        f"when one {['three'][PACKET_THRESHOLD - 3]} numbers higher",
+        f"and {SLACK_NS // MS} ms, afterwards {['twice'][BACKOFF_MAX - 1]} that",
+        f"within {TARGET_NS // MS} ms of its minimum over the last {BASE_NS // SECOND} to {2 * BASE_NS // SECOND} s",
+        f"by {LOSS_EXCESS * 100:.0f} percentage points",
         f"the frames of {['one', 'two'][MISSES - 1]} datagrams in a row",
         f"payload + {IP_UDP_BYTES} (IPv4 20, UDP 8)",
     ):
         assert words in TEXT, words
-    assert RETRY_NS == 60 * SECOND, "the connection for a minute"
+    assert RETRY_NS == BLOCKED_NS == 60 * SECOND, "the connection for a minute"
     assert set(re.findall(r'person = "([^"]+)"', PAGE)) >= NONCE_PERSONS
 
 

@@ -5,6 +5,7 @@ from typing import Final
 
 from swarmd.broker.core.beacon.beacon import INFINITY, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
+from swarmd.broker.core.reliable.reliable_links import LinkQuality
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
 from swarmd.broker.core.topology.topology import Topology
@@ -24,6 +25,9 @@ from swarmware.types.net import (
 
 _FULL: Final = 255
 """Quality of a link without loss."""
+MEASURED: Final = 12
+"""Datagrams of a neighbour after which the loss of both directions is known: before, a missing measurement
+looks like a loss."""
 
 LINK_STATUS: Final = {
     LinkState.DOWN: LinkStatus.DOWN,
@@ -91,6 +95,14 @@ class NetReport:
             transport=connection,
             multicast=neighbour.hw not in self._by_unicast,
         )
+
+    def link_qualities(self) -> list[tuple[int, LinkQuality]]:
+        """Quality of the links that are up and measured, by hardware id of the neighbour."""
+        return [
+            (one.hw, LinkQuality(1 - min(one.quality, one.reported) / _FULL, one.rtt_ns))
+            for one in self._neighbours.all()
+            if one.state is LinkState.UP and one.expected >= MEASURED
+        ]
 
     def routes(self) -> Routes:
         """Table of all reachable nodes."""

@@ -1,4 +1,4 @@
-"""Urgent frames as sealed UDP datagrams to neighbours: the first transmission, without a thread of libzmq."""
+"""Sealed UDP datagrams to neighbours: urgent frames, without a thread of libzmq, and packets."""
 
 import asyncio
 import contextlib
@@ -30,8 +30,8 @@ SEALS_MAX: Final = 4096
 Address = tuple[str, int]
 
 
-OnFrame = Callable[[bytes, LinkPeer], None]
-"""Called with an encoded frame and the neighbour that sealed it."""
+OnContent = Callable[[bytes, LinkPeer], None]
+"""Called with the content of a datagram, a frame or a packet, and the neighbour that sealed it."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -50,7 +50,8 @@ class FrameDatagrams:
         *,
         excludes: Callable[[int], bool],
         find_peer: Callable[[int], LinkPeer | None],
-        on_frame: OnFrame,
+        on_frame: OnContent,
+        on_packet: OnContent,
         on_sent: Callable[[LinkPeer, Frame], None],
         on_unsent: Callable[[LinkPeer, Frame], None],
     ) -> None:
@@ -65,6 +66,7 @@ class FrameDatagrams:
         self._excludes = excludes
         self._find_peer = find_peer
         self._on_frame = on_frame
+        self._on_packet = on_packet
         self._on_sent = on_sent
         self._on_unsent = on_unsent
         self._seals: dict[int, PairSeal] = {}
@@ -100,9 +102,7 @@ class FrameDatagrams:
         seal = None if data is None else self._seal_of(peer)
         if data is None or seal is None:
             return False
-        self._sequence += 1
-        clear = frame_datagram.encode_header(self._own.hw, self._sequence)
-        datagram = clear + seal.seal(self._sequence, clear, data)
+        datagram = self._sealed(seal, frame_datagram.FRAME, data)
         if self._held is not None:
             self._held.append((peer, frame, datagram))
             return True
@@ -110,6 +110,17 @@ class FrameDatagrams:
             return False
         self._count(peer, frame)
         return True
+
+    def send_packet(self, peer: LinkPeer, data: bytes) -> None:
+        """Sends a packet of the reliable link; one that cannot be sent is lost."""
+        seal = self._seal_of(peer) if self._sequence < frame_datagram.SEQUENCE_MAX else None
+        if seal is not None and peer.frame_port:
+            self._put(peer, self._sealed(seal, frame_datagram.PACKET, data))
+
+    def _sealed(self, seal: PairSeal, content: int, data: bytes) -> bytes:
+        self._sequence += 1
+        clear = frame_datagram.encode_header(content, self._own.hw, self._sequence)
+        return clear + seal.seal(self._sequence, clear, data)
 
     @contextmanager
     def batch(self) -> Iterator[None]:
@@ -185,7 +196,7 @@ class FrameDatagrams:
     def _take(self, data: bytes, address: Address) -> None:
         counters, limiter = self._counters, self._limiter
         try:
-            sender_hw, sequence = frame_datagram.decode_header(data)
+            content, sender_hw, sequence = frame_datagram.decode_header(data)
         except WireError as error:
             limiter.bad(address)
             counters.datagram_received(len(data), UNACCEPTED)
@@ -217,7 +228,8 @@ class FrameDatagrams:
                 counters.refused.forged += 1
             return
         limiter.good(address)
-        self._on_frame(opened.body, peer)
+        take = self._on_frame if content == frame_datagram.FRAME else self._on_packet
+        take(opened.body, peer)
 
     def close(self) -> None:
         """Closes the socket for frames."""

@@ -341,6 +341,11 @@ class ZmqLinks:
         connections = self._peers.pop(hw, None)
         return connections.close() if connections is not None else []
 
+    def take_queue(self, hw: int) -> list[QueuedFrame]:
+        """Removes and returns the frames that wait for the connections to a neighbour, which stay open."""
+        connections = self._peers.get(hw)
+        return [] if connections is None else connections.queue.clear()
+
     def state(self, hw: int) -> ConnectionStatus:
         """State of the connections to a neighbour."""
         connections = self._peers.get(hw)

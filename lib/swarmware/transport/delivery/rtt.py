@@ -21,20 +21,37 @@ class RttEstimator:
     Source: RFC 6298, section 2.
     """
 
-    __slots__ = ("_smoothed_ns", "_variation_ns")
+    __slots__ = ("_latest_ns", "_smoothed_ns", "_variation_ns")
 
     def __init__(self) -> None:
+        self._latest_ns = 0
         self._smoothed_ns = 0.0
         self._variation_ns = 0.0
 
     def add(self, sample_ns: int) -> None:
         """One measured round trip."""
+        self._latest_ns = sample_ns
         if self._smoothed_ns == 0.0:
             self._smoothed_ns = float(sample_ns)
             self._variation_ns = sample_ns / 2
             return
         self._variation_ns += 0.25 * (abs(self._smoothed_ns - sample_ns) - self._variation_ns)
         self._smoothed_ns += 0.125 * (sample_ns - self._smoothed_ns)
+
+    @property
+    def smoothed_ns(self) -> int:
+        """Smoothed round trip; 0: none was measured."""
+        return round(self._smoothed_ns)
+
+    @property
+    def variation_ns(self) -> int:
+        """Mean deviation of the round trip."""
+        return round(self._variation_ns)
+
+    @property
+    def worst_ns(self) -> int:
+        """The larger of the smoothed and the newest round trip."""
+        return max(round(self._smoothed_ns), self._latest_ns)
 
     def timeout_ns(self, limits: RetransmitLimits) -> int:
         """Time until the first retransmission."""

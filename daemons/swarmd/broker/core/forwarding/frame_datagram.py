@@ -11,7 +11,10 @@ from swarmware.model.frame import Codec, Flag, Frame, encode, encoded_bytes
 from swarmware.transport.delivery.signature import is_signed
 
 MAGIC: Final = 0x55
-VERSION: Final = 1
+FRAME: Final = 1
+"""The datagram is a frame."""
+PACKET: Final = 2
+"""The datagram is a packet of the reliable link."""
 _HEADER: Final = struct.Struct("<BBII")
 HEADER_BYTES: Final = _HEADER.size
 FRAME_MAX: Final = 1212
@@ -60,22 +63,22 @@ def _compress(payload: bytes | memoryview) -> bytes:
     return compressor.compress(payload) + compressor.flush()
 
 
-def encode_header(sender_hw: int, sequence: int) -> bytes:
-    """Encodes the clear header."""
-    return _HEADER.pack(MAGIC, VERSION, sender_hw, sequence)
+def encode_header(content: int, sender_hw: int, sequence: int) -> bytes:
+    """Encodes the clear header; `content`: FRAME or PACKET."""
+    return _HEADER.pack(MAGIC, content, sender_hw, sequence)
 
 
-def decode_header(data: bytes) -> tuple[int, int]:
-    """Sender and sequence number in the clear header.
+def decode_header(data: bytes) -> tuple[int, int, int]:
+    """Content, sender and sequence number in the clear header.
 
-    Raises: WireError for anything but a frame datagram of a supported version.
+    Raises: WireError for anything but a datagram with a frame or a packet.
     """
     if len(data) <= HEADER_BYTES:
         raise WireError(f"datagram of {len(data)} bytes: expected a frame of more than {HEADER_BYTES}")
-    magic, version, sender_hw, sequence = _HEADER.unpack_from(data)
-    if magic != MAGIC or version != VERSION:
-        raise WireError(f"datagram starts with {data[:2].hex()}: expected a frame of version {VERSION}")
-    return sender_hw, sequence
+    magic, content, sender_hw, sequence = _HEADER.unpack_from(data)
+    if magic != MAGIC or content not in (FRAME, PACKET):
+        raise WireError(f"datagram starts with {data[:2].hex()}: expected a frame or a packet")
+    return content, sender_hw, sequence
 
 
 class _Path(msgspec.Struct):

@@ -98,12 +98,32 @@ class SendQueue:
             gone.append(self._take(last))
         return gone
 
+    def has_class(self, rank: Priority) -> bool:
+        """Whether frames of a priority class are queued."""
+        return bool(self._classes[rank])
+
     def peek(
         self, connection_class: ConnectionClass, now_ns: int
     ) -> tuple[QueuedFrame | None, list[QueuedFrame]]:
         """The next frame of a connection, and the expired frames before it, which are removed."""
+        return self._first(self._by_connection[connection_class], now_ns)
+
+    def peek_class(self, rank: Priority, now_ns: int) -> tuple[QueuedFrame | None, list[QueuedFrame]]:
+        """The next frame of a priority class, and the expired frames before it, which are removed."""
+        return self._first((self._classes[rank],), now_ns)
+
+    def pop_class(self, rank: Priority) -> QueuedFrame:
+        """Removes and returns the frame that `peek_class` returned.
+
+        Raises: IndexError when there is none.
+        """
+        return self._take(self._classes[rank])
+
+    def _first(
+        self, queues: tuple[deque[QueuedFrame], ...], now_ns: int
+    ) -> tuple[QueuedFrame | None, list[QueuedFrame]]:
         old: list[QueuedFrame] = []
-        for queue in self._by_connection[connection_class]:
+        for queue in queues:
             while queue:
                 if now_ns - queue[0].since_ns <= AGE_MAX_NS:
                     return queue[0], old

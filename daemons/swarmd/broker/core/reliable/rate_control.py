@@ -1,0 +1,166 @@
+"""How much may be in flight to a neighbour: a window that follows the queueing delay, not the loss.
+
+A radio loses packets that no queue dropped, so loss alone is no sign of congestion (RFC 9002 would stop at a
+few packets). The sign is the growth of the round trip above its minimum, as in LEDBAT (RFC 6817); loss
+counts only as far as it exceeds what the link loses anyway.
+"""
+
+from collections import deque
+from typing import Final
+
+TARGET_NS: Final = 25_000_000
+"""Queueing delay that the window fills: a command that waits behind it is still fast."""
+PACKET_BYTES: Final = 1240
+WINDOW_FIRST: Final = 10 * PACKET_BYTES
+"""RFC 9002, section 7.2."""
+WINDOW_MIN: Final = 2 * PACKET_BYTES
+WINDOW_MAX: Final = 2 * 1024 * 1024
+BASE_NS: Final = 5_000_000_000
+"""The minimum of the round trip is that of the present and of the former interval of this length."""
+SAMPLES_MIN: Final = 4
+"""Round trips in a round: fewer say little where delays scatter."""
+NEWEST: Final = 8
+"""Round trips that show the present queue (RFC 9406, section 4.2)."""
+GROWTH: Final = 0.12
+"""Growth of the window in a round with an empty queue."""
+LOSS_PACKETS: Final = 60
+"""Packets after which the loss is judged."""
+LOSS_EXCESS: Final = 0.2
+"""Loss above the usual one of the link that counts as a full queue."""
+PACING_GAIN: Final = 1.25
+"""RFC 9002, section 7.7: the window is sent a little faster than in a round trip."""
+BURST: Final = 4 * PACKET_BYTES
+
+
+class RateControl:
+    """The congestion window of a link, and its pace."""
+
+    def __init__(self, now_ns: int, usual_loss: float = 0.0) -> None:
+        self.window = float(WINDOW_FIRST)
+        self.in_flight = 0
+        self._usual_loss = usual_loss
+        self._starting = True
+        """The window doubles in each round until a queue is seen."""
+        self._base_ns: int | None = None
+        self._former_base_ns: int | None = None
+        self._base_since_ns = now_ns
+        self._round_ns = now_ns
+        self._newest_ns: deque[int] = deque(maxlen=NEWEST)
+        self._samples = 0
+        self._passed = 0
+        """Bytes that left the link in this round, acknowledged or lost."""
+        self._is_used = False
+        """The window was the limit in this round."""
+        self._acknowledged_packets = 0
+        self._lost_packets = 0
+        self._allowance = float(BURST)
+        """Bytes that the pace allows now."""
+        self._paced_ns = now_ns
+
+    @property
+    def queueing_ns(self) -> int:
+        """The last round trips above their minimum of the last seconds; the least of them, because delays
+        scatter."""
+        base_ns = self.base_ns
+        return 0 if base_ns is None or not self._newest_ns else max(0, min(self._newest_ns) - base_ns)
+
+    @property
+    def base_ns(self) -> int | None:
+        """Minimum of the round trip over the last seconds."""
+        known = [one for one in (self._base_ns, self._former_base_ns) if one is not None]
+        return min(known) if known else None
+
+    def has_room(self, reserve: bool) -> bool:
+        """Whether another packet may be in flight; `reserve`: it carries commands, which go before others."""
+        if reserve:
+            return self.in_flight < 1.5 * self.window + BURST
+        if self.in_flight >= self.window:
+            self._is_used = True
+            return False
+        return True
+
+    def wait_ns(self, smoothed_ns: int, now_ns: int) -> int:
+        """Time until the pace allows the next packet; 0: now."""
+        pace = PACING_GAIN * self.window / max(smoothed_ns, 1_000_000)
+        self._allowance = min(self._allowance + pace * (now_ns - self._paced_ns), BURST)
+        self._paced_ns = now_ns
+        if self._allowance > 0:
+            return 0
+        return int(-self._allowance / pace) + 1
+
+    def on_sent(self, size: int) -> None:
+        """A packet is in flight."""
+        self.in_flight += size
+        self._allowance -= size
+
+    def on_round_trip(self, sample_ns: int, now_ns: int) -> None:
+        """A round trip was measured."""
+        if now_ns - self._base_since_ns >= BASE_NS:
+            self._former_base_ns, self._base_ns = self._base_ns, None
+            self._base_since_ns = now_ns
+        self._base_ns = sample_ns if self._base_ns is None else min(self._base_ns, sample_ns)
+        self._samples += 1
+        self._newest_ns.append(sample_ns)
+
+    def on_acknowledged(self, size: int) -> None:
+        """A packet has arrived."""
+        self.in_flight -= size
+        self._passed += size
+        self._acknowledged_packets += 1
+
+    def on_lost(self, size: int) -> None:
+        """A packet counts as lost."""
+        self.in_flight -= size
+        self._passed += size
+        self._lost_packets += 1
+
+    def on_spurious(self) -> None:
+        """A packet that counted as lost has arrived."""
+        self._lost_packets = max(0, self._lost_packets - 1)
+
+    def on_link_loss(self, ratio: float) -> None:
+        """Loss of the link as its beacons measure it."""
+        self._usual_loss = max(self._usual_loss, ratio)
+
+    def on_silence(self) -> None:
+        """Nothing is acknowledged for several time-outs."""
+        self.window = max(self.window / 2, WINDOW_MIN)
+        self._starting = False
+
+    def on_round(self, smoothed_ns: int, now_ns: int) -> None:
+        """Adapts the window when a round trip has passed and enough of it was measured."""
+        if now_ns - self._round_ns < smoothed_ns or self._samples < SAMPLES_MIN:
+            return
+        queueing_ns, elapsed_ns = self.queueing_ns, now_ns - self._round_ns
+        base_ns = self.base_ns or smoothed_ns
+        if queueing_ns > TARGET_NS:
+            self._starting = False
+            if self.window <= WINDOW_MIN:
+                # two packets in flight fill no queue: the link itself has become slower
+                self._base_ns, self._former_base_ns = min(self._newest_ns), None
+            fitting = self._passed / elapsed_ns * (base_ns + TARGET_NS / 2)
+            self.window = max(self.window / 2, min(self.window * 0.95, fitting), WINDOW_MIN)
+        elif self._exceeds_usual_loss():
+            self._starting = False
+            self.window = max(self.window * 0.8, WINDOW_MIN)
+        elif self._is_used:
+            share = 1 - queueing_ns / TARGET_NS
+            if self._starting and share < 0.7:
+                self._starting = False
+            growth = self.window if self._starting else max(GROWTH * self.window, PACKET_BYTES) * share
+            self.window = min(self.window + growth, WINDOW_MAX)
+        self._round_ns = now_ns
+        self._samples = self._passed = 0
+        self._is_used = False
+
+    def _exceeds_usual_loss(self) -> bool:
+        packets = self._acknowledged_packets + self._lost_packets
+        if packets < LOSS_PACKETS:
+            return False
+        loss = self._lost_packets / packets
+        self._acknowledged_packets = self._lost_packets = 0
+        exceeds = loss > self._usual_loss + LOSS_EXCESS
+        # down at once, up slowly: what stays is the link's own loss
+        weight = 0.5 if loss < self._usual_loss else 0.1
+        self._usual_loss += weight * (loss - self._usual_loss)
+        return exceeds

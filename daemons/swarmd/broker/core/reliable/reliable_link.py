@@ -1,0 +1,248 @@
+"""One reliable link: frames in both directions between this node and a session of a neighbour."""
+
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.forwarding.send_queue import Priority, QueuedFrame
+from swarmd.broker.core.reliable.loss_recovery import LossRecovery, SentPacket
+from swarmd.broker.core.reliable.outgoing import COMMANDS, ROOM, OutgoingMessages
+from swarmd.broker.core.reliable.packet import (
+    NUMBER_MAX,
+    Acknowledgement,
+    Packet,
+    Piece,
+    acknowledgement_bytes,
+    decode,
+    encode,
+    piece_bytes,
+)
+from swarmd.broker.core.reliable.rate_control import RateControl
+from swarmd.broker.core.reliable.reassembly import Reassembly
+from swarmd.broker.core.reliable.received_packets import ReceivedPackets
+from swarmware.errors import WireError
+
+OVERHEAD: Final = 28 + 10 + 16
+"""Bytes of a datagram besides the packet: IP and UDP, clear header, tag."""
+ALL: Final = tuple(Priority)
+PROBES: Final = 2
+"""Copies of the oldest packet, from the second probe on (RFC 9002, section 6.2.4)."""
+SILENCE: Final = 6
+"""Probes in a row without an acknowledgement after which less is sent; at 40 % loss less than one loss in a
+hundred is followed by so many."""
+BLOCKED: Final = 12
+"""Probes in a row without an acknowledgement after which the neighbour does not get the datagrams: they are
+blocked on the way, or it does not know them."""
+
+
+class SendPacket(msgspec.Struct, frozen=True, gc=False):
+    """Action: seal this packet and send it to the neighbour, if this is its present session."""
+
+    hw: int
+    session: int
+    data: bytes
+
+
+class DeliverFrame(msgspec.Struct, frozen=True, gc=False):
+    """Action: take an encoded frame of the neighbour."""
+
+    hw: int
+    data: bytes
+
+
+class FrameBegun(msgspec.Struct, frozen=True, gc=False):
+    """Action: count a frame that is being sent for the first time."""
+
+    hw: int
+    queued: QueuedFrame
+
+
+class FramesDropped(msgspec.Struct, frozen=True, gc=False):
+    """Action: tell the senders of these frames that the neighbour does not take them."""
+
+    hw: int
+    frames: list[QueuedFrame]
+
+
+LinkAction = SendPacket | DeliverFrame | FrameBegun | FramesDropped
+
+
+class ReliableLink:
+    """Sends frames as pieces in packets until they arrive, and puts those of the neighbour together."""
+
+    def __init__(self, hw: int, session: int, rtt_ns: int, loss: float, now_ns: int) -> None:
+        """`rtt_ns`, `loss`: of the beacons, as a first guess; 0: not known."""
+        self.hw = hw
+        self.session = session
+        self.malformed = 0
+        """Packets that could not be decoded."""
+        self.rate = RateControl(now_ns, loss)
+        self._outgoing = OutgoingMessages()
+        self._recovery = LossRecovery(rtt_ns)
+        self._received = ReceivedPackets()
+        self._incoming = Reassembly()
+        self._next_number = 0
+        self._paced_until_ns: int | None = None
+
+    def __len__(self) -> int:
+        """Frames that have not arrived."""
+        return len(self._outgoing)
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether its datagrams do not reach the neighbour, although its beacons arrive."""
+        return self._recovery.probes >= BLOCKED or self._next_number >= NUMBER_MAX - ROOM
+
+    @property
+    def repeated_bytes(self) -> int:
+        """Bytes of pieces that were sent again."""
+        return self._outgoing.repeated_bytes
+
+    @property
+    def smoothed_ns(self) -> int:
+        """The smoothed round trip."""
+        return self._recovery.smoothed_ns
+
+    def on_frame(self, queued: QueuedFrame, now_ns: int) -> list[LinkAction]:
+        """A frame for the neighbour."""
+        gone = self._outgoing.put(queued)
+        actions: list[LinkAction] = [FramesDropped(self.hw, gone)] if gone else []
+        return actions + self._send(now_ns)
+
+    def on_packet(self, data: bytes, now_ns: int) -> list[LinkAction]:
+        """A packet of the neighbour, authenticated and not a replay."""
+        try:
+            packet = decode(data)
+            self._check(packet.acknowledgement)
+            frames = self._take_pieces(packet, now_ns)
+        except WireError:
+            self.malformed += 1
+            return []
+        actions: list[LinkAction] = [DeliverFrame(self.hw, frame) for frame in frames]
+        if packet.acknowledgement is not None:
+            self._on_acknowledgement(packet.acknowledgement, now_ns)
+        return actions + self._send(now_ns)
+
+    def _check(self, acknowledgement: Acknowledgement | None) -> None:
+        if acknowledgement is not None and acknowledgement.largest >= self._next_number:
+            raise WireError(f"acknowledgement of packet {acknowledgement.largest}, which was not sent")
+
+    def _take_pieces(self, packet: Packet, now_ns: int) -> list[bytes]:
+        if not self._incoming.has_room(packet.pieces):
+            return []  # it is not acknowledged, and will be repeated
+        self._incoming.on_floor(packet.floor)
+        whole = [self._incoming.on_piece(piece) for piece in packet.pieces]
+        self._received.on_packet(packet.number, packet.is_answered, now_ns)
+        return [frame for frame in whole if frame is not None]
+
+    def _on_acknowledgement(self, acknowledgement: Acknowledgement, now_ns: int) -> None:
+        settled = self._recovery.on_acknowledgement(acknowledgement, now_ns)
+        rate = self.rate
+        for packet in settled.arrived:
+            rate.on_acknowledged(packet.size)
+            for piece in packet.pieces:
+                self._outgoing.on_arrived(piece)
+        self._on_lost(settled.lost)
+        for _ in range(settled.late):
+            rate.on_spurious()
+        if settled.round_trip_ns is not None:
+            rate.on_round_trip(settled.round_trip_ns, now_ns)
+        rate.on_round(self._recovery.smoothed_ns, now_ns)
+
+    def _on_lost(self, packets: tuple[SentPacket, ...]) -> None:
+        for packet in packets:
+            self.rate.on_lost(packet.size)
+            for piece in packet.pieces:
+                self._outgoing.on_lost(piece)
+
+    def on_timer(self, now_ns: int) -> list[LinkAction]:
+        """Packets that count as lost, probes, acknowledgements and paced packets that are due."""
+        lost, probe = self._recovery.on_timer(now_ns)
+        self._on_lost(lost)
+        actions: list[LinkAction] = []
+        if probe:
+            if self._recovery.probes == SILENCE:
+                self.rate.on_silence()
+            actions = self._probe(now_ns)
+        return actions + self._send(now_ns)
+
+    def _probe(self, now_ns: int) -> list[LinkAction]:
+        """Repeats the oldest packet in flight, beyond the window."""
+        oldest = self._recovery.oldest
+        copies = 1 if self._recovery.probes == 1 else PROBES
+        pieces = self._outgoing.repeat(oldest.pieces if oldest is not None else (), copies)
+        return [self._packet(pieces, now_ns, ping=not pieces) for _ in range(copies)]
+
+    def _send(self, now_ns: int) -> list[LinkAction]:
+        """All packets that window and pace allow, and the acknowledgement that is due."""
+        outgoing, rate = self._outgoing, self.rate
+        actions: list[LinkAction] = []
+        self._paced_until_ns = None
+        while True:
+            ranks: tuple[Priority, ...] = ()
+            if outgoing.has(COMMANDS) and rate.has_room(reserve=True):
+                ranks = COMMANDS
+            if outgoing.has(ALL) and rate.has_room(reserve=False):
+                wait_ns = rate.wait_ns(self._recovery.smoothed_ns, now_ns)
+                if not wait_ns:
+                    ranks = ALL
+                else:
+                    self._paced_until_ns = now_ns + wait_ns
+            pieces = self._pieces(ranks, now_ns, actions) if ranks else []
+            if not pieces:
+                break
+            actions.append(self._packet(tuple(pieces), now_ns))
+        due_ns = self._received.due_ns
+        if due_ns is not None and now_ns >= due_ns:
+            actions.append(self._packet((), now_ns))
+        return actions
+
+    def _pieces(self, ranks: tuple[Priority, ...], now_ns: int, actions: list[LinkAction]) -> list[Piece]:
+        pieces: list[Piece] = []
+        room = ROOM
+        while True:
+            piece, begun, gone = self._outgoing.take(ranks, room, now_ns)
+            if gone:
+                actions.append(FramesDropped(self.hw, gone))
+            if begun is not None:
+                actions.append(FrameBegun(self.hw, begun))
+            if piece is None:
+                return pieces
+            pieces.append(piece)
+            room = ROOM - _bytes_of(pieces)
+
+    def _packet(self, pieces: tuple[Piece, ...], now_ns: int, ping: bool = False) -> SendPacket:
+        acknowledgement = self._received.present(now_ns)
+        if acknowledgement is not None and pieces:
+            room = ROOM - _bytes_of(pieces)
+            if acknowledgement_bytes(acknowledgement) > room:
+                acknowledgement = None  # it follows in a packet of its own
+        packet = Packet(self._next_number, self._outgoing.floor, acknowledgement, pieces, ping)
+        self._next_number += 1
+        if acknowledgement is not None:
+            self._received.on_acknowledged()
+        data = encode(packet)
+        if packet.is_answered:
+            size = len(data) + OVERHEAD
+            self._recovery.on_sent(SentPacket(packet.number, size, now_ns, pieces))
+            self.rate.on_sent(size)
+        return SendPacket(self.hw, self.session, data)
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` has something to do; None: never."""
+        instants = (self._received.due_ns, self._recovery.deadline_ns(), self._paced_until_ns)
+        return min((one for one in instants if one is not None), default=None)
+
+    def clear(self, now_ns: int) -> list[QueuedFrame]:
+        """Gives up what is being sent; the frames that have not arrived.
+
+        The numbers continue: the neighbour may have kept its end of the link.
+        """
+        self._recovery.clear()
+        self.rate = RateControl(now_ns)
+        self._paced_until_ns = None
+        return self._outgoing.clear()
+
+
+def _bytes_of(pieces: list[Piece] | tuple[Piece, ...]) -> int:
+    return sum(piece_bytes(piece) for piece in pieces)

@@ -1,0 +1,145 @@
+"""The reliable links of a node: which neighbours get their frames in datagrams, and their sessions.
+
+TCP recovers slowly from loss that is no congestion: at 30 % a connection stands still for seconds. So frames
+travel over TCP where a link is clean, and in datagrams where its beacons are lost.
+"""
+
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.reliable_link import LinkAction, ReliableLink
+
+LOSSY: Final = 0.05
+"""Smoothed loss of the beacons from which on frames travel in datagrams."""
+CLEAN: Final = 0.01
+"""Smoothed loss below which they travel over TCP again, after `CLEAN_NS`."""
+CLEAN_NS: Final = 20_000_000_000
+WEIGHT: Final = 0.4
+"""Weight of the newest second's loss: at 30 % the first second is enough, a single loss is not."""
+BLOCKED_NS: Final = 60_000_000_000
+"""Time after which a neighbour that did not acknowledge datagrams gets them again."""
+
+
+class LinkQuality(msgspec.Struct, frozen=True):
+    """What beacons measured of the link to a neighbour."""
+
+    loss: float
+    """Loss of the worse direction."""
+    rtt_ns: int = 0
+    """0: not measured."""
+
+
+UNKNOWN: Final = LinkQuality(0.0)
+
+
+class UseConnection(msgspec.Struct, frozen=True):
+    """Action: send these frames over the connection; the neighbour does not get the datagrams."""
+
+    hw: int
+    frames: list[QueuedFrame]
+
+
+class UseDatagrams(msgspec.Struct, frozen=True):
+    """Action: pass the frames that wait for the connection to a neighbour to its reliable link."""
+
+    hw: int
+
+
+Action = LinkAction | UseConnection | UseDatagrams
+
+
+class _Choice(msgspec.Struct):
+    loss: float = 0.0
+    """Smoothed."""
+    by_datagram: bool = False
+    clean_since_ns: int | None = None
+    blocked_until_ns: int = 0
+
+
+class ReliableLinks:
+    """Reliable links by neighbour, and the choice between them and connections."""
+
+    def __init__(self) -> None:
+        self._links: dict[int, ReliableLink] = {}
+        self._choices: dict[int, _Choice] = {}
+        self._qualities: dict[int, LinkQuality] = {}
+
+    def uses_datagrams(self, hw: int) -> bool:
+        """Whether frames for a neighbour travel in datagrams."""
+        choice = self._choices.get(hw)
+        return choice is not None and choice.by_datagram
+
+    def link(self, hw: int) -> ReliableLink | None:
+        """The reliable link of a neighbour, if there is one."""
+        return self._links.get(hw)
+
+    def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
+        """What beacons measure of the link to a neighbour, once a second while it is up."""
+        self._qualities[hw] = quality
+        choice = self._choices.setdefault(hw, _Choice())
+        choice.loss += WEIGHT * (quality.loss - choice.loss)
+        link = self._links.get(hw)
+        if link is not None:
+            link.rate.on_link_loss(choice.loss)
+        if choice.by_datagram:
+            if choice.loss > CLEAN:
+                choice.clean_since_ns = None
+            elif choice.clean_since_ns is None:
+                choice.clean_since_ns = now_ns
+            elif now_ns - choice.clean_since_ns >= CLEAN_NS:
+                choice.by_datagram = False
+            return []
+        if choice.loss < LOSSY or now_ns < choice.blocked_until_ns:
+            return []
+        choice.by_datagram, choice.clean_since_ns = True, None
+        return [UseDatagrams(hw)]
+
+    def on_frame(self, hw: int, session: int, queued: QueuedFrame, now_ns: int) -> list[Action]:
+        """A frame for a neighbour that gets datagrams, and its present session."""
+        link, actions = self._current(hw, session, now_ns)
+        return actions + list(link.on_frame(queued, now_ns))
+
+    def on_packet(self, hw: int, session: int, data: bytes, now_ns: int) -> list[Action]:
+        """A packet of a neighbour's session, authenticated and not a replay."""
+        link, actions = self._current(hw, session, now_ns)
+        return actions + list(link.on_packet(data, now_ns))
+
+    def _current(self, hw: int, session: int, now_ns: int) -> tuple[ReliableLink, list[Action]]:
+        """The link of a session; frames that wait for a former one begin again."""
+        former = self._links.get(hw)
+        if former is not None and former.session == session:
+            return former, []
+        quality = self._qualities.get(hw, UNKNOWN)
+        link = self._links[hw] = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns)
+        actions: list[Action] = []
+        for queued in [] if former is None else former.clear(now_ns):
+            actions += link.on_frame(queued, now_ns)
+        return link, actions
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """Everything that is due on any link."""
+        actions: list[Action] = []
+        for hw, link in self._links.items():
+            due_ns = link.deadline_ns()
+            if due_ns is None or due_ns > now_ns:
+                continue
+            actions += link.on_timer(now_ns)
+            if link.is_blocked:
+                actions.append(UseConnection(hw, link.clear(now_ns)))
+                choice = self._choices.setdefault(hw, _Choice())
+                choice.by_datagram, choice.blocked_until_ns = False, now_ns + BLOCKED_NS
+        return actions
+
+    def deadline_ns(self) -> int | None:
+        """The earliest deadline of all links."""
+        instants = [link.deadline_ns() for link in self._links.values()]
+        return min((one for one in instants if one is not None), default=None)
+
+    def on_gone(self, hw: int, now_ns: int) -> list[QueuedFrame]:
+        """A neighbour is lost; returns the frames that have not arrived."""
+        self._choices.pop(hw, None)
+        self._qualities.pop(hw, None)
+        link = self._links.get(hw)
+        return [] if link is None else link.clear(now_ns)

@@ -1,0 +1,212 @@
+"""Frames to neighbours: over a connection where the link is clean, in datagrams where it loses packets."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from swarmd.broker.config import Config
+from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.reliable_link import (
+    DeliverFrame,
+    FrameBegun,
+    FramesDropped,
+    SendPacket,
+)
+from swarmd.broker.core.reliable.reliable_links import (
+    Action,
+    LinkQuality,
+    ReliableLinks,
+    UseConnection,
+    UseDatagrams,
+)
+from swarmd.broker.core.traffic import Counters
+from swarmd.broker.links.frame_datagrams import FrameDatagrams, OnContent
+from swarmd.broker.links.pair_seal import PairEnd
+from swarmd.broker.links.zap import OnUnknownKey
+from swarmd.broker.links.zmq_links import LinkPeer, OnFrame, OnRoster, ZmqLinks
+from swarmware.errors import ConfigError
+from swarmware.model.clock import Clock
+from swarmware.model.frame import Frame, FrameKind, encode
+from swarmware.runtime.driver import CoreDriver
+from swarmware.transport.security.keys import Keys
+from swarmware.types.net import ConnectionStatus
+
+BY_CONNECTION: Final = frozenset({FrameKind.HELLO, FrameKind.ROSTER})
+"""Frames that prove something by the connection that they come over."""
+
+
+class FrameLinks:
+    """The connections and the reliable links to all neighbours, and the choice between them."""
+
+    def __init__(
+        self,
+        config: Config,
+        keys: Keys,
+        own: PairEnd,
+        clock: Clock,
+        counters: Counters,
+        *,
+        excludes: Callable[[int], bool],
+        find_peer: Callable[[int], LinkPeer | None],
+        on_frame: OnFrame,
+        on_roster: OnRoster,
+        on_datagram: OnContent,
+        on_unknown_key: OnUnknownKey,
+        on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
+        on_sent: Callable[[LinkPeer, int, Frame], None],
+        on_begun: Callable[[LinkPeer, Frame], None],
+    ) -> None:
+        """`on_frame`, `on_datagram`: take a frame that came over a connection, or in datagrams; `on_sent`,
+        `on_begun`: count one that goes these ways.
+
+        Raises: ConfigError when a port cannot be bound.
+        """
+        self._find_peer = find_peer
+        self._on_datagram = on_datagram
+        self._on_begun = on_begun
+        self._on_given_up = on_given_up
+        self._clock = clock
+        self._counters = counters
+        self._connections = ZmqLinks(
+            config,
+            keys,
+            asyncio.get_running_loop(),
+            now_ns=clock.now_ns,
+            refused=counters.refused,
+            on_frame=on_frame,
+            on_roster=on_roster,
+            on_unknown_key=on_unknown_key,
+            on_given_up=on_given_up,
+            on_sent=on_sent,
+        )
+        try:
+            self._datagrams = FrameDatagrams(
+                config,
+                keys,
+                own,
+                clock,
+                counters,
+                self._connections.port,
+                excludes=excludes,
+                find_peer=find_peer,
+                on_frame=on_datagram,
+                on_packet=self._on_packet,
+                on_sent=on_begun,
+                on_unsent=self._send_encoded,
+            )
+        except ConfigError:
+            self._connections.close()
+            raise
+        self._core = ReliableLinks()
+        self._driver = CoreDriver(
+            self._core, self._perform, name="links", clock=clock, loop=asyncio.get_running_loop()
+        )
+
+    @property
+    def tcp_port(self) -> int:
+        """Port of the connections."""
+        return self._connections.port
+
+    @property
+    def frame_port(self) -> int:
+        """UDP port of the datagrams."""
+        return self._datagrams.port
+
+    def prepare(self, peer: LinkPeer) -> None:
+        """Derives the keys of the pair with a neighbour, before the first datagram needs them."""
+        self._datagrams.prepare(peer)
+
+    def on_roster(self) -> None:
+        """The keys have another roster."""
+        self._datagrams.on_roster()
+        self._connections.drop_revoked()
+
+    def send_once(self, peer: LinkPeer, frame: Frame) -> bool:
+        """Sends the first transmission of an urgent frame in a datagram of its own; False: use `send`."""
+        if self._core.uses_datagrams(peer.hw):
+            return False  # its reliable link sends it at once, and again if it is lost
+        return self._datagrams.send(peer, frame)
+
+    def on_repeated(self, hw: int) -> None:
+        """An urgent frame is repeated to a neighbour."""
+        self._datagrams.on_repeated(hw)
+
+    def _send_encoded(self, peer: LinkPeer, frame: Frame) -> None:
+        self.send(peer, encode(frame), frame)
+
+    def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> None:
+        """Sends or queues a frame for a neighbour."""
+        if self._by_datagram(peer, frame):
+            self._send_datagrams(peer, QueuedFrame(data, frame, self._clock.now_ns()))
+            return
+        gone = self._connections.send(peer, data, frame)
+        if gone:
+            self._on_given_up(peer, gone)
+
+    def _by_datagram(self, peer: LinkPeer, frame: Frame) -> bool:
+        return (
+            bool(peer.frame_port) and frame.kind not in BY_CONNECTION and self._core.uses_datagrams(peer.hw)
+        )
+
+    def _send_datagrams(self, peer: LinkPeer, queued: QueuedFrame) -> None:
+        now_ns = self._clock.now_ns()
+        self._driver.feed(self._core.on_frame(peer.hw, peer.session, queued, now_ns))
+
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Context manager: queues frames and sends them together when it ends."""
+        with self._connections.batch(), self._datagrams.batch():
+            yield
+
+    def _on_packet(self, data: bytes, peer: LinkPeer) -> None:
+        now_ns = self._clock.now_ns()
+        self._driver.feed(self._core.on_packet(peer.hw, peer.session, data, now_ns))
+
+    def on_qualities(self, qualities: Iterable[tuple[int, LinkQuality]]) -> None:
+        """The quality of the links by neighbour, as beacons measured it in the last second."""
+        now_ns = self._clock.now_ns()
+        for hw, quality in qualities:
+            self._driver.feed(self._core.on_quality(hw, quality, now_ns))
+
+    def disconnect(self, hw: int) -> list[QueuedFrame]:
+        """Ends the links to a lost neighbour; returns the frames that have not arrived."""
+        return self._core.on_gone(hw, self._clock.now_ns()) + self._connections.disconnect(hw)
+
+    def update_counters(self) -> None:
+        """Brings the traffic counters of the connections up to date."""
+        count, counters = self._connections.count, self._counters
+        count.sample_all()
+        counters.tcp_sent_bytes = count.sent_bytes
+        counters.tcp_received_bytes = count.received_bytes
+        counters.refused.denied_connections = self._connections.denied
+
+    def state(self, hw: int) -> ConnectionStatus:
+        """How frames travel to a neighbour."""
+        return ConnectionStatus.DATAGRAMS if self._core.uses_datagrams(hw) else self._connections.state(hw)
+
+    def _perform(self, action: Action) -> None:
+        peer = self._find_peer(action.hw)
+        if peer is None:
+            return
+        match action:
+            case SendPacket(session=session) if session == peer.session:
+                self._datagrams.send_packet(peer, action.data)
+            case DeliverFrame():
+                self._on_datagram(action.data, peer)
+            case FrameBegun():
+                self._on_begun(peer, action.queued.frame)
+            case FramesDropped():
+                self._on_given_up(peer, action.frames)
+            case UseConnection():
+                for queued in action.frames:
+                    self.send(peer, queued.data, queued.frame)
+            case UseDatagrams():
+                for queued in self._connections.take_queue(action.hw):
+                    self._send_datagrams(peer, queued)
+
+    def close(self) -> None:
+        """Closes all connections and the socket for frames."""
+        self._driver.stop()
+        self._datagrams.close()
+        self._connections.close()

@@ -1,0 +1,16 @@
+"""Messages and streams over a loopback of the kernel that drops packets."""
+
+import pytest
+from tests.integration.broker.namespace import figures_of
+
+
+@pytest.mark.root
+@pytest.mark.parametrize("percent", [30, 40])
+def test_over_a_lossy_link_everything_arrives_once_and_in_time(percent: int) -> None:
+    seen = figures_of("lossylink.py", str(percent), tools=("ip", "nft"))
+    assert seen["delivered"] == seen["told"]
+    assert seen["items"] == seen["items_acknowledged"] == seen["offered"]
+    assert seen["twice"] == 0
+    assert seen["p99_s"] < 2
+    assert seen["item_p99_s"] < 3
+    assert seen["tcp_bytes"] < 0.1 * seen["udp_bytes"], "frames travel in datagrams"

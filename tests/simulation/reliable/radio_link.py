@@ -1,0 +1,124 @@
+"""Two ends of a reliable link in virtual time, and a medium with loss, delay, jitter, rate and queue."""
+
+import random
+from collections.abc import Callable
+from functools import partial
+
+from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.reliable_link import (
+    OVERHEAD,
+    DeliverFrame,
+    FramesDropped,
+    LinkAction,
+    ReliableLink,
+    SendPacket,
+)
+from swarmware.model.frame import Frame, FrameKind, decode, encode
+from swarmware.testing.virtual import VirtualTime
+
+MS = 1_000_000
+S = 1_000_000_000
+
+
+class Medium:
+    """One direction: a queue in front of a rate, then loss, delay and jitter."""
+
+    def __init__(
+        self,
+        seed: int,
+        *,
+        loss: float = 0.0,
+        delay_ms: float = 10.0,
+        jitter_ms: float = 0.0,
+        rate_bit_s: float = 50e6,
+        queue_bytes: float = 256_000,
+    ) -> None:
+        self.random = random.Random(seed)
+        self.loss = loss
+        self.delay_ns = round(delay_ms * MS)
+        self.jitter_ns = round(jitter_ms * MS)
+        self.rate_bit_s = rate_bit_s
+        self.queue_bytes = queue_bytes
+        self.free_ns = 0
+        self.queueing: list[tuple[int, int]] = []
+        """Instant and queueing delay of each datagram."""
+        self.is_cut = False
+
+    def arrival_ns(self, size: int, now_ns: int) -> int | None:
+        """When a datagram of this size arrives; None: it is lost."""
+        wait_ns = max(0, self.free_ns - now_ns)
+        self.queueing.append((now_ns, wait_ns))
+        if wait_ns * self.rate_bit_s / 8e9 > self.queue_bytes:
+            return None
+        self.free_ns = now_ns + wait_ns + round(size * 8e9 / self.rate_bit_s)
+        if self.is_cut or self.random.random() < self.loss:
+            return None
+        return self.free_ns + self.delay_ns + round(self.random.random() * self.jitter_ns)
+
+
+class Pair:
+    """Node 1 and node 2, each with its end of the link."""
+
+    def __init__(self, there: Medium, back: Medium, loss: float = 0.0) -> None:
+        self._time = VirtualTime(S)
+        self._media = {1: there, 2: back}
+        self.ends = {node: ReliableLink(3 - node, 7, 0, loss, S) for node in (1, 2)}
+        self._drivers = {
+            node: self._time.drive(end, partial(self._perform, node)) for node, end in self.ends.items()
+        }
+        self.received: dict[int, list[tuple[int, Frame]]] = {1: [], 2: []}
+        """What arrived at each node, and when."""
+        self.dropped: list[Frame] = []
+        self.sent = 0
+
+    @property
+    def now_ns(self) -> int:
+        """The present instant."""
+        return self._time.now_ns
+
+    def at(self, when_ns: int, call: Callable[[], None]) -> None:
+        """Schedule a call."""
+        self._time.at(when_ns, call)
+
+    def every(self, period_ns: int, until_ns: int, call: Callable[[], object]) -> None:
+        """Call periodically, now for the first time."""
+
+        def again() -> None:
+            call()
+            if self.now_ns + period_ns <= until_ns:
+                self.at(self.now_ns + period_ns, again)
+
+        self.at(self.now_ns, again)
+
+    def run(self, until_ns: int) -> None:
+        """Run until an instant."""
+        self._time.run_until(until_ns)
+
+    def send(self, size: int, kind: FrameKind = FrameKind.STREAM, sender: int = 1) -> Frame:
+        """Send a frame with a payload of this size; its stamp is the present instant."""
+        self.sent += 1
+        now_ns = self.now_ns
+        payload = bytes(size)
+        frame = Frame(kind, 1, sender, 1, 3 - sender, 1, sequence=self.sent, stamp_ns=now_ns, payload=payload)
+        queued = QueuedFrame(encode(frame), frame, now_ns)
+        self._drivers[sender].feed(self.ends[sender].on_frame(queued, now_ns))
+        return frame
+
+    def _perform(self, node: int, action: LinkAction) -> None:
+        match action:
+            case SendPacket():
+                at_ns = self._media[node].arrival_ns(len(action.data) + OVERHEAD, self.now_ns)
+                if at_ns is not None:
+                    self.at(at_ns, partial(self._arrive, 3 - node, action.data))
+            case DeliverFrame():
+                self.received[node].append((self.now_ns, decode(action.data)))
+            case FramesDropped():
+                self.dropped += [one.frame for one in action.frames]
+
+    def _arrive(self, node: int, data: bytes) -> None:
+        self._drivers[node].feed(self.ends[node].on_packet(data, self.now_ns))
+
+
+def latencies_ms(received: list[tuple[int, Frame]]) -> list[float]:
+    """Time from sending to delivery of each frame, sorted."""
+    return sorted((at_ns - frame.stamp_ns) / MS for at_ns, frame in received)

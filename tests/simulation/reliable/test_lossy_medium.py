@@ -1,0 +1,149 @@
+"""Reliable links over media as they are in the field: lossy, jittery, slow, changing, cut."""
+
+from typing import Final
+
+import pytest
+from tests.simulation.reliable.radio_link import MS, Medium, Pair, S, latencies_ms
+from tests.simulation.seeds import seeds
+
+from swarmware.model.frame import Frame, FrameKind
+
+LASTS_S: Final = 30
+STREAM_HZ: Final = 30
+ITEM_BYTES: Final = 1000
+
+
+def share(sorted_ms: list[float], ratio: float) -> float:
+    return sorted_ms[int(ratio * len(sorted_ms))]
+
+
+def of_kind(pair: Pair, kind: FrameKind) -> list[tuple[int, Frame]]:
+    return [one for one in pair.received[2] if one[1].kind is kind]
+
+
+def both(seed: int, loss: float, **medium: float) -> tuple[Medium, Medium]:
+    """The two directions of a medium."""
+    return Medium(seed, loss=loss, **medium), Medium(1000 + seed, loss=loss, **medium)
+
+
+@pytest.mark.parametrize("seed", seeds(2, 10))
+@pytest.mark.parametrize(("loss", "p99_ms"), [(0.0, 40), (0.1, 250), (0.2, 400), (0.3, 600), (0.4, 1000)])
+@pytest.mark.parametrize("jitter_ms", [0.0, 8.0])
+def test_a_stream_and_commands_arrive_whole_and_once(
+    seed: int, loss: float, p99_ms: float, jitter_ms: float
+) -> None:
+    pair = Pair(*both(seed, loss, jitter_ms=jitter_ms), loss=loss)
+    end_ns = pair.now_ns + LASTS_S * S
+    pair.every(S // STREAM_HZ, end_ns, lambda: pair.send(ITEM_BYTES))
+    pair.every(S // 5, end_ns, lambda: pair.send(100, FrameKind.MESSAGE))
+    pair.run(end_ns + 10 * S)
+    numbers = [frame.sequence for _, frame in pair.received[2]]
+    assert len(numbers) == len(set(numbers)) == pair.sent
+    assert pair.dropped == []
+    assert share(latencies_ms(of_kind(pair, FrameKind.STREAM)), 0.99) < p99_ms
+    assert share(latencies_ms(of_kind(pair, FrameKind.MESSAGE)), 0.99) < p99_ms
+    useful = sum(len(frame.payload) for _, frame in pair.received[2])
+    assert pair.ends[1].repeated_bytes <= 1.5 * loss / (1 - loss) * useful + 20 * ITEM_BYTES
+
+
+@pytest.mark.parametrize("seed", seeds(1, 5))
+def test_commands_survive_ten_times_overload_of_a_slow_link(seed: int) -> None:
+    pair = Pair(*both(seed, 0.0, rate_bit_s=1e6, queue_bytes=32_000))
+    end_ns = pair.now_ns + LASTS_S * S
+    pair.every(S // 1250, end_ns, lambda: pair.send(ITEM_BYTES))
+    pair.every(S // 5, end_ns, lambda: pair.send(200, FrameKind.MESSAGE))
+    pair.run(end_ns + S)
+    commands = latencies_ms(of_kind(pair, FrameKind.MESSAGE))
+    assert len(commands) == 5 * LASTS_S + 1
+    assert share(commands, 0.99) < 200
+    items = of_kind(pair, FrameKind.STREAM)
+    assert len(items) * ITEM_BYTES * 8 > 0.8e6 * LASTS_S, "the link is used"
+    assert pair.dropped, "what does not fit is told"
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.1])
+@pytest.mark.parametrize("seed", seeds(1, 5))
+def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns(
+    seed: int, loss: float
+) -> None:
+    there, back = both(seed, loss, rate_bit_s=5e6)
+    pair = Pair(there, back, loss=loss)
+
+    def offer() -> None:
+        while len(pair.ends[1]) < 200:
+            pair.send(ITEM_BYTES)
+
+    def rate(bit_s: float) -> None:
+        there.rate_bit_s = bit_s
+
+    start_ns = pair.now_ns
+    pair.every(10 * MS, start_ns + 45 * S, offer)
+    pair.at(start_ns + 15 * S, lambda: rate(0.5e6))
+    pair.at(start_ns + 30 * S, lambda: rate(5e6))
+    pair.run(start_ns + 45 * S)
+
+    def passed(first_s: int, last_s: int) -> float:
+        """Share of the rate that carried items."""
+        count = sum(first_s * S <= at_ns - start_ns < last_s * S for at_ns, _ in pair.received[2])
+        bit_s = 0.5e6 if first_s >= 15 and last_s <= 30 else 5e6
+        return count * ITEM_BYTES * 8 / (last_s - first_s) / bit_s / (1 - loss)
+
+    def queueing_ms(first_s: int, last_s: int) -> list[float]:
+        return sorted(
+            wait_ns / MS for at_ns, wait_ns in there.queueing if first_s * S <= at_ns - start_ns < last_s * S
+        )
+
+    for first_s, last_s in ((3, 15), (17, 30), (33, 45)):
+        assert queueing_ms(first_s, last_s)[-1] < 150
+        assert passed(first_s, last_s) > 0.75
+    assert queueing_ms(15, 17)[-1] < 700, "what was in flight at five megabits needs this long at half of one"
+
+
+@pytest.mark.parametrize(("loss", "rate_bit_s"), [(0.0, 50e6), (0.2, 50e6), (0.3, 5e6)])
+@pytest.mark.parametrize("seed", seeds(1, 5))
+def test_bulk_uses_the_link_and_repeats_little(seed: int, loss: float, rate_bit_s: float) -> None:
+    pair = Pair(*both(seed, loss, rate_bit_s=rate_bit_s), loss=loss)
+    start_ns = pair.now_ns
+    for _ in range(250):
+        pair.send(4096, FrameKind.FILE)
+    pair.run(start_ns + 30 * S)
+    assert len(pair.received[2]) == 250
+    ideal_s = 250 * 4096 * 8 / rate_bit_s / (1 - loss)
+    assert (pair.received[2][-1][0] - start_ns) / S < 1.5 * ideal_s + 1.0
+    assert pair.ends[1].repeated_bytes < (1.5 * loss / (1 - loss) + 0.15) * 250 * 4096
+
+
+@pytest.mark.parametrize("seed", seeds(1, 5))
+def test_a_message_of_four_megabytes_arrives_whole(seed: int) -> None:
+    pair = Pair(*both(seed, 0.1), loss=0.1)
+    frame = pair.send(4_000_000, FrameKind.MESSAGE)
+    pair.run(pair.now_ns + 30 * S)
+    [(_, found)] = pair.received[2]
+    assert bytes(found.payload) == bytes(frame.payload)
+
+
+def test_after_a_cut_of_three_seconds_everything_flows_within_a_fraction_of_one() -> None:
+    there, back = both(1, 0.0)
+    pair = Pair(there, back)
+    start_ns = pair.now_ns
+    pair.every(S // STREAM_HZ, start_ns + 12 * S, lambda: pair.send(ITEM_BYTES))
+
+    def cut(is_cut: bool) -> None:
+        there.is_cut = back.is_cut = is_cut
+
+    pair.at(start_ns + 5 * S, lambda: cut(True))
+    pair.at(start_ns + 8 * S, lambda: cut(False))
+    pair.run(start_ns + 15 * S)
+    again_ns = min(at_ns for at_ns, _ in pair.received[2] if at_ns >= start_ns + 8 * S)
+    assert again_ns - start_ns - 8 * S < 0.5 * S
+    assert len(pair.received[2]) + len(pair.dropped) == pair.sent
+
+
+@pytest.mark.parametrize("seed", seeds(1, 5))
+def test_both_directions_at_once(seed: int) -> None:
+    pair = Pair(*both(seed, 0.2, jitter_ms=5.0), loss=0.2)
+    end_ns = pair.now_ns + LASTS_S * S
+    pair.every(S // STREAM_HZ, end_ns, lambda: pair.send(ITEM_BYTES, sender=1))
+    pair.every(S // STREAM_HZ, end_ns, lambda: pair.send(ITEM_BYTES, sender=2))
+    pair.run(end_ns + 5 * S)
+    assert len(pair.received[1]) == len(pair.received[2]) == pair.sent // 2

@@ -1,0 +1,109 @@
+"""Packets in flight: arrived, lost by number, lost by time, probed."""
+
+from swarmd.broker.core.reliable.loss_recovery import (
+    BACKOFF_MAX,
+    PACKET_THRESHOLD,
+    SLACK_NS,
+    LossRecovery,
+    SentPacket,
+)
+from swarmd.broker.core.reliable.packet import Acknowledgement
+
+MS = 1_000_000
+RTT = 20 * MS
+
+
+def sent(recovery: LossRecovery, *numbers: int, at_ns: int = 0) -> None:
+    for number in numbers:
+        recovery.on_sent(SentPacket(number, 1000, at_ns, ()))
+
+
+def acknowledge(
+    recovery: LossRecovery, *ranges: tuple[int, int], now_ns: int, delay_ns: int = 0
+) -> tuple[list[int], list[int]]:
+    settled = recovery.on_acknowledgement(Acknowledgement(ranges, delay_ns), now_ns)
+    return [packet.number for packet in settled.arrived], [packet.number for packet in settled.lost]
+
+
+def test_a_packet_overtaken_by_three_others_is_lost() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0, 1, 2, 3)
+    assert acknowledge(recovery, (1, PACKET_THRESHOLD - 1), now_ns=RTT) == ([1, 2], [])
+    assert acknowledge(recovery, (3, 3), now_ns=RTT) == ([3], [0])
+    assert not recovery
+
+
+def test_an_overtaken_packet_is_lost_after_nine_eighths_of_the_round_trip() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0, 1)
+    assert acknowledge(recovery, (1, 1), now_ns=RTT) == ([1], [])
+    due_ns = recovery.deadline_ns()
+    assert due_ns == RTT * 9 // 8
+    assert recovery.on_timer(due_ns - 1) == ((), False)
+    lost, probe = recovery.on_timer(due_ns)
+    assert [packet.number for packet in lost] == [0]
+    assert not probe
+
+
+def test_the_delay_of_the_acknowledgement_is_not_part_of_the_round_trip() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0)
+    settled = recovery.on_acknowledgement(Acknowledgement(((0, 0),), 4 * MS), RTT + 4 * MS)
+    assert settled.round_trip_ns == RTT
+    assert recovery.smoothed_ns == RTT
+    sent(recovery, 1, at_ns=RTT)
+    settled = recovery.on_acknowledgement(Acknowledgement(((1, 1),), 900 * MS), 2 * RTT)
+    assert settled.round_trip_ns == 1, "a neighbour cannot state a longer delay than the whole time"
+
+
+def test_a_late_packet_makes_it_wait_longer_for_the_next_ones() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0, 1, 2, 3)
+    acknowledge(recovery, (1, 3), now_ns=RTT)
+    settled = recovery.on_acknowledgement(Acknowledgement(((0, 3),), 0), RTT)
+    assert (settled.late, settled.arrived) == (1, ())
+    sent(recovery, 4, 5, 6, 7, at_ns=RTT)
+    assert acknowledge(recovery, (5, 7), now_ns=2 * RTT) == ([5, 6, 7], [])
+
+
+def test_silence_is_probed_at_growing_distances_up_to_a_limit() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0)
+    acknowledge(recovery, (0, 0), now_ns=RTT)
+    sent(recovery, 1, at_ns=RTT)
+    waits: list[int] = []
+    now_ns = RTT
+    for _ in range(BACKOFF_MAX + 3):
+        due_ns = recovery.deadline_ns()
+        assert due_ns is not None
+        waits.append(due_ns - now_ns)
+        now_ns = due_ns
+        assert recovery.on_timer(now_ns) == ((), True)
+        sent(recovery, 10 + len(waits), at_ns=now_ns)
+    first = RTT + 4 * (RTT // 2) + SLACK_NS
+    assert waits == [first] + [2 * first] * (BACKOFF_MAX + 2)
+    acknowledge(recovery, (11, 11), now_ns=now_ns)
+    assert recovery.probes == 0
+
+
+def test_before_the_first_round_trip_that_of_the_beacons_counts() -> None:
+    recovery = LossRecovery(RTT)
+    sent(recovery, 0)
+    assert recovery.deadline_ns() == 2 * RTT + SLACK_NS
+    assert LossRecovery(0).deadline_ns() is None
+
+
+def test_an_acknowledgement_of_many_numbers_costs_no_more_than_what_is_in_flight() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 5, 7)
+    assert acknowledge(recovery, (0, 4_000_000_000), now_ns=RTT) == ([5, 7], [])
+
+
+def test_what_is_given_up_is_forgotten() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0, 1, 2)
+    recovery.on_timer(10**12)
+    recovery.clear()
+    assert not recovery
+    assert recovery.deadline_ns() is None
+    assert acknowledge(recovery, (0, 2), now_ns=RTT) == ([], [])

@@ -1,0 +1,147 @@
+"""The window of a link: what makes it grow, what makes it shrink."""
+
+from swarmd.broker.core.reliable.rate_control import (
+    BASE_NS,
+    LOSS_PACKETS,
+    PACKET_BYTES,
+    SAMPLES_MIN,
+    TARGET_NS,
+    WINDOW_FIRST,
+    WINDOW_MIN,
+    RateControl,
+)
+
+MS = 1_000_000
+RTT = 20 * MS
+
+
+class Rounds:
+    """A window that is used to the full, round by round."""
+
+    def __init__(self, loss: float = 0.0) -> None:
+        self.now_ns = 10**9
+        self.rate = RateControl(self.now_ns, loss)
+
+    def round(
+        self, rtt_ns: int, *, lost: int = 0, late: int = 0, arrived: int = 20, used: bool = True
+    ) -> float:
+        """One round trip; the window after it."""
+        rate = self.rate
+        for _ in range(arrived + lost):
+            rate.on_sent(PACKET_BYTES)
+        self.now_ns += rtt_ns
+        for number in range(arrived):
+            if used:
+                rate.in_flight += 10**9
+                rate.has_room(reserve=False)
+                rate.in_flight -= 10**9
+            rate.on_acknowledged(PACKET_BYTES)
+            if number < SAMPLES_MIN:
+                rate.on_round_trip(rtt_ns, self.now_ns)
+        for _ in range(lost):
+            rate.on_lost(PACKET_BYTES)
+        for _ in range(late):
+            rate.on_spurious()
+        for _ in range(4):
+            rate.on_round_trip(rtt_ns, self.now_ns)
+        rate.on_round(rtt_ns, self.now_ns)
+        return rate.window
+
+
+def test_the_window_doubles_until_there_is_a_queue() -> None:
+    rounds = Rounds()
+    assert rounds.round(RTT) == 2 * WINDOW_FIRST
+    assert rounds.round(RTT) == 4 * WINDOW_FIRST
+    before = rounds.rate.window
+    assert before < rounds.round(RTT + TARGET_NS // 2) < 1.1 * before
+    before = rounds.rate.window
+    assert before < rounds.round(RTT) < 1.2 * before, "it does not begin to double again"
+
+
+def test_a_window_that_is_not_used_does_not_grow() -> None:
+    assert Rounds().round(RTT, used=False) == WINDOW_FIRST
+
+
+def test_a_long_queue_shrinks_the_window_to_what_the_link_passes() -> None:
+    rounds = Rounds()
+    rounds.round(RTT)
+    before = rounds.round(RTT)
+    after = rounds.round(RTT + 4 * TARGET_NS)
+    passed = 20 * PACKET_BYTES / (RTT + 4 * TARGET_NS)
+    assert after == max(before / 2, passed * (RTT + TARGET_NS / 2))
+    windows = [rounds.round(RTT + 4 * TARGET_NS, arrived=4) for _ in range(5)]
+    assert windows == sorted(windows, reverse=True)
+    assert windows[-1] == WINDOW_MIN
+
+
+def test_a_link_that_has_become_slower_for_good_gets_a_new_minimum() -> None:
+    rounds = Rounds()
+    rounds.round(RTT)
+    for _ in range(30):
+        rounds.round(10 * RTT, arrived=4)
+    assert rounds.rate.base_ns == 10 * RTT
+    assert rounds.rate.window > WINDOW_MIN
+
+
+def test_the_usual_loss_of_a_link_does_not_shrink_the_window() -> None:
+    rounds = Rounds(loss=0.3)
+    before = rounds.rate.window
+    for _ in range(10):
+        rounds.round(RTT, arrived=70, lost=30)
+    assert rounds.rate.window > before
+
+
+def test_loss_beyond_the_usual_one_does() -> None:
+    rounds = Rounds()
+    before = rounds.round(RTT)
+    assert rounds.round(RTT, arrived=LOSS_PACKETS, lost=LOSS_PACKETS // 2) == 0.8 * before
+    rounds = Rounds()
+    before = rounds.round(RTT)
+    rounds.rate.on_link_loss(0.35)
+    assert rounds.round(RTT, arrived=LOSS_PACKETS, lost=LOSS_PACKETS // 2) > before
+
+
+def test_a_late_packet_is_no_loss() -> None:
+    rounds = Rounds()
+    before = rounds.round(RTT)
+    assert rounds.round(RTT, arrived=LOSS_PACKETS, lost=LOSS_PACKETS // 2, late=LOSS_PACKETS // 2) > before
+
+
+def test_commands_have_a_reserve() -> None:
+    rate = RateControl(0)
+    rate.on_sent(WINDOW_FIRST)
+    assert not rate.has_room(reserve=False)
+    assert rate.has_room(reserve=True)
+    rate.on_sent(2 * WINDOW_FIRST)
+    assert not rate.has_room(reserve=True)
+
+
+def test_the_pace_spreads_a_window_over_a_round_trip() -> None:
+    rate = RateControl(0)
+    now_ns, sent = 0, 0
+    while now_ns < RTT:
+        wait_ns = rate.wait_ns(RTT, now_ns)
+        if wait_ns:
+            now_ns += wait_ns
+        else:
+            rate.on_sent(PACKET_BYTES)
+            sent += 1
+    assert 12 <= sent <= 18
+
+
+def test_the_minimum_of_the_round_trip_is_forgotten_after_a_while() -> None:
+    rate = RateControl(0)
+    rate.on_round_trip(RTT, 0)
+    rate.on_round_trip(3 * RTT, BASE_NS)
+    assert rate.base_ns == RTT
+    rate.on_round_trip(3 * RTT, 2 * BASE_NS)
+    assert rate.base_ns == 3 * RTT
+
+
+def test_silence_halves_the_window() -> None:
+    rate = RateControl(0)
+    rate.on_silence()
+    assert rate.window == WINDOW_FIRST / 2
+    for _ in range(9):
+        rate.on_silence()
+    assert rate.window == WINDOW_MIN

@@ -1,0 +1,151 @@
+"""Which neighbours get their frames in datagrams, and the sessions of their links."""
+
+from collections.abc import Iterable
+
+from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.packet import Packet, Piece, decode, encode
+from swarmd.broker.core.reliable.reliable_link import (
+    BLOCKED,
+    DeliverFrame,
+    FrameBegun,
+    FramesDropped,
+    ReliableLink,
+    SendPacket,
+)
+from swarmd.broker.core.reliable.reliable_links import (
+    BLOCKED_NS,
+    CLEAN_NS,
+    Action,
+    LinkQuality,
+    ReliableLinks,
+    UseConnection,
+    UseDatagrams,
+)
+from swarmware.model.frame import Frame, FrameKind
+from swarmware.model.frame import encode as encode_frame
+
+S = 1_000_000_000
+UAV1, SESSION = 0xA1, 77
+
+
+def queued(
+    sequence: int, size: int = 20, kind: FrameKind = FrameKind.MESSAGE, now_ns: int = 0
+) -> QueuedFrame:
+    frame = Frame(kind, 1, 2, 3, UAV1, 5, sequence=sequence, payload=bytes(size))
+    return QueuedFrame(encode_frame(frame), frame, now_ns)
+
+
+def packets(actions: Iterable[Action]) -> list[Packet]:
+    return [decode(one.data) for one in actions if isinstance(one, SendPacket)]
+
+
+def chosen(links: ReliableLinks, losses: list[float], first_s: int = 0) -> list[bool]:
+    """Whether datagrams are used after each second with these losses."""
+    found: list[bool] = []
+    for second, loss in enumerate(losses, first_s):
+        links.on_quality(UAV1, LinkQuality(loss), second * S)
+        found.append(links.uses_datagrams(UAV1))
+    return found
+
+
+def test_a_link_with_loss_gets_datagrams_within_a_second_or_two() -> None:
+    assert chosen(ReliableLinks(), [0.3]) == [True]
+    assert chosen(ReliableLinks(), [0.1, 0.1]) == [False, True]
+
+
+def test_a_clean_link_and_a_single_loss_stay_with_the_connection() -> None:
+    assert not any(chosen(ReliableLinks(), [0.0, 0.0625, 0.0, 0.0, 0.0625, 0.0]))
+
+
+def test_a_link_without_loss_for_a_while_gets_its_connection_back() -> None:
+    links = ReliableLinks()
+    chosen(links, [0.3])
+    seconds = chosen(links, [0.0] * 60, first_s=1)
+    assert CLEAN_NS // S < seconds.index(False) < CLEAN_NS // S + 12
+    links = ReliableLinks()
+    chosen(links, [0.3])
+    assert all(chosen(links, [0.0, 0.0, 0.0, 0.1] * 20, first_s=1)), "it does not change back and forth"
+
+
+def test_what_waits_for_the_connection_moves_once() -> None:
+    links = ReliableLinks()
+    assert links.on_quality(UAV1, LinkQuality(0.4), 0) == [UseDatagrams(UAV1)]
+    assert links.on_quality(UAV1, LinkQuality(0.4), S) == []
+
+
+def test_a_frame_is_sent_counted_and_delivered() -> None:
+    here, there = ReliableLinks(), ReliableLinks()
+    item = queued(1)
+    actions = here.on_frame(UAV1, SESSION, item, 0)
+    assert FrameBegun(UAV1, item) in actions
+    [sent] = [one for one in actions if isinstance(one, SendPacket)]
+    assert (sent.hw, sent.session) == (UAV1, SESSION)
+    assert there.on_packet(3, 5, sent.data, S) == [DeliverFrame(3, item.data)]
+    assert there.on_packet(3, 5, sent.data, S)[:1] != [DeliverFrame(3, item.data)]
+
+
+def test_a_neighbour_that_started_again_gets_what_the_former_session_did_not() -> None:
+    links = ReliableLinks()
+    for number in range(3):
+        links.on_frame(UAV1, SESSION, queued(number), 0)
+    link = links.link(UAV1)
+    found = packets(links.on_frame(UAV1, SESSION + 1, queued(9), S))
+    assert links.link(UAV1) is not link
+    assert [piece.message for packet in found for piece in packet.pieces] == [0, 1, 2, 3]
+    assert found[0].number == 0
+
+
+def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while() -> None:
+    links = ReliableLinks()
+    chosen(links, [0.3])
+    links.on_frame(UAV1, SESSION, queued(1), 0)
+    now_ns, actions = 0, []
+    for _ in range(4 * BLOCKED):
+        due_ns = links.deadline_ns()
+        if due_ns is None:
+            break
+        now_ns = due_ns
+        actions = links.on_timer(now_ns)
+    [back] = [one for one in actions if isinstance(one, UseConnection)]
+    assert [one.frame.sequence for one in back.frames] == [1]
+    assert links.deadline_ns() is None
+    assert not links.uses_datagrams(UAV1)
+    links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS - 1)
+    assert not links.uses_datagrams(UAV1)
+    assert links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS) == [UseDatagrams(UAV1)]
+
+
+def test_frames_of_a_lost_neighbour_are_returned_and_its_numbers_continue() -> None:
+    links = ReliableLinks()
+    chosen(links, [0.3])
+    links.on_frame(UAV1, SESSION, queued(1), 0)
+    assert [one.frame.sequence for one in links.on_gone(UAV1, S)] == [1]
+    assert links.deadline_ns() is None
+    assert not links.uses_datagrams(UAV1)
+    assert links.on_gone(UAV1 + 1, S) == []
+    [packet] = packets(links.on_frame(UAV1, SESSION, queued(2), 2 * S))
+    assert (packet.number, packet.floor) == (1, 1)
+    assert [piece.message for piece in packet.pieces] == [1]
+
+
+def test_garbage_and_acknowledgements_of_nothing_are_counted() -> None:
+    link = ReliableLink(UAV1, SESSION, 0, 0.0, 0)
+    bad = [
+        b"",
+        b"garbage",
+        bytes(8) + b"\x01\x05\0\0\0\0\0\0\0\0",
+        encode(Packet(0, 0, None, (Piece(900_000, 1, 0, b"x"),))),
+    ]
+    for data in bad:
+        assert link.on_packet(data, 0) == []
+    assert link.malformed == len(bad)
+
+
+def test_frames_that_are_too_many_are_reported() -> None:
+    links = ReliableLinks()
+    dropped: list[QueuedFrame] = []
+    for number in range(4000):
+        actions = links.on_frame(UAV1, SESSION, queued(number, 1000, FrameKind.STREAM), 0)
+        dropped += [one for action in actions if isinstance(action, FramesDropped) for one in action.frames]
+    assert dropped
+    assert len(links.link(UAV1) or ()) + len(dropped) == 4000
