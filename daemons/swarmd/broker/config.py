@@ -1,5 +1,6 @@
 """Settings of the broker (services/broker.toml)."""
 
+from enum import StrEnum
 from typing import Annotated
 
 import msgspec
@@ -11,6 +12,14 @@ GroupPort = Annotated[int, msgspec.Meta(ge=1, le=65_535)]
 Platform = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 Delay = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 Seed = Annotated[str, msgspec.Meta(pattern=r"^[^\s:]+:[0-9]{1,5}$")]
+
+
+class FrameCarrier(StrEnum):
+    """What carries the frames to neighbours."""
+
+    AUTO = "auto"
+    TCP = "tcp"
+    UDP = "udp"
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -42,6 +51,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     value; empty: none."""
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
     """Budget for relaying boards of other nodes, in bytes per second."""
+    frames: FrameCarrier = FrameCarrier.AUTO
+    """What carries frames to neighbours: tcp, udp (acknowledged datagrams), or auto: udp where a link loses
+    packets, tcp elsewhere."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
     """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is lost."""
 

@@ -4,20 +4,22 @@ import random
 from collections.abc import Callable
 from functools import partial
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.reliable.reliable_link import (
     OVERHEAD,
     DeliverFrame,
     FramesDropped,
-    LinkAction,
     ReliableLink,
     SendPacket,
 )
+from swarmd.broker.core.reliable.reliable_links import Action, LinkQuality, ReliableLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.testing.virtual import VirtualTime
 
 MS = 1_000_000
 S = 1_000_000_000
+SESSION = 7
 
 
 class Medium:
@@ -62,10 +64,12 @@ class Pair:
     def __init__(self, there: Medium, back: Medium, loss: float = 0.0) -> None:
         self._time = VirtualTime(S)
         self._media = {1: there, 2: back}
-        self.ends = {node: ReliableLink(3 - node, 7, 0, loss, S) for node in (1, 2)}
+        self._links = {node: ReliableLinks(Config()) for node in (1, 2)}
         self._drivers = {
-            node: self._time.drive(end, partial(self._perform, node)) for node, end in self.ends.items()
+            node: self._time.drive(links, partial(self._perform, node)) for node, links in self._links.items()
         }
+        for node, links in self._links.items():
+            links.on_quality(3 - node, LinkQuality(loss), S)
         self.received: dict[int, list[tuple[int, Frame]]] = {1: [], 2: []}
         """What arrived at each node, and when."""
         self.dropped: list[Frame] = []
@@ -75,6 +79,12 @@ class Pair:
     def now_ns(self) -> int:
         """The present instant."""
         return self._time.now_ns
+
+    def end(self, node: int) -> ReliableLink:
+        """This node's end of the link; it has one when it has sent or received something."""
+        link = self._links[node].link(3 - node)
+        assert link is not None
+        return link
 
     def at(self, when_ns: int, call: Callable[[], None]) -> None:
         """Schedule a call."""
@@ -101,10 +111,10 @@ class Pair:
         payload = bytes(size)
         frame = Frame(kind, 1, sender, 1, 3 - sender, 1, sequence=self.sent, stamp_ns=now_ns, payload=payload)
         queued = QueuedFrame(encode(frame), frame, now_ns)
-        self._drivers[sender].feed(self.ends[sender].on_frame(queued, now_ns))
+        self._drivers[sender].feed(self._links[sender].on_frame(3 - sender, SESSION, queued, now_ns))
         return frame
 
-    def _perform(self, node: int, action: LinkAction) -> None:
+    def _perform(self, node: int, action: Action) -> None:
         match action:
             case SendPacket():
                 at_ns = self._media[node].arrival_ns(len(action.data) + OVERHEAD, self.now_ns)
@@ -116,7 +126,7 @@ class Pair:
                 self.dropped += [one.frame for one in action.frames]
 
     def _arrive(self, node: int, data: bytes) -> None:
-        self._drivers[node].feed(self.ends[node].on_packet(data, self.now_ns))
+        self._drivers[node].feed(self._links[node].on_packet(3 - node, SESSION, data, self.now_ns))
 
 
 def latencies_ms(received: list[tuple[int, Frame]]) -> list[float]:

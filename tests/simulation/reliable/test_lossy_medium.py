@@ -26,7 +26,7 @@ def both(seed: int, loss: float, **medium: float) -> tuple[Medium, Medium]:
     return Medium(seed, loss=loss, **medium), Medium(1000 + seed, loss=loss, **medium)
 
 
-@pytest.mark.parametrize("seed", seeds(2, 10))
+@pytest.mark.parametrize("seed", seeds(1, 10))
 @pytest.mark.parametrize(("loss", "p99_ms"), [(0.0, 40), (0.1, 250), (0.2, 400), (0.3, 600), (0.4, 1000)])
 @pytest.mark.parametrize("jitter_ms", [0.0, 8.0])
 def test_a_stream_and_commands_arrive_whole_and_once(
@@ -43,7 +43,7 @@ def test_a_stream_and_commands_arrive_whole_and_once(
     assert share(latencies_ms(of_kind(pair, FrameKind.STREAM)), 0.99) < p99_ms
     assert share(latencies_ms(of_kind(pair, FrameKind.MESSAGE)), 0.99) < p99_ms
     useful = sum(len(frame.payload) for _, frame in pair.received[2])
-    assert pair.ends[1].repeated_bytes <= 1.5 * loss / (1 - loss) * useful + 20 * ITEM_BYTES
+    assert pair.end(1).repeated_bytes <= 1.5 * loss / (1 - loss) * useful + 20 * ITEM_BYTES
 
 
 @pytest.mark.parametrize("seed", seeds(1, 5))
@@ -70,7 +70,7 @@ def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns
     pair = Pair(there, back, loss=loss)
 
     def offer() -> None:
-        while len(pair.ends[1]) < 200:
+        while not pair.sent or len(pair.end(1)) < 200:
             pair.send(ITEM_BYTES)
 
     def rate(bit_s: float) -> None:
@@ -110,7 +110,7 @@ def test_bulk_uses_the_link_and_repeats_little(seed: int, loss: float, rate_bit_
     assert len(pair.received[2]) == 250
     ideal_s = 250 * 4096 * 8 / rate_bit_s / (1 - loss)
     assert (pair.received[2][-1][0] - start_ns) / S < 1.5 * ideal_s + 1.0
-    assert pair.ends[1].repeated_bytes < (1.5 * loss / (1 - loss) + 0.15) * 250 * 4096
+    assert pair.end(1).repeated_bytes < (1.5 * loss / (1 - loss) + 0.15) * 250 * 4096
 
 
 @pytest.mark.parametrize("seed", seeds(1, 5))

@@ -98,7 +98,7 @@ class FrameLinks:
         except ConfigError:
             self._connections.close()
             raise
-        self._core = ReliableLinks()
+        self._core = ReliableLinks(config)
         self._driver = CoreDriver(
             self._core, self._perform, name="links", clock=clock, loop=asyncio.get_running_loop()
         )

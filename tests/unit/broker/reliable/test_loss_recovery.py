@@ -39,8 +39,8 @@ def test_an_overtaken_packet_is_lost_after_nine_eighths_of_the_round_trip() -> N
     assert acknowledge(recovery, (1, 1), now_ns=RTT) == ([1], [])
     due_ns = recovery.deadline_ns()
     assert due_ns == RTT * 9 // 8
-    assert recovery.on_timer(due_ns - 1) == ((), False)
-    lost, probe = recovery.on_timer(due_ns)
+    assert recovery.on_due(due_ns - 1) == ((), False)
+    lost, probe = recovery.on_due(due_ns)
     assert [packet.number for packet in lost] == [0]
     assert not probe
 
@@ -78,7 +78,7 @@ def test_silence_is_probed_at_growing_distances_up_to_a_limit() -> None:
         assert due_ns is not None
         waits.append(due_ns - now_ns)
         now_ns = due_ns
-        assert recovery.on_timer(now_ns) == ((), True)
+        assert recovery.on_due(now_ns) == ((), True)
         sent(recovery, 10 + len(waits), at_ns=now_ns)
     first = RTT + 4 * (RTT // 2) + SLACK_NS
     assert waits == [first] + [2 * first] * (BACKOFF_MAX + 2)
@@ -102,7 +102,7 @@ def test_an_acknowledgement_of_many_numbers_costs_no_more_than_what_is_in_flight
 def test_what_is_given_up_is_forgotten() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0, 1, 2)
-    recovery.on_timer(10**12)
+    recovery.on_due(10**12)
     recovery.clear()
     assert not recovery
     assert recovery.deadline_ns() is None

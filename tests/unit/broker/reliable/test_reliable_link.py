@@ -41,7 +41,7 @@ def test_an_acknowledgement_rides_in_the_next_packet_or_goes_alone() -> None:
     assert packet.acknowledgement.ranges == ((0, 0),)
     assert arrive(one, 1, 2) == []
     assert one.deadline_ns() == 2 + ACK_DELAY_NS
-    [packet] = packets(one.on_timer(2 + ACK_DELAY_NS))
+    [packet] = packets(one.on_due(2 + ACK_DELAY_NS))
     assert packet.pieces == ()
     assert packet.acknowledgement is not None
     assert packet.acknowledgement.largest == 1
@@ -78,11 +78,11 @@ def test_a_probe_repeats_the_oldest_packet_once_then_twice() -> None:
     one.on_frame(queued(2, 500), 0)
     due_ns = one.deadline_ns()
     assert due_ns is not None
-    [probe] = packets(one.on_timer(due_ns))
+    [probe] = packets(one.on_due(due_ns))
     assert probe.pieces == first.pieces
     due_ns = one.deadline_ns()
     assert due_ns is not None
-    again = packets(one.on_timer(due_ns))
+    again = packets(one.on_due(due_ns))
     assert [packet.pieces for packet in again] == [first.pieces] * 2
     assert one.repeated_bytes == 3 * len(first.pieces[0].data)
 
@@ -92,7 +92,7 @@ def test_what_arrived_meanwhile_is_not_repeated() -> None:
     [first] = packets(one.on_frame(queued(1, 500), 0))
     due_ns = one.deadline_ns()
     assert due_ns is not None
-    [probe] = packets(one.on_timer(due_ns))
+    [probe] = packets(one.on_due(due_ns))
     assert first.pieces == probe.pieces
     assert arrive(one, 0, due_ns + MS, (probe.number, probe.number)) == []
     assert len(one) == 0

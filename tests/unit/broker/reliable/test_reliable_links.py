@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.reliable.packet import Packet, Piece, decode, encode
 from swarmd.broker.core.reliable.reliable_link import (
@@ -49,32 +50,37 @@ def chosen(links: ReliableLinks, losses: list[float], first_s: int = 0) -> list[
 
 
 def test_a_link_with_loss_gets_datagrams_within_a_second_or_two() -> None:
-    assert chosen(ReliableLinks(), [0.3]) == [True]
-    assert chosen(ReliableLinks(), [0.1, 0.1]) == [False, True]
+    assert chosen(ReliableLinks(Config()), [0.3]) == [True]
+    assert chosen(ReliableLinks(Config()), [0.1, 0.1]) == [False, True]
 
 
 def test_a_clean_link_and_a_single_loss_stay_with_the_connection() -> None:
-    assert not any(chosen(ReliableLinks(), [0.0, 0.0625, 0.0, 0.0, 0.0625, 0.0]))
+    assert not any(chosen(ReliableLinks(Config()), [0.0, 0.0625, 0.0, 0.0, 0.0625, 0.0]))
 
 
 def test_a_link_without_loss_for_a_while_gets_its_connection_back() -> None:
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     chosen(links, [0.3])
     seconds = chosen(links, [0.0] * 60, first_s=1)
     assert CLEAN_NS // S < seconds.index(False) < CLEAN_NS // S + 12
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     chosen(links, [0.3])
     assert all(chosen(links, [0.0, 0.0, 0.0, 0.1] * 20, first_s=1)), "it does not change back and forth"
 
 
+def test_one_carrier_can_be_pinned() -> None:
+    assert not any(chosen(ReliableLinks(Config(frames=FrameCarrier.TCP)), [0.5] * 5))
+    assert all(chosen(ReliableLinks(Config(frames=FrameCarrier.UDP)), [0.0] * 60))
+
+
 def test_what_waits_for_the_connection_moves_once() -> None:
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     assert links.on_quality(UAV1, LinkQuality(0.4), 0) == [UseDatagrams(UAV1)]
     assert links.on_quality(UAV1, LinkQuality(0.4), S) == []
 
 
 def test_a_frame_is_sent_counted_and_delivered() -> None:
-    here, there = ReliableLinks(), ReliableLinks()
+    here, there = ReliableLinks(Config()), ReliableLinks(Config())
     item = queued(1)
     actions = here.on_frame(UAV1, SESSION, item, 0)
     assert FrameBegun(UAV1, item) in actions
@@ -85,7 +91,7 @@ def test_a_frame_is_sent_counted_and_delivered() -> None:
 
 
 def test_a_neighbour_that_started_again_gets_what_the_former_session_did_not() -> None:
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     for number in range(3):
         links.on_frame(UAV1, SESSION, queued(number), 0)
     link = links.link(UAV1)
@@ -96,7 +102,7 @@ def test_a_neighbour_that_started_again_gets_what_the_former_session_did_not() -
 
 
 def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while() -> None:
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     chosen(links, [0.3])
     links.on_frame(UAV1, SESSION, queued(1), 0)
     now_ns, actions = 0, []
@@ -116,7 +122,7 @@ def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while()
 
 
 def test_frames_of_a_lost_neighbour_are_returned_and_its_numbers_continue() -> None:
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     chosen(links, [0.3])
     links.on_frame(UAV1, SESSION, queued(1), 0)
     assert [one.frame.sequence for one in links.on_gone(UAV1, S)] == [1]
@@ -142,7 +148,7 @@ def test_garbage_and_acknowledgements_of_nothing_are_counted() -> None:
 
 
 def test_frames_that_are_too_many_are_reported() -> None:
-    links = ReliableLinks()
+    links = ReliableLinks(Config())
     dropped: list[QueuedFrame] = []
     for number in range(4000):
         actions = links.on_frame(UAV1, SESSION, queued(number, 1000, FrameKind.STREAM), 0)

@@ -26,7 +26,7 @@ SLACK_NS: Final = 15_000_000
 packets a second at 10 % loss and 20 ms round trip 22 % are sent again with 4 ms, 13 % with 15 ms and with
 25 ms; the slowest hundredth of commands needs longer with 25 ms."""
 BACKOFF_MAX: Final = 1
-"""Doublings of the time-out of a probe: with two, a stream stood still for half a second at 40 % loss."""
+"""Doublings of the time-out of a probe: with two, a stream stopped for half a second at 40 % loss."""
 LOST_KEPT: Final = 512
 """Lost packets that are remembered, to see that one was only late."""
 
@@ -103,7 +103,7 @@ class LossRecovery:
                     del self._lost[number]
                 late += len(returned)
         if late:
-            self._packet_threshold = min(2 * self._packet_threshold, PACKET_THRESHOLD_MAX)
+            self._packet_threshold = min(self._packet_threshold << 1, PACKET_THRESHOLD_MAX)
             self._time_ratio = min(1.25 * self._time_ratio, TIME_RATIO_MAX)
         else:
             self._time_ratio += RELAXATION * (TIME_RATIO - self._time_ratio)
@@ -138,7 +138,7 @@ class LossRecovery:
             del self._lost[next(iter(self._lost))]
         return tuple(lost)
 
-    def on_timer(self, now_ns: int) -> tuple[tuple[SentPacket, ...], bool]:
+    def on_due(self, now_ns: int) -> tuple[tuple[SentPacket, ...], bool]:
         """The packets that count as lost now, and whether a probe is due."""
         if self._loss_due_ns is not None:
             return (self._detect(now_ns), False) if now_ns >= self._loss_due_ns else ((), False)
@@ -157,7 +157,7 @@ class LossRecovery:
         return self._last_sent_ns + (timeout_ns + SLACK_NS << min(self.probes, BACKOFF_MAX))
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do."""
+        """When `on_due` must be called."""
         return self._loss_due_ns if self._loss_due_ns is not None else self._probe_ns()
 
     def clear(self) -> None:

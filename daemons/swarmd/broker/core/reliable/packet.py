@@ -77,7 +77,7 @@ class Packet(msgspec.Struct, frozen=True, gc=False):
 
 
 def encode(packet: Packet) -> bytes:
-    """Encode a packet."""
+    """The packet as bytes."""
     parts = [_HEAD.pack(packet.number, packet.floor)]
     if packet.acknowledgement is not None:
         parts.append(_encode_acknowledgement(packet.acknowledgement))

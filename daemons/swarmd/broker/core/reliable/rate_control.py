@@ -1,6 +1,6 @@
 """How much may be in flight to a neighbour: a window that follows the queueing delay, not the loss.
 
-A radio loses packets that no queue dropped, so loss alone is no sign of congestion (RFC 9002 would stop at a
+A radio loses packets that no queue dropped, so loss alone does not show congestion (RFC 9002 would stop at a
 few packets). The sign is the growth of the round trip above its minimum, as in LEDBAT (RFC 6817); loss
 counts only as far as it exceeds what the link loses anyway.
 """

@@ -11,7 +11,7 @@ ACK_EVERY: Final = 2
 
 
 class ReceivedPackets:
-    """Ranges of received packet numbers, and the acknowledgement that is owed for them."""
+    """Ranges of received packet numbers, and the pending acknowledgement of them."""
 
     __slots__ = ("_due_ns", "_newest_ns", "_ranges", "_unanswered")
 
@@ -24,7 +24,7 @@ class ReceivedPackets:
         self._due_ns: int | None = None
 
     def on_packet(self, number: int, is_answered: bool, now_ns: int) -> None:
-        """A packet arrived."""
+        """A packet with this number arrived."""
         newest = self._ranges[0][1] if self._ranges else -1
         in_order = number == newest + 1
         if number > newest:
@@ -54,11 +54,11 @@ class ReceivedPackets:
 
     @property
     def due_ns(self) -> int | None:
-        """When the acknowledgement must be sent; None: none is owed."""
+        """When the acknowledgement must be sent; None: none is pending."""
         return self._due_ns
 
     def present(self, now_ns: int) -> Acknowledgement | None:
-        """The acknowledgement of all packets, if one is owed."""
+        """The acknowledgement of all packets, if one is pending."""
         if not self._unanswered:
             return None
         ranges = tuple((first, last) for first, last in self._ranges)

@@ -29,7 +29,7 @@ PROBES: Final = 2
 """Copies of the oldest packet, from the second probe on (RFC 9002, section 6.2.4)."""
 SILENCE: Final = 6
 """Probes in a row without an acknowledgement after which less is sent; at 40 % loss less than one loss in a
-hundred is followed by so many."""
+hundred has this consequence."""
 BLOCKED: Final = 12
 """Probes in a row without an acknowledgement after which the neighbour does not get the datagrams: they are
 blocked on the way, or it does not know them."""
@@ -58,7 +58,7 @@ class FrameBegun(msgspec.Struct, frozen=True, gc=False):
 
 
 class FramesDropped(msgspec.Struct, frozen=True, gc=False):
-    """Action: tell the senders of these frames that the neighbour does not take them."""
+    """Action: refuse these frames to their senders: the neighbour does not take them."""
 
     hw: int
     frames: list[QueuedFrame]
@@ -155,9 +155,9 @@ class ReliableLink:
             for piece in packet.pieces:
                 self._outgoing.on_lost(piece)
 
-    def on_timer(self, now_ns: int) -> list[LinkAction]:
+    def on_due(self, now_ns: int) -> list[LinkAction]:
         """Packets that count as lost, probes, acknowledgements and paced packets that are due."""
-        lost, probe = self._recovery.on_timer(now_ns)
+        lost, probe = self._recovery.on_due(now_ns)
         self._on_lost(lost)
         actions: list[LinkAction] = []
         if probe:
@@ -229,7 +229,7 @@ class ReliableLink:
         return SendPacket(self.hw, self.session, data)
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` has something to do; None: never."""
+        """When `on_due` must be called; None: no deadline."""
         instants = (self._received.due_ns, self._recovery.deadline_ns(), self._paced_until_ns)
         return min((one for one in instants if one is not None), default=None)
 

@@ -1,6 +1,6 @@
 """The reliable links of a node: which neighbours get their frames in datagrams, and their sessions.
 
-TCP recovers slowly from loss that is no congestion: at 30 % a connection stands still for seconds. So frames
+TCP recovers slowly from loss without congestion: at 30 % a connection stops for seconds. So frames
 travel over TCP where a link is clean, and in datagrams where its beacons are lost.
 """
 
@@ -8,6 +8,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.reliable.reliable_link import LinkAction, ReliableLink
 
@@ -61,7 +62,8 @@ class _Choice(msgspec.Struct):
 class ReliableLinks:
     """Reliable links by neighbour, and the choice between them and connections."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: Config) -> None:
+        self._carrier = config.frames
         self._links: dict[int, ReliableLink] = {}
         self._choices: dict[int, _Choice] = {}
         self._qualities: dict[int, LinkQuality] = {}
@@ -84,14 +86,15 @@ class ReliableLinks:
         if link is not None:
             link.rate.on_link_loss(choice.loss)
         if choice.by_datagram:
-            if choice.loss > CLEAN:
+            if choice.loss > CLEAN or self._carrier is FrameCarrier.UDP:
                 choice.clean_since_ns = None
             elif choice.clean_since_ns is None:
                 choice.clean_since_ns = now_ns
             elif now_ns - choice.clean_since_ns >= CLEAN_NS:
                 choice.by_datagram = False
             return []
-        if choice.loss < LOSSY or now_ns < choice.blocked_until_ns:
+        is_lossy = choice.loss >= LOSSY or self._carrier is FrameCarrier.UDP
+        if not is_lossy or self._carrier is FrameCarrier.TCP or now_ns < choice.blocked_until_ns:
             return []
         choice.by_datagram, choice.clean_since_ns = True, None
         return [UseDatagrams(hw)]
@@ -125,7 +128,7 @@ class ReliableLinks:
             due_ns = link.deadline_ns()
             if due_ns is None or due_ns > now_ns:
                 continue
-            actions += link.on_timer(now_ns)
+            actions += link.on_due(now_ns)
             if link.is_blocked:
                 actions.append(UseConnection(hw, link.clear(now_ns)))
                 choice = self._choices.setdefault(hw, _Choice())
