@@ -76,7 +76,7 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mission: int
     boot_id: int
     transport: ConnectionStatus
-    """How frames travel to it; with two connections, for commands and for data, the state of the worse one."""
+    """How frames travel to it; of two connections, for commands and for data, the state of the worse one."""
     multicast: bool
     """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
 

@@ -101,24 +101,34 @@ def test_a_neighbour_that_started_again_gets_what_the_former_session_did_not() -
     assert found[0].number == 0
 
 
-def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while() -> None:
-    links = ReliableLinks(Config())
+def unanswered(links: ReliableLinks) -> int:
+    """Probes a neighbour in vain; the instant after the last one."""
     chosen(links, [0.3])
     links.on_frame(UAV1, SESSION, queued(1), 0)
-    now_ns, actions = 0, []
-    for _ in range(4 * BLOCKED):
-        due_ns = links.deadline_ns()
-        if due_ns is None:
-            break
-        now_ns = due_ns
-        actions = links.on_timer(now_ns)
-    [back] = [one for one in actions if isinstance(one, UseConnection)]
+    now_ns = 0
+    for _ in range(BLOCKED):
+        now_ns = links.deadline_ns() or 0
+        assert packets(links.on_timer(now_ns))
+    return now_ns
+
+
+def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while() -> None:
+    links = ReliableLinks(Config())
+    now_ns = unanswered(links)
+    [back] = links.on_quality(UAV1, LinkQuality(0.3), now_ns)
+    assert isinstance(back, UseConnection)
     assert [one.frame.sequence for one in back.frames] == [1]
     assert links.deadline_ns() is None
     assert not links.uses_datagrams(UAV1)
-    links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS - 1)
-    assert not links.uses_datagrams(UAV1)
+    assert links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS - 1) == []
     assert links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS) == [UseDatagrams(UAV1)]
+
+
+def test_in_an_outage_of_the_whole_link_it_goes_on() -> None:
+    links = ReliableLinks(Config())
+    now_ns = unanswered(links)
+    assert links.on_quality(UAV1, LinkQuality(0.9), now_ns) == []
+    assert packets(links.on_timer(links.deadline_ns() or 0))
 
 
 def test_frames_of_a_lost_neighbour_are_returned_and_its_numbers_continue() -> None:

@@ -19,6 +19,8 @@ CLEAN: Final = 0.01
 CLEAN_NS: Final = 20_000_000_000
 WEIGHT: Final = 0.4
 """Weight of the newest second's loss: at 30 % the first second is enough, a single loss is not."""
+OUTAGE: Final = 0.7
+"""Loss of the last beacons from which on the link itself, not a firewall, stops the datagrams."""
 BLOCKED_NS: Final = 60_000_000_000
 """Time after which a neighbour that did not acknowledge datagrams gets them again."""
 
@@ -85,6 +87,9 @@ class ReliableLinks:
         link = self._links.get(hw)
         if link is not None:
             link.rate.on_link_loss(choice.loss)
+            if link.is_blocked and quality.loss < OUTAGE:
+                choice.by_datagram, choice.blocked_until_ns = False, now_ns + BLOCKED_NS
+                return [UseConnection(hw, link.clear(now_ns))]
         if choice.by_datagram:
             if choice.loss > CLEAN or self._carrier is FrameCarrier.UDP:
                 choice.clean_since_ns = None
@@ -124,15 +129,11 @@ class ReliableLinks:
     def on_timer(self, now_ns: int) -> list[Action]:
         """Everything that is due on any link."""
         actions: list[Action] = []
-        for hw, link in self._links.items():
+        for link in self._links.values():
             due_ns = link.deadline_ns()
             if due_ns is None or due_ns > now_ns:
                 continue
             actions += link.on_due(now_ns)
-            if link.is_blocked:
-                actions.append(UseConnection(hw, link.clear(now_ns)))
-                choice = self._choices.setdefault(hw, _Choice())
-                choice.by_datagram, choice.blocked_until_ns = False, now_ns + BLOCKED_NS
         return actions
 
     def deadline_ns(self) -> int | None:
