@@ -45,7 +45,7 @@ class Flight:
     def feed(self, actions: list[Action]) -> None:
         for action in actions:
             if isinstance(action, WriteDrive):
-                self.simulation.on_setpoint(action.drive.setpoint, action.stamp_ns)
+                self.simulation.on_command(action.drive.setpoint, action.stamp_ns)
         self.navigator.on_control(self.control.state)
 
     def run(self, duration_s: float) -> None:
