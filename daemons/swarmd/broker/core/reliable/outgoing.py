@@ -26,7 +26,7 @@ COMMANDS: Final = (Priority.URGENT, Priority.CONTROL)
 Identity = tuple[int, int, int, int, int]
 
 
-class _Message(msgspec.Struct):
+class _OutgoingMessage(msgspec.Struct):
     number: int
     rank: Priority
     queued: QueuedFrame
@@ -44,12 +44,12 @@ class OutgoingMessages:
         self._queue = SendQueue()
         self._identities: set[Identity] = set()
         """Frames that wait or are in flight: a copy that their sender retransmits is not needed."""
-        self._messages: dict[int, _Message] = {}
+        self._messages: dict[int, _OutgoingMessage] = {}
         self._next_number = 0
         self.repeated_bytes = 0
         """Bytes of pieces that were sent again."""
         self._lost: dict[Priority, deque[Piece]] = {rank: deque() for rank in Priority}
-        self._begun: dict[Priority, _Message] = {}
+        self._begun: dict[Priority, _OutgoingMessage] = {}
         """The message of each class whose pieces are not all sent for the first time."""
 
     def __len__(self) -> int:
@@ -114,13 +114,13 @@ class OutgoingMessages:
 
     def _begin(self, rank: Priority, room: int) -> Piece | None:
         queued = self._queue.pop_class(rank)
-        message = _Message(self._next_number, rank, queued, len(queued.data))
+        message = _OutgoingMessage(self._next_number, rank, queued, len(queued.data))
         self._next_number += 1
         self._messages[message.number] = message
         self._begun[rank] = message
         return self._cut(message, room)
 
-    def _cut(self, message: _Message, room: int) -> Piece | None:
+    def _cut(self, message: _OutgoingMessage, room: int) -> Piece | None:
         data, offset = message.queued.data, message.next_offset
         size = len(data) - offset
         header = PIECE_BYTES if offset or size + WHOLE_BYTES > room else WHOLE_BYTES
