@@ -22,7 +22,7 @@ def names(config: Config, site: Site) -> list[str]:
 
 
 def test_a_vehicle_has_its_simulated_devices_and_its_computer() -> None:
-    devices = ["sim.gnss", "sim.imu", "sim.range", "sim.battery", "sim.chassis"]
+    devices = ["sim.gnss", "sim.range", "sim.battery", "sim.imu", "sim.chassis"]
     assert names(Config(), UGV) == [*devices, "system"]
     assert names(Config(), UAV) == [*devices, "sim.sonar", "system"]
     assert names(Config(), GCS) == ["system"]
