@@ -3,10 +3,22 @@
 from typing import Final
 
 from swarmware.module.module import Module
-from swarmware.types.net import ChannelLimits, Denial, Neighbours, Routes, TimingBatch, Traffic
+from swarmware.types.net import (
+    ChannelLimits,
+    Denial,
+    Neighbours,
+    Routes,
+    StructureBroadcast,
+    TimingBatch,
+    Traffic,
+)
 
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
+STRUCTURE_SLOTS: Final = 64
+"""Structures that may arrive before the tree reads them: one that is lost is asked for again."""
+STRUCTURE_SLOT_BYTES: Final = 2048
+"""More than a beacon holds."""
 
 
 class NetBoards:
@@ -40,4 +52,11 @@ class NetBoards:
             slots=TIMING_SLOTS,
             slot_bytes=TIMING_SLOT_BYTES,
             description="Clock differences measured from datagrams",
+        )
+        self.structures = module.stream_writer(
+            "net/structures",
+            StructureBroadcast,
+            slots=STRUCTURE_SLOTS,
+            slot_bytes=STRUCTURE_SLOT_BYTES,
+            description="Structures of neighbours' trees from their beacons",
         )

@@ -75,6 +75,7 @@ class Broker(Service):
             now_ns=now_ns,
             chance=random.random,
             exchange=None if keys.is_open else RosterExchange(keys, node.hardware, random.random),
+            signing=keys,
         )
         if keys.roster is not None:
             core.add_members((member.platform for member in keys.roster.valid()), now_ns)

@@ -23,6 +23,7 @@ from swarmd.broker.core.action import (
     WriteClockSamples,
     WriteLimits,
     WriteMirrors,
+    WriteStructure,
 )
 from swarmd.broker.core.admission.refusal_log import RefusalLog
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
@@ -53,7 +54,7 @@ from swarmware.types.net import (
 )
 from swarmware.types.rpc import Empty
 
-OF_DATAGRAMS: Final = (AdoptSession, LinkChanged, ProveSession, WriteMirrors)
+OF_DATAGRAMS: Final = (AdoptSession, LinkChanged, ProveSession, WriteMirrors, WriteStructure)
 """Actions that a received datagram causes: an exception in one of them ends this action, never the broker."""
 
 log = logging.getLogger("swarm.broker")
@@ -154,6 +155,8 @@ class BrokerShell:
                 for want, value in action.values:
                     if self._mirrors.write(want, value):
                         self._core.counters.notifications += 1
+            case WriteStructure():
+                self._boards.structures.write(action.structure)
             case PollInputs():
                 self._read_inputs(action.boards)
             case SendBeacon():

@@ -53,6 +53,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Pauses after failures in a row."""
     forget_s: Seconds = 600.0
     """Time without reachability after which a platform is removed with its mirrors."""
+    broadcast_s: Seconds = 2.0
+    """Time to wait for the structure of a neighbour in its beacons, before it is requested; 0: it is
+    requested at once."""
     answer_s: Pause = 2.0
     """Time-out of requests to other trees."""
     whole_swarm: bool = False

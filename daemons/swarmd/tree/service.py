@@ -47,7 +47,7 @@ from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types.mission import MissionState
-from swarmware.types.net import ChannelLimits, Neighbours, Routes, TreePlan
+from swarmware.types.net import ChannelLimits, Neighbours, Routes, StructureBroadcast, TreePlan
 from swarmware.types.tree import TreeChange, TreeItem
 
 PROBE_S: Final = 1.0
@@ -122,6 +122,7 @@ class Tree(Service):
         self._limits: BoardReader[ChannelLimits] = module.reader("net/limits", ChannelLimits)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
         self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
+        self._structures = module.stream_reader("net/structures", StructureBroadcast)
         self._reached: dict[str, Reachability] = {}
         """Platforms that the core was last fed as reachable."""
 
@@ -143,6 +144,7 @@ class Tree(Service):
                 group.create_task(self._follow_applications(changed), name="tree:apps")
                 group.create_task(self._exchange.follow_notifications(), name="tree:notes")
                 group.create_task(self._follow_limits(), name="tree:limits")
+                group.create_task(self._follow_structures(), name="tree:structures")
                 group.create_task(self._denials.follow_broker(), name="tree:denials of the broker")
                 group.create_task(self._denials.follow_processes(), name="tree:denials of processes")
                 for board in (self._neighbours, self._routes):
@@ -228,7 +230,13 @@ class Tree(Service):
         for platform, reach in found.items():
             if before.get(platform) != reach:
                 with self._boundary(f"reach of {platform}"):
-                    self._driver.feed(self._tree.on_up(platform, reach.version, reach.near, now_ns))
+                    version, near, multicast = reach.version, reach.near, reach.multicast
+                    self._driver.feed(self._tree.on_up(platform, version, near, now_ns, multicast=multicast))
+
+    async def _follow_structures(self) -> None:
+        async for broadcast in self._structures:
+            with self._boundary(f"structure of {broadcast.node}"):
+                self._driver.feed(self._tree.on_broadcast(broadcast, self.module.now_ns()))
 
     async def _follow_limits(self) -> None:
         while True:
@@ -265,6 +273,8 @@ class Tree(Service):
             tuple(tree.subscribers.offers()),
             tuple(tree.replicas.wants()),
             self._mission_digest,
+            tree.broadcast(),
+            tuple(tree.replicas.needs()),
         )
 
     def _perform(self, action: Action) -> None:

@@ -395,6 +395,22 @@ class BoardSubscription(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class StructureBroadcast(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Structure of a node's tree as its beacons carry it (stream `net/structures`): changes to a template."""
+
+    node: str
+    """Name of the node, with its unit where that is not `main`."""
+    epoch: Count
+    """Changes with each start of its tree service."""
+    digest: int
+    """Digest of its structure."""
+    base: int
+    """Digest of the template."""
+    data: bytes
+    """As `StructureReply.data` in form 2."""
+
+
+@register
 class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Publications and subscriptions of the beacon: written by the tree, read by the broker (board
     `tree/plan`)."""
@@ -405,6 +421,10 @@ class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
     wants: tuple[BoardSubscription, ...] = ()
     mission: Uint32 = 0
     """Digest of the active mission, announced to neighbours; 0: none."""
+    broadcast: StructureBroadcast | None = None
+    """Own structure, for the beacons; None: it is too large for them."""
+    needs: tuple[str, ...] = ()
+    """Neighbours whose structure is needed."""
 
 
 @register

@@ -59,8 +59,22 @@ class Network(Protocol):
         """A random number."""
         ...
 
-    def drive(self, core: SwarmTree, perform: Callable[[Action], None]) -> CoreDriver[Action]:
+    def drive(
+        self, core: SwarmTree, perform: Callable[[Action], None], *, settled: Callable[[], None]
+    ) -> CoreDriver[Action]:
         """See VirtualTime."""
+        ...
+
+    def on_started(self, tree: SwarmTree) -> None:
+        """The broker of the node has the plan of this tree from now on."""
+        ...
+
+    def on_settled(self, name: str) -> None:
+        """The plan of the tree of a node may have changed."""
+        ...
+
+    def on_stopped(self, name: str) -> None:
+        """The broker of a node has ended."""
         ...
 
     def ask_structure(self, one: "Node", platform: str, request: StructureRequest) -> None:
@@ -115,7 +129,10 @@ class Node:
         self.seen = ({}, {})
         if self._driver is not None:
             self._driver.stop()
-        self._driver = self._network.drive(tree, partial(self._carry_out, tree))
+        self._driver = self._network.drive(
+            tree, partial(self._carry_out, tree), settled=partial(self._network.on_settled, self.name)
+        )
+        self._network.on_started(tree)
         self.update()
 
     def stop(self) -> None:
@@ -124,6 +141,7 @@ class Node:
         self.tree = None
         if self._driver is not None:
             self._driver.stop()
+        self._network.on_stopped(self.name)
         self.mirrors.clear()
         self.events.clear()
 

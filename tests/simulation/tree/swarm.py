@@ -1,11 +1,12 @@
 """A swarm of real tree cores in virtual time: moving radios, loss, late and doubled answers, crashes."""
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 from typing import TypeVar
 
 import msgspec
+from tests.simulation.tree.beacons import BeaconAir
 from tests.simulation.tree.node import Node
 from tests.simulation.tree.radio import Radio
 
@@ -86,6 +87,26 @@ class Swarm(VirtualTime):
             speed_m_s=weather.speed_m_s,
         )
 
+        self._air = BeaconAir(self, random.Random(seed + 1), self._near, self._feed, loss=weather.loss)
+
+    def _near(self, name: str) -> Iterable[str]:
+        return self.radio.near.get(name, ())
+
+    def _feed(self, name: str, actions: list[Action]) -> None:
+        self.nodes[name].do(lambda: actions)
+
+    def on_started(self, tree: SwarmTree) -> None:
+        """The broker of the node has the plan of this tree from now on."""
+        self._air.join(tree)
+
+    def on_settled(self, name: str) -> None:
+        """The plan of the tree of a node may have changed."""
+        self._air.on_settled(name)
+
+    def on_stopped(self, name: str) -> None:
+        """The broker of a node has ended."""
+        self._air.leave(name)
+
     def new_epoch(self) -> int:
         """As a tree service draws one at its start."""
         return self._random.getrandbits(32)
@@ -133,7 +154,8 @@ class Swarm(VirtualTime):
         for name, (near, version) in fresh.items():
             # far away, the version is a rumour that may not have come yet; it is repeated until it has
             heard = near or self._random.random() < 0.5
-            node.do(partial(tree.on_up, name, version if heard else None, near, self.now_ns))
+            known = version if heard else None
+            node.do(partial(tree.on_up, name, known, near, self.now_ns, multicast=near))
             if not heard:
                 self.after(self._random.uniform(0.5, 3.0), partial(self._rumour, node, life, name))
 

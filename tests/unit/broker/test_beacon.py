@@ -3,6 +3,7 @@
 import contextlib
 import struct
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import TypeVar
 
 import pytest
@@ -28,7 +29,14 @@ from swarmd.broker.core.beacon.beacon import (
     decode_age,
     encode_age,
 )
-from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck
+from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck, body_bytes
+from swarmd.broker.core.beacon.structure_parts import (
+    StructurePart,
+    encode_questions,
+    encode_structure,
+    question_bytes,
+    structure_bytes,
+)
 from swarmware.errors import WireError
 
 T = TypeVar("T")
@@ -79,6 +87,9 @@ BEACONS = st.builds(
         )
     ),
     checks=some(st.builds(SessionCheck, U8, U32, U32)),
+    structure=st.none()
+    | st.builds(StructurePart, U32, U64, U64, PAYLOADS, st.sampled_from([b"", bytes(range(64))])),
+    structure_questions=some(U32),
 )
 HEADERS = st.builds(
     Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
@@ -115,10 +126,18 @@ def test_a_damaged_beacon_is_a_beacon_or_a_wire_error(beacon: Beacon, data: st.D
 @given(BEACONS)
 def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
     body = codec.encode(beacon)
-    two_parts = beacon.checks and beacon.hello is not None and beacon.hello.frame_port
+    parts = [
+        body_bytes(len(beacon.checks)),
+        PORT_PART_BYTES if beacon.hello is not None and beacon.hello.frame_port else 0,
+        structure_bytes(beacon.structure),
+        question_bytes(len(beacon.structure_questions)),
+    ]
+    first = len(body) - sum(parts)
+    # without its last extra parts it is a whole beacon, if one is left
+    whole = {first + size for size in accumulate(parts) if size}
     for length in range(len(body)):
-        if two_parts and length == len(body) - PORT_PART_BYTES:
-            continue  # without its second extra part it is a whole beacon
+        if length in whole:
+            continue
         with pytest.raises(WireError):
             codec.decode(body[:length])
 
@@ -179,6 +198,26 @@ def test_parts_of_a_later_version_are_skipped() -> None:
     body[0] |= codec.Section.EXTRA
     body += struct.pack("<BH", 77, 5) + b"12345" + struct.pack("<BH", 78, 0)
     assert codec.decode(bytes(body)) == Beacon(rows=(RouteRow(1, 2, 3),))
+
+
+def test_the_parts_about_structures_are_those_of_the_protocol_page() -> None:
+    part = StructurePart(0x01020304, 0x1112131415161718, 0x2122232425262728, b"changes", bytes(64))
+    assert encode_structure(part) == b"".join(
+        (
+            bytes.fromhex("04 5c00 04030201 1817161514131211 2827262524232221 40"),
+            bytes(64),
+            b"changes",
+        )
+    )
+    assert encode_questions((0x0A0B0C0D, 1)) == bytes.fromhex("05 0800 0d0c0b0a 01000000")
+
+
+@pytest.mark.parametrize("size", [1, 63, 65, 200])
+def test_a_structure_with_a_signature_of_another_size_is_refused(size: int) -> None:
+    body = bytearray(codec.encode(Beacon(structure=StructurePart(1, 2, 3, bytes(100)))))
+    body[1 + 3 + 20] = size
+    with pytest.raises(WireError, match=f"a signature of {size} bytes does not fit"):
+        codec.decode(bytes(body))
 
 
 def test_bytes_behind_the_last_part_are_refused() -> None:

@@ -19,6 +19,7 @@ from swarmd.broker.core.beacon.beacon import (
     RouteRow,
     SequenceRequest,
 )
+from swarmd.broker.core.beacon.structure_parts import StructurePart
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
@@ -26,7 +27,14 @@ from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame
 from swarmware.model.names import data_id, hardware_id
-from swarmware.types.net import BoardPublication, BoardSubscription, TimingBatch, TimingSample, TreePlan
+from swarmware.types.net import (
+    BoardPublication,
+    BoardSubscription,
+    StructureBroadcast,
+    TimingBatch,
+    TimingSample,
+    TreePlan,
+)
 from swarmware.types.registry import encode
 
 SECOND: Final = 1_000_000_000
@@ -35,6 +43,7 @@ OTHERS: Final = ("uav2", "uav3", "uav4")
 POSE: Final = data_id("nav/pose", "Pose")
 
 U8, U16, U32 = st.integers(0, 255), st.integers(0, 0xFFFF), st.integers(0, 0xFFFF_FFFF)
+U64 = st.integers(0, 2**64 - 1)
 KNOWN: Final = tuple(hardware_id(name) for name in (ME, *OTHERS))
 NODES = st.sampled_from([*KNOWN, 0, 0xFFFF_FFFF]) | U32
 DATA = st.just(POSE) | U32
@@ -77,6 +86,9 @@ def beacons(name: str) -> st.SearchStrategy[Beacon]:
             ),
             4,
         ),
+        structure=st.none()
+        | st.builds(StructurePart, U32, U64, U64, PAYLOADS, st.sampled_from([b"", bytes(64)])),
+        structure_questions=many(NODES),
     )
 
 
@@ -103,7 +115,8 @@ def protocol() -> BeaconProtocol:
         relay_bytes_s=3000.0,
     )
     wants = tuple(BoardSubscription(name, "nav/pose", "Pose", POSE) for name in OTHERS)
-    mine.set_plan(TreePlan(1, (BoardPublication("nav/pose", POSE, "Pose"),), wants))
+    own = StructureBroadcast(ME, 1, 2, 3, b"changes")
+    mine.set_plan(TreePlan(1, (BoardPublication("nav/pose", POSE, "Pose"),), wants, 0, own, OTHERS))
     return mine
 
 

@@ -58,11 +58,11 @@ def to_structure(structure: StructureReplica, event: StructureEvent) -> None:
 
 STRUCTURE_CELLS = """
              asked       no_reply    mismatch   stored      agreed      contradicted unseen
-stale        asking      stale       stale      stale       stale       stale        stale
+stale        asking      stale       stale      current     stale       stale        stale
 asking       asking      stale       mismatched current     asking      asking       asking
-mismatched   asking_full mismatched  mismatched mismatched  mismatched  mismatched   mismatched
+mismatched   asking_full mismatched  mismatched current     mismatched  mismatched   mismatched
 asking_full  asking_full mismatched  stale      current     asking_full asking_full  asking_full
-unverified   asking      unverified  unverified unverified  current     stale        unverified
+unverified   asking      unverified  unverified current     current     stale        unverified
 current      current     current     current    current     current     stale        unverified
 """
 

@@ -33,7 +33,7 @@ def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:
     routes = Routes((route("uav1", "uav1"), route("uav2", "uav1", 7), route("gcs", "gcs")))
     neighbours = Neighbours((neighbour("uav1", "up", 6), neighbour("uav3", "half_open")))
     assert reachable("gcs", neighbours, routes) == {
-        "uav1": Reachability(6, True),
+        "uav1": Reachability(6, True, multicast=True),
         "uav2": Reachability(7, False),
     }
     assert reachable("gcs", None, None) == {}

@@ -6,7 +6,7 @@ from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.boards.claims import Contradiction
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
-from swarmware.types.net import BoardSubscription, ChannelLimits, TimingBatch
+from swarmware.types.net import BoardSubscription, ChannelLimits, StructureBroadcast, TimingBatch
 
 
 class PollInputs(msgspec.Struct, frozen=True):
@@ -24,6 +24,12 @@ class WriteMirrors(msgspec.Struct, frozen=True, gc=False):
     """Action: write values of other platforms into their mirrors."""
 
     values: list[tuple[BoardSubscription, RemoteValue]]
+
+
+class WriteStructure(msgspec.Struct, frozen=True, gc=False):
+    """Action: give the structure of a neighbour's tree to the tree of this node."""
+
+    structure: StructureBroadcast
 
 
 class KeepMirrors(msgspec.Struct, frozen=True):
@@ -104,6 +110,7 @@ Action = (
     PollInputs
     | SendBeacon
     | WriteMirrors
+    | WriteStructure
     | KeepMirrors
     | PublishTables
     | WriteLimits

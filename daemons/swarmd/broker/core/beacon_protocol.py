@@ -28,6 +28,7 @@ from swarmd.broker.core.boards.claims import SETTLED_NS, Contradiction, OriginBe
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
+from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, Neighbour
 from swarmd.broker.core.topology.node_table import NodeTable
@@ -35,7 +36,7 @@ from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.topology.topology import ClockSample, LinkChanged, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, ChannelCounters, Counters
 from swarmware.model.names import Address, hardware_id
-from swarmware.types.net import BoardSubscription, TreePlan
+from swarmware.types.net import BoardSubscription, StructureBroadcast, TreePlan
 
 HELLO_NS: Final = 2_000_000_000
 """Period of hellos."""
@@ -94,6 +95,8 @@ class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
     routes: list[RouteChanged]
     values: list[tuple[BoardSubscription, RemoteValue]]
     """Values of subscribed boards."""
+    structure: StructureBroadcast | None
+    """Structure of its tree."""
     first_hello: bool
     """First hello of a new or restarted neighbour: answer soon with an own hello."""
     contradictions: list[Contradiction]
@@ -122,6 +125,7 @@ class BeaconProtocol:
         busy_hz: float,
         relay_bytes_s: float,
         declared_period: DeclaredPeriod | None = None,
+        structures: StructureBroadcasts | None = None,
     ) -> None:
         self.identity = identity
         self.topology = topology
@@ -133,6 +137,7 @@ class BeaconProtocol:
         self._own_claims = OwnClaims(identity.hw)
         self._composed: list[BoardValue] = []
         """Own values of the beacon that was composed last."""
+        self.structures = structures or StructureBroadcasts(identity.hw, 0, None, counters.refused)
         self.slowdown = Slowdown()
         self.tcp_port = 0
         self.frame_port = 0
@@ -171,6 +176,7 @@ class BeaconProtocol:
             self._hello_ns = NEVER_NS
             self._replanned_ns = self._now_ns
         self._plan = plan
+        self.structures.set_plan(plan)
         self.published.offer(plan.offers, self.rate_limits.max_hz)
         wants = {
             (hardware_id(want.platform, want.unit), want.data_id): _Subscription(want) for want in plan.wants
@@ -244,8 +250,19 @@ class BeaconProtocol:
         values = self._take_values(neighbour, header, beacon, rx_ns) if beacon.values or beacon.relays else []
         contradictions, self.relay_cache.contradictions = self.relay_cache.contradictions, []
         self.counters.refused.contradicted += len(contradictions)
+        structure: StructureBroadcast | None = None
+        if (beacon.structure is not None or beacon.structure_questions) and neighbour.hello is not None:
+            name = neighbour.hello.name
+            structure = self.structures.on_beacon(hw, name, neighbour.session, beacon, rx_ns)
         return ReceivedBeacon(
-            neighbour, update.clock_sample, update.links, update.routes, values, first_hello, contradictions
+            neighbour,
+            update.clock_sample,
+            update.links,
+            update.routes,
+            values,
+            structure,
+            first_hello,
+            contradictions,
         )
 
     def _take_values(
@@ -362,7 +379,7 @@ class BeaconProtocol:
         silence_ns = SILENCE_NS if self._rest_hellos >= REST_HELLOS else FIRST_SILENCE_NS
         if not self.busy or self._hello_ns == NEVER_NS or now_ns - self._sent_ns >= silence_ns:
             return False
-        if self._announcements:
+        if self._announcements or self.structures.is_due(now_ns):
             return False
         if self.topology.is_changing(now_ns, SETTLE_NS):
             return False
@@ -391,6 +408,9 @@ class BeaconProtocol:
         for value in values:
             channel = self.counters.channel(self.published.boards[value.data_id].path)
             channel.sent(len(value.payload))
+        has_neighbours = self.topology.neighbours.active_count() > 0
+        structures = self.structures.compose(now_ns, room, has_neighbours=has_neighbours)
+        room -= structures.bytes
         common, needed = self._relay_terms(now_ns)
         members = self.nodes.rows(now_ns, room, common, self.topology.routing.next_hop)
         room -= sum(member_bytes(member) for member in members)
@@ -408,6 +428,8 @@ class BeaconProtocol:
             tuple(members),
             tuple(values),
             tuple(relays),
+            structure=structures.structure,
+            structure_questions=structures.questions,
         )
         rose = hello is not None and self._declared_period.declare(self._declared_ns, now_ns)
         return OutgoingBeacon(

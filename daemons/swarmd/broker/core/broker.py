@@ -21,6 +21,7 @@ from swarmd.broker.core.action import (
     WriteClockSamples,
     WriteLimits,
     WriteMirrors,
+    WriteStructure,
 )
 from swarmd.broker.core.admission.origins import RATE_DIVISOR
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
@@ -30,8 +31,10 @@ from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
+from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.report import NetReport
+from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.routing_table import RouteChanged
@@ -99,9 +102,10 @@ class BrokerCore:
         now_ns: int,
         chance: Callable[[], float],
         exchange: RosterExchange | None = None,
+        signing: SigningKeys | None = None,
     ) -> None:
         """`connections`: whether sessions can be proven over connections; not without keys. `exchange`: of
-        the roster; None without keys.
+        the roster, `signing`: of structures; None without keys.
 
         `chance`: uniform from 0 to 1, for the jitter of beacons.
         """
@@ -121,6 +125,7 @@ class BrokerCore:
             busy_hz=config.tick_hz,
             relay_bytes_s=config.relay_bytes_s,
             declared_period=DeclaredPeriod(former.declared_period_ns, now_ns),
+            structures=StructureBroadcasts(identity.hw, session, signing, self.counters.refused),
         )
         self.exchange = exchange
         if exchange is not None:
@@ -294,6 +299,8 @@ class BrokerCore:
             actions.append(WriteMirrors(received.values))
         if received.contradictions:
             actions.append(ReportContradictions(received.contradictions))
+        if received.structure is not None:
+            actions.append(WriteStructure(received.structure))
         if received.first_hello:
             self._protocol.schedule_hello()
         if received.links or received.routes:

@@ -13,6 +13,8 @@ class Reachability(msgspec.Struct, frozen=True, gc=False):
     """Version of its tree in the newest beacon or route; None: unknown."""
     near: bool
     """It is a neighbour: reachable without a hop."""
+    multicast: bool = False
+    """It is a neighbour, and beacons of both sides reach the other one by multicast."""
 
 
 def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:
@@ -24,6 +26,6 @@ def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) ->
             found[route.name] = Reachability(route.tree_version or None, route.via == route.name)
     for one in neighbours.neighbours if neighbours is not None else ():
         if one.platform and one.state is LinkStatus.UP and one.hardware == hardware_id(one.name):
-            found[one.name] = Reachability(one.tree_version or None, True)
+            found[one.name] = Reachability(one.tree_version or None, True, one.multicast)
     found.pop(own, None)
     return found

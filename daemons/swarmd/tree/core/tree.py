@@ -1,17 +1,19 @@
 """The tree of the swarm at one node: its own tree, replicas of others, subscriptions between them."""
 
 from collections.abc import Iterable
+from typing import Final
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action
-from swarmd.tree.core.replicas.replicas import Replicas, ReplicaTimeouts
+from swarmd.tree.core.replicas.replica_timeouts import ReplicaTimeouts
+from swarmd.tree.core.replicas.replicas import Replicas
 from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts
 from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.access import Access, Sender
 from swarmware.model.names import MAIN, Address
 from swarmware.model.resource import Resource
-from swarmware.types.net import ChannelLimit
+from swarmware.types.net import ChannelLimit, StructureBroadcast
 from swarmware.types.tree import (
     Rule,
     StructureReply,
@@ -21,6 +23,9 @@ from swarmware.types.tree import (
     TreeItem,
     TreeNotify,
 )
+
+BROADCAST_LIMIT: Final = 400
+"""Bytes of changes to a template in a beacon: with head and signature a third of its body."""
 
 
 class SwarmTree:
@@ -64,6 +69,7 @@ class SwarmTree:
             lease_ns=_ns(config.lease_s),
             retry_ns=retry_ns,
             forget_ns=_ns(config.forget_s),
+            broadcast_ns=_ns(config.broadcast_s),
             whole_swarm=config.whole_swarm,
         )
         self.replicas = Replicas(
@@ -92,7 +98,7 @@ class SwarmTree:
         if changes_units:
             self._actions += self.replicas.units.prune_own()
         if self.local_subscriptions.set_patterns(patterns) or changes_units:
-            self.replicas.on_subscriptions()
+            self.replicas.on_subscriptions(now_ns)
         return self._take_actions()
 
     def _follow_units(self, now_ns: int) -> None:
@@ -102,7 +108,7 @@ class SwarmTree:
         self._unit_version = self.replicas.unit_version
         if self.local.set_elsewhere(self.replicas.units.provided()):
             self.subscribers.on_structure(now_ns)
-        self.replicas.on_subscriptions()
+        self.replicas.on_subscriptions(now_ns)
 
     def on_value(self, item: TreeItem, now_ns: int) -> list[Action]:
         """A value of a resource that is watched."""
@@ -127,7 +133,7 @@ class SwarmTree:
     def on_demand(self, platform: str, now_ns: int) -> list[Action]:
         """An operator requests the structure of another platform; `replicas.asks`: whether a reply may
         follow."""
-        self.replicas.on_demand(platform)
+        self.replicas.on_demand(platform, now_ns)
         return self._take_actions()
 
     # -- the network
@@ -137,10 +143,19 @@ class SwarmTree:
         self.replicas.on_former_mirrors(platform, now_ns)
         return self._take_actions()
 
-    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> list[Action]:
-        """A platform is reachable, or the version of its tree or `near` has changed."""
-        self.replicas.on_up(platform, version, near, now_ns)
+    def on_up(
+        self, platform: str, version: int | None, near: bool, now_ns: int, *, multicast: bool = False
+    ) -> list[Action]:
+        """A platform is reachable, or the version of its tree or `near` has changed. `multicast`: beacons of
+        both sides reach the other one by multicast."""
+        self.replicas.on_up(platform, version, near, now_ns, multicast=multicast)
         self.subscribers.on_up(platform, now_ns)
+        return self._take_actions()
+
+    def on_broadcast(self, broadcast: StructureBroadcast, now_ns: int) -> list[Action]:
+        """The beacon of a neighbour has its structure."""
+        self.replicas.on_broadcast(broadcast, now_ns)
+        self._follow_units(now_ns)
         return self._take_actions()
 
     def on_gone(self, platform: str, now_ns: int) -> list[Action]:
@@ -157,7 +172,7 @@ class SwarmTree:
         self, request: StructureRequest, now_ns: int
     ) -> tuple[StructureReply, list[Action]]:
         """Another tree requests the structure of this one."""
-        self.replicas.on_peer_request(request.platform, request.epoch, request.digest)
+        self.replicas.on_peer_request(request.platform, request.epoch, request.digest, now_ns)
         self.subscribers.on_structure_sent(request.platform)
         return self.local.answer(request), self._take_actions()
 
@@ -165,7 +180,7 @@ class SwarmTree:
         self, request: SubscribeRequest, sender: Sender | None, now_ns: int
     ) -> tuple[SubscribeReply, list[Action]]:
         """Another tree subscribes here, or renews. Raises: InvalidInput."""
-        self.replicas.on_peer_request(request.platform, request.epoch, None)
+        self.replicas.on_peer_request(request.platform, request.epoch, None, now_ns)
         return self.subscribers.on_subscribe(request, sender, now_ns), self._take_actions()
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> list[Action]:
@@ -212,6 +227,13 @@ class SwarmTree:
         return soonest
 
     # -- for the broker
+
+    def broadcast(self) -> StructureBroadcast | None:
+        """The own structure for the beacons; None: it is empty, or too large for them."""
+        found = self.local.changes_to_template()
+        if found is None or len(found.data) > BROADCAST_LIMIT:
+            return None
+        return StructureBroadcast(str(self.address), found.epoch, found.digest, found.base, found.data)
 
     def plan_changed(self) -> bool:
         """Whether publications or subscriptions of the beacon have changed since the last call."""

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from swarmd.broker.core.beacon.session_checks import SessionCheck
+from swarmd.broker.core.beacon.structure_parts import StructurePart
 
 NEVER_NS: Final = -(1 << 62)
 """Before every instant: clocks may be negative, simulated ones have offsets."""
@@ -157,6 +158,10 @@ class Beacon(msgspec.Struct, frozen=True, gc=False):
     values: tuple[BoardValue, ...] = ()
     relays: tuple[RelayedValue, ...] = ()
     checks: tuple[SessionCheck, ...] = ()
+    structure: StructurePart | None = None
+    """Structure of the sender's tree."""
+    structure_questions: tuple[int, ...] = ()
+    """Hardware ids of nodes whose structure the sender needs."""
 
 
 def encode_age(age_us: int) -> int:

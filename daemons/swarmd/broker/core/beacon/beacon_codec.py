@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon import session_checks
+from swarmd.broker.core.beacon import session_checks, structure_parts
 from swarmd.broker.core.beacon.beacon import (
     HOPS_MAX,
     NO_ECHO,
@@ -140,7 +140,7 @@ def encode(beacon: Beacon) -> bytes:
     present = 0
     out = [b""]
     try:
-        for section, content in zip(_SECTIONS, msgspec.structs.astuple(beacon), strict=True):
+        for section, content in zip(_SECTIONS, msgspec.structs.astuple(beacon), strict=False):
             if content:
                 present |= section.bit
                 out.append(section.encode(content))
@@ -150,6 +150,12 @@ def encode(beacon: Beacon) -> bytes:
         if beacon.hello is not None and beacon.hello.roster_version:
             present |= Section.EXTRA
             out.append(session_checks.encode_roster_version(beacon.hello.roster_version))
+        if beacon.structure is not None:
+            present |= Section.EXTRA
+            out.append(structure_parts.encode_structure(beacon.structure))
+        if beacon.structure_questions:
+            present |= Section.EXTRA
+            out.append(structure_parts.encode_questions(beacon.structure_questions))
     except (struct.error, ValueError, OverflowError) as error:
         raise WireError(f"beacon: cannot be encoded: {error}") from error
     out[0] = bytes((present,))
@@ -196,6 +202,8 @@ def _decode(data: bytes) -> Beacon:
         raise WireError(f"beacon: {len(data) - at} bytes after its last section")
     if at > len(data):
         raise WireError(f"beacon of {len(data)} bytes: its sections need {at}")
+    if present & Section.EXTRA:
+        contents[_STRUCTURE], contents[_QUESTIONS] = structure_parts.decode(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
         contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
@@ -399,5 +407,8 @@ _SECTIONS: Final = (
     _Section(Section.RELAYS, _encode_relays, _decode_relays),
     _Section(Section.EXTRA, session_checks.encode, session_checks.decode),
 )
-"""In their order in the body, which is that of the fields of `Beacon`."""
+"""In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
+parts."""
+_STRUCTURE, _QUESTIONS = len(_SECTIONS), len(_SECTIONS) + 1
+"""Fields of `Beacon` behind those of the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

@@ -16,12 +16,15 @@ class Replica:
 
     __slots__ = (
         "address",
+        "awaits_broadcast",
+        "broadcast_missed",
         "computer_patterns",
         "demanded",
         "failures",
         "gone_ns",
         "limits",
         "matched",
+        "multicast",
         "name",
         "near",
         "notifications",
@@ -43,10 +46,16 @@ class Replica:
         """It is reachable."""
         self.near = False
         """It is a neighbour: reachable without a hop."""
+        self.multicast = False
+        """Its beacons and those of this node reach each other by multicast."""
         self.gone_ns = 0
         """When it was reachable last."""
         self.demanded = False
         """A user has requested its structure, and did not get it yet."""
+        self.awaits_broadcast = False
+        """Its structure is expected in one of its beacons."""
+        self.broadcast_missed = False
+        """It did not come in time, or could not be decoded: the structure is requested, until one comes."""
         self.structure = StructureReplica()
         self.subscription = RemoteSubscription(subscriptions.of(address))
         self.notifications = NotificationReceiver()

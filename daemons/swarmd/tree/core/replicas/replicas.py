@@ -5,12 +5,13 @@ from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from typing import Final
 
-import msgspec
-
 from swarmd.tree.core.action import Action, RemoveMirrors, RequestStructure, RequestSubscription, WriteMirror
 from swarmd.tree.core.replicas.platform_units import PlatformUnits
+from swarmd.tree.core.replicas.received_broadcasts import ReceivedBroadcasts
 from swarmd.tree.core.replicas.replica import Replica
+from swarmd.tree.core.replicas.replica_timeouts import ReplicaTimeouts
 from swarmd.tree.core.replicas.structure_replica import StructureState
+from swarmd.tree.core.replicas.sync_state import SyncState
 from swarmd.tree.core.structure.index import Index
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.structure.structure_decoder import StructureDecoder
@@ -20,7 +21,7 @@ from swarmware.errors import Conflict, InvalidInput, OutOfRange, WireError
 from swarmware.model.names import Address
 from swarmware.model.resource import Resource
 from swarmware.runtime.backoff import pause_after
-from swarmware.types.net import BoardSubscription
+from swarmware.types.net import BoardSubscription, StructureBroadcast
 from swarmware.types.tree import (
     BoardLimit,
     StructureReply,
@@ -34,27 +35,6 @@ log = logging.getLogger("swarm.tree")
 
 PLATFORMS_LIMIT: Final = 2000
 """Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
-
-
-class ReplicaTimeouts(msgspec.Struct, frozen=True, kw_only=True):
-    """Lease, retry and retention times of replicas."""
-
-    lease_ns: int
-    retry_ns: tuple[int, ...]
-    """Pauses after failures in a row."""
-    forget_ns: int
-    whole_swarm: bool = False
-    """Follow every platform; else neighbours, and those with a subscription."""
-
-
-class SyncState(msgspec.Struct, frozen=True):
-    """Synchronisation with the platforms that are followed and reachable."""
-
-    followed: int
-    structures: int
-    """Those whose structure is current."""
-    subscriptions: int
-    """Those that hold the subscription of this platform."""
 
 
 class _Due(StrEnum):
@@ -90,8 +70,9 @@ class Replicas:
         self._replicas: dict[str, Replica] = {}
         self._decoder = StructureDecoder([(), *templates])
         self._timers: Timers[tuple[str, _Due]] = Timers()
+        self._broadcasts = ReceivedBroadcasts(PLATFORMS_LIMIT)
         self.plan_version = 0
-        """Incremented by each change of `wants`."""
+        """Incremented by each change of `wants` or `needs`."""
         self.unit_version = 0
         """Incremented by each change of what other computers of this platform provide."""
 
@@ -109,6 +90,10 @@ class Replicas:
     def wants(self) -> list[BoardSubscription]:
         """Boards that are expected in beacons."""
         return [want for name in sorted(self._replicas) for want in self._replicas[name].wants]
+
+    def needs(self) -> list[str]:
+        """Neighbours whose structure is expected in a beacon."""
+        return sorted(name for name, replica in self._replicas.items() if replica.awaits_broadcast)
 
     def sync(self) -> SyncState:
         """How many of the followed platforms agree with what is known of them here."""
@@ -131,7 +116,7 @@ class Replicas:
 
     # -- the network
 
-    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> None:
+    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int, *, multicast: bool) -> None:
         """It is reachable (step 1 of S0.54), `near`: as a neighbour. `version` of its tree; None: unknown."""
         replica = self._replicas.get(platform)
         if replica is None:
@@ -140,7 +125,7 @@ class Replicas:
             replica = self._add(platform)
         structure, subscription = replica.structure, replica.subscription
         is_back = not replica.up
-        replica.up, replica.near = True, near
+        replica.up, replica.near, replica.multicast = True, near, near and multicast
         if is_back:
             replica.failures = 0
             structure.on_unseen()
@@ -153,7 +138,7 @@ class Replicas:
         within_lease = now_ns - replica.gone_ns < self._timeouts.lease_ns // 2
         if is_back and within_lease and structure.state is StructureState.CURRENT:
             subscription.on_verified()
-        self._request_due(replica)
+        self._request_due(replica, now_ns)
 
     def on_gone(self, platform: str, now_ns: int) -> None:
         """It is not reachable any more."""
@@ -163,6 +148,7 @@ class Replicas:
             replica.gone_ns = now_ns
             self._timers.drop((platform, _Due.STRUCTURE))
             self._timers.drop((platform, _Due.SUBSCRIPTION))
+            self._set_awaiting(replica, False)
             self._forget_later(replica, now_ns)
 
     def remove(self, platform: str) -> bool:
@@ -193,12 +179,33 @@ class Replicas:
             replica.gone_ns = now_ns
             self._forget_later(replica, now_ns)
 
-    def on_peer_request(self, platform: str, epoch: int, digest: int | None) -> None:
+    def on_peer_request(self, platform: str, epoch: int, digest: int | None, now_ns: int) -> None:
         """It sent a request with its epoch, and perhaps its digest: compare the replica."""
         replica = self._replicas.get(platform)
         if replica is not None:
             replica.structure.on_announced(epoch, digest)
-            self._request_due(replica)
+            self._request_due(replica, now_ns)
+
+    def on_broadcast(self, broadcast: StructureBroadcast, now_ns: int) -> None:
+        """A neighbour's beacon has its structure."""
+        self._broadcasts.put(broadcast)
+        replica = self._replicas.get(broadcast.node)
+        if replica is not None:
+            self._request_structure(replica, now_ns)
+
+    def _take_broadcast(self, replica: Replica, now_ns: int) -> bool:
+        """Store the structure that came in a beacon, if it is the one that beacons advertise."""
+        structure, reply = replica.structure, self._broadcasts.take(replica)
+        if reply is None:
+            return False
+        index = self._decode(replica, reply)
+        replica.broadcast_missed = index is None
+        if index is None:
+            return False
+        known, epoch = structure.index, structure.epoch
+        structure.on_broadcast(reply.epoch, index)
+        self._on_stored(replica, known, epoch, now_ns)
+        return True
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> None:
         """Reply to a structure request (step 4 of S0.57); None: there was none."""
@@ -210,28 +217,36 @@ class Replicas:
             structure.on_no_reply()
             self._retry(replica, _Due.STRUCTURE, now_ns)
             return
-        try:
-            index = self._decoder.of_reply(structure.index, reply)
-        except WireError as error:
-            log.warning("structure of %s: %s", platform, error)
-            index = None
+        index = self._decode(replica, reply)
         if index is None:
             structure.on_mismatch()
             if structure.state is StructureState.MISMATCHED:
-                self._request_structure(replica)
+                self._request_structure(replica, now_ns)
             else:  # the full structure is inconsistent
                 self._retry(replica, _Due.STRUCTURE, now_ns)
             return
-        replica.failures = 0
-        replica.demanded = False
         known, epoch = structure.index, structure.epoch
         structure.on_reply(reply.epoch, index)
-        replica.notifications.on_epoch(reply.epoch, epoch)
-        replica.subscription.on_epoch(reply.epoch)
+        self._on_stored(replica, known, epoch, now_ns)
+
+    def _decode(self, replica: Replica, reply: StructureReply) -> Index | None:
+        try:
+            return self._decoder.of_reply(replica.structure.index, reply)
+        except WireError as error:
+            log.warning("structure of %s: %s", replica.name, error)
+            return None
+
+    def _on_stored(self, replica: Replica, known: Index | None, known_epoch: int | None, now_ns: int) -> None:
+        """Its structure came from itself: what follows for subscription and notifications."""
+        structure = replica.structure
+        replica.failures = 0
+        replica.demanded = False
+        replica.notifications.on_epoch(structure.epoch or 0, known_epoch)
+        replica.subscription.on_epoch(structure.epoch or 0)
         self._on_index(replica, known)
         self._request_subscription(replica)
         structure.compare()
-        self._request_due(replica)
+        self._request_due(replica, now_ns)
 
     def on_subscribed(self, platform: str, reply: SubscribeReply | None, asked: int, now_ns: int) -> None:
         """Reply to a subscription request; None: there was none. `asked`: digest of the subscription sent."""
@@ -256,7 +271,7 @@ class Replicas:
         else:
             self._request_subscription(replica)
         replica.structure.on_announced(reply.epoch, reply.digest)
-        self._request_structure(replica)
+        self._request_structure(replica, now_ns)
 
     def on_notify(self, notify: TreeNotify, now_ns: int) -> list[WriteMirror]:
         """A notification; returns its values for mirrors. Raises: InvalidInput, WireError."""
@@ -276,12 +291,13 @@ class Replicas:
         if notify.epoch != replica.epoch:
             # it restarted, and its notification arrived before the reply with its epoch
             replica.structure.on_announced(notify.epoch, None)
-            self._request_structure(replica)
-        return [item for ready in replica.notifications.take(notify) for item in self._accept(replica, ready)]
+            self._request_structure(replica, now_ns)
+        ready = replica.notifications.take(notify)
+        return [item for each in ready for item in self._accept(replica, each, now_ns)]
 
-    def _accept(self, replica: Replica, notify: TreeNotify) -> list[WriteMirror]:
+    def _accept(self, replica: Replica, notify: TreeNotify, now_ns: int) -> list[WriteMirror]:
         if notify.base:
-            self._on_changes(replica, notify)
+            self._on_changes(replica, notify, now_ns)
         if notify.limits is not None:
             self._take_limits(replica, notify.limits)
         patterns = replica.subscription.wanted.patterns
@@ -294,7 +310,7 @@ class Replicas:
             for name in self.units.mirrors(replica, item.path)
         ]
 
-    def _on_changes(self, replica: Replica, notify: TreeNotify) -> None:
+    def _on_changes(self, replica: Replica, notify: TreeNotify, now_ns: int) -> None:
         known = replica.index
         if known is not None and known.digest == notify.digest:
             return
@@ -305,27 +321,27 @@ class Replicas:
             index = None
         if index is None:
             replica.structure.on_changes_lost()
-            self._request_structure(replica)
+            self._request_structure(replica, now_ns)
         else:
             replica.structure.index = index
             self._on_index(replica, known)
 
     # -- this platform
 
-    def on_demand(self, platform: str) -> None:
+    def on_demand(self, platform: str, now_ns: int) -> None:
         """A user requests its structure."""
         replica = self._replicas.get(platform)
         if replica is not None and replica.up and (replica.index is None or not self._is_followed(replica)):
             replica.demanded = True
-            self._request_due(replica)
+            self._request_due(replica, now_ns)
 
-    def on_subscriptions(self) -> None:
+    def on_subscriptions(self, now_ns: int) -> None:
         """The subscriptions of the applications have changed."""
         for replica in self._replicas.values():
             if replica.set_wanted(self._subscriptions):
                 self.plan_version += self.units.update_wants(replica.address.platform)
                 replica.structure.compare()
-                self._request_due(replica)
+                self._request_due(replica, now_ns)
 
     def advance(self, now_ns: int) -> None:
         """Retry requests, and remove platforms that were not reachable for too long."""
@@ -338,7 +354,8 @@ class Replicas:
                 case _ if replica is None:
                     continue
                 case _Due.STRUCTURE:
-                    self._request_structure(replica)
+                    replica.broadcast_missed |= replica.awaits_broadcast
+                    self._request_structure(replica, now_ns)
                 case _Due.SUBSCRIPTION:
                     self._request_subscription(replica)
                 case _Due.FORGET:
@@ -363,7 +380,8 @@ class Replicas:
 
     def _forget(self, replica: Replica) -> None:
         del self._replicas[replica.name]
-        self.plan_version += bool(replica.wants)
+        self.plan_version += bool(replica.wants) or replica.awaits_broadcast
+        self._broadcasts.forget(replica.name)
         for action in self.units.remove(replica):
             self._emit(action)
         self.plan_version += self.units.update_wants(replica.address.platform)
@@ -386,28 +404,55 @@ class Replicas:
             return True
         return replica.near or bool(replica.subscription.wanted.patterns) or self._timeouts.whole_swarm
 
-    def _request_due(self, replica: Replica) -> None:
+    def _request_due(self, replica: Replica, now_ns: int) -> None:
         """Request what is due, now that something about it is known or wanted."""
         if not self._is_followed(replica):
             replica.structure.on_unseen()  # changes are not followed from now on
         self._request_subscription(replica)
-        self._request_structure(replica)
+        self._request_structure(replica, now_ns)
 
-    def _request_structure(self, replica: Replica) -> None:
-        """Request the structure, if that is due and no other reply will verify it."""
+    def _request_structure(self, replica: Replica, now_ns: int) -> None:
+        """Request the structure, if that is due and neither another reply nor a beacon will bring it."""
         structure = replica.structure
         unverified = structure.state is StructureState.UNVERIFIED
         is_due = structure.is_due or (
             unverified and (replica.demanded or not replica.subscription.will_report)
         )
         if not (is_due and replica.up and (replica.demanded or self._is_followed(replica))):
+            self._set_awaiting(replica, False)
             return
+        if self._take_broadcast(replica, now_ns):
+            return
+        if self._may_be_broadcast(replica):
+            if not replica.awaits_broadcast:
+                self._set_awaiting(replica, True)
+                self._timers.set((replica.name, _Due.STRUCTURE), now_ns + self._timeouts.broadcast_ns)
+            return
+        self._set_awaiting(replica, False)
         self._timers.drop((replica.name, _Due.STRUCTURE))
         full = structure.on_asked()
         request = StructureRequest(
             self._own_name, self._tree.epoch, self._tree.digest, structure.digest, full
         )
         self._emit(RequestStructure(replica.name, request))
+
+    def _may_be_broadcast(self, replica: Replica) -> bool:
+        """Whether to wait for a beacon with the structure: one datagram serves all neighbours."""
+        structure = replica.structure
+        return (
+            replica.multicast
+            and self._timeouts.broadcast_ns > 0
+            and structure.is_advertised
+            and not structure.is_mismatched
+            and not (replica.demanded or replica.broadcast_missed)
+            and replica.address.platform != self._own.platform
+        )
+
+    def _set_awaiting(self, replica: Replica, awaits: bool) -> None:
+        if replica.awaits_broadcast != awaits:
+            replica.awaits_broadcast = awaits
+            self.plan_version += 1
+            self._timers.drop((replica.name, _Due.STRUCTURE))
 
     def _request_subscription(self, replica: Replica) -> None:
         """Subscribe, renew or end the subscription, if that is due; to subscribe, after the structure."""

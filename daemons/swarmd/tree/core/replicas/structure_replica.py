@@ -33,7 +33,7 @@ class StructureEvent(StrEnum):
     MISMATCH = "mismatch"
     """The reply could not be decoded, or has another digest than it says."""
     STORED = "stored"
-    """The structure in the reply is stored."""
+    """The structure in the reply, or in a beacon, is stored."""
     AGREED = "agreed"
     """A report has the epoch and digest of what is known."""
     CONTRADICTED = "contradicted"
@@ -52,6 +52,9 @@ TRANSITIONS: Final[dict[tuple[StructureState, StructureEvent], StructureState]] 
     (StructureState.ASKING_FULL, StructureEvent.NO_REPLY): StructureState.MISMATCHED,
     (StructureState.ASKING_FULL, StructureEvent.MISMATCH): StructureState.STALE,
     (StructureState.ASKING_FULL, StructureEvent.STORED): StructureState.CURRENT,
+    (StructureState.STALE, StructureEvent.STORED): StructureState.CURRENT,
+    (StructureState.MISMATCHED, StructureEvent.STORED): StructureState.CURRENT,
+    (StructureState.UNVERIFIED, StructureEvent.STORED): StructureState.CURRENT,
     (StructureState.UNVERIFIED, StructureEvent.AGREED): StructureState.CURRENT,
     (StructureState.UNVERIFIED, StructureEvent.CONTRADICTED): StructureState.STALE,
     (StructureState.CURRENT, StructureEvent.CONTRADICTED): StructureState.STALE,
@@ -101,6 +104,20 @@ class StructureReplica:
         return self.state in DUE
 
     @property
+    def is_mismatched(self) -> bool:
+        """Whether the full structure is due, because changes did not fit."""
+        return self.state is StructureState.MISMATCHED
+
+    @property
+    def is_advertised(self) -> bool:
+        """Whether beacons show another version than that of the known structure, or will: nothing is known."""
+        return self.index is None or self._advertised not in {None, self._outdated, self._known_version}
+
+    @property
+    def _known_version(self) -> int | None:
+        return None if self.index is None else tree_version(self.epoch or 0, self.digest)
+
+    @property
     def is_current(self) -> bool:
         """Whether it agrees with every report."""
         return self.state is StructureState.CURRENT
@@ -126,6 +143,15 @@ class StructureReplica:
         self._outdated = self._before_request
         self.epoch, self.index = epoch, index
         self._on(StructureEvent.STORED)
+
+    def on_broadcast(self, epoch: int, index: Index) -> None:
+        """A beacon has this structure, which is of the advertised version."""
+        self.epoch, self.index = epoch, index
+        self._on(StructureEvent.STORED)
+
+    def is_of_advertised(self, epoch: int, digest: int) -> bool:
+        """Whether a structure is that of the newest version that beacons show."""
+        return self._advertised == tree_version(epoch, digest)
 
     # -- reports
 
@@ -153,7 +179,7 @@ class StructureReplica:
         if self.is_asking or self.index is None:
             return
         announced, self._announced = self._announced, None
-        known = tree_version(self.epoch or 0, self.digest)
+        known = self._known_version
         is_refuted = announced is not None and not self._is(*announced)
         if is_refuted or self._advertised not in {None, known, self._outdated}:
             self._on(StructureEvent.CONTRADICTED)

@@ -184,6 +184,12 @@ class LocalTree:
         found = {path: self.index.get(path) for path in paths}
         return _encode(found)
 
+    def changes_to_template(self) -> StructureReply | None:
+        """The structure for nodes that have the template; None: it is empty."""
+        if not self.index.digest:
+            return None
+        return self.answer(StructureRequest("", self.epoch, 0))
+
     def answer(self, request: StructureRequest) -> StructureReply:
         """Reply to a structure request (step 3 of S0.56), in the smallest encoding for the requester."""
         known = self._answers.get((request.held, request.full))

@@ -1,0 +1,72 @@
+"""Real nodes with keys that join each other: beacons carry the structures of their trees, signed."""
+
+import asyncio
+from pathlib import Path
+
+from tests.integration.tree.pair import PATIENCE_S, Platform, on_uvloop, platforms, until
+
+from swarmware.types.net import StructureBroadcast, Traffic
+from swarmware.types.scalar import Text
+from swarmware.types.tree import TreeStats
+
+NAMES = ("uav1", "uav2", "uav3", "uav4")
+APART = (("broker",), ("tree",))
+TOGETHER = (("broker", "tree"),)
+BEACONS_ONLY = {"broadcast_s": 60.0, "keep": []}
+"""No subscription, and no request for a structure within the test: whatever arrives came in a beacon."""
+
+
+async def in_sync(platform: Platform, others: int) -> TreeStats:
+    """Waits until it knows the structures that the others have now."""
+    stats = platform.probe.reader("tree/stats", TreeStats)
+    return await until(stats, lambda value: value.followed == others == value.structures)
+
+
+async def until_all_know(nodes: list[Platform], path: str) -> None:
+    """Waits until every other node lists a resource of the first one."""
+    for node in nodes[1:]:
+        await node.until_listed(f"/{nodes[0].name}/{path}", lambda entry: entry is not None)
+
+
+@on_uvloop
+async def test_nodes_join_without_a_request_for_a_structure(tmp_path: Path) -> None:
+    async with platforms(tmp_path, *NAMES, tree=BEACONS_ONLY, services=TOGETHER) as nodes:
+        boards = [node.probe.writer(f"plan/step{number}", Text) for number, node in enumerate(nodes)]
+        for number, node in enumerate(nodes):
+            await until_all_know([node, *(one for one in nodes if one is not node)], f"plan/step{number}")
+        for node in nodes:
+            assert (await in_sync(node, 3)).requests_sent == 0
+            traffic = await until(node.probe.reader("net/traffic", Traffic), lambda _: True)
+            assert not traffic.refused.spoofed
+        # a change needs no question, either
+        nodes[0].probe.close_writer(boards[0])
+        nodes[0].probe.writer("plan/other", Text)
+        await until_all_know(nodes, "plan/other")
+        assert [(await in_sync(node, 3)).requests_sent for node in nodes] == [0, 0, 0, 0]
+
+
+@on_uvloop
+async def test_a_tree_that_starts_again_gets_all_structures_from_beacons(tmp_path: Path) -> None:
+    async with platforms(tmp_path, *NAMES[:3], tree=BEACONS_ONLY, services=APART) as nodes:
+        for node in nodes:
+            await in_sync(node, 2)
+        received = nodes[1].probe.stream_reader("net/structures", StructureBroadcast)
+        await nodes[0].end("tree")
+        await nodes[0].start("tree")
+        async with asyncio.timeout(PATIENCE_S):
+            async for structure in received:
+                if structure.node == "uav1":
+                    break
+        assert (await in_sync(nodes[0], 2)).requests_sent == 0
+        assert (await in_sync(nodes[1], 2)).requests_sent == 0
+
+
+@on_uvloop
+async def test_a_tree_that_expects_no_structures_in_beacons_requests_them(tmp_path: Path) -> None:
+    tree = {"broadcast_s": 0.0, "keep": []}
+    async with platforms(tmp_path, *NAMES[:3], tree=tree, services=APART) as nodes:
+        for node in nodes:
+            await in_sync(node, 2)
+        await nodes[0].end("tree")
+        await nodes[0].start("tree")
+        assert (await in_sync(nodes[0], 2)).requests_sent >= 2
