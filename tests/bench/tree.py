@@ -1,18 +1,19 @@
 """What the tree costs: bytes at rest and of a join, by nodes; time of a query over 100 000 resources.
 
 `python -m tests.bench.tree [NODES…]`; without an argument 16 and 200. Real cores, virtual time, the shipped
-templates. Times are of the processor; `cold` is the first search of a pattern in these trees.
-The bytes are those of frames with their headers, and of the version that each beacon carries.
+templates; each platform has one resource more than its template. Times are of the processor; `cold` is the
+first search of a pattern in these trees. The bytes of a join are all that the last node sends and receives
+because of it: frames with their headers, answers and repetitions, and the parts of beacons with structures,
+signatures and questions, also those that it overhears. `former` nodes request the structure of each neighbour.
 """
 
 import sys
 from time import process_time
 from typing import Final
 
-from tests.simulation.tree.test_join_bytes import EXTENSION_BYTES, Cell
+from tests.simulation.tree.test_join_bytes import Cell
 
 from swarmd.tree.core.structure.index import Index, leaf
-from swarmware.model.frame import HEADER_BYTES
 from swarmware.model.resource import Resource
 
 REST_S: Final = 60.0
@@ -21,6 +22,7 @@ BEACONS_HZ: Final = 2.0
 VERSION_BYTES: Final = 4
 """Version of the tree in a beacon."""
 RUNS: Final = 5
+SEEDS: Final = 5
 PATTERNS: Final = (
     "/*/g1/m3/*", "/p7/**", "/*/**/r7", "/*/*/m3/r7", "/*/g*/m1*/r1", "/*/{g0,g1}/m3/*", "/*/**/m3/**",
 )  # fmt: skip
@@ -30,6 +32,8 @@ def main() -> None:
     """Prints a line per figure."""
     for nodes in map(int, sys.argv[1:] or ("16", "200")):
         _traffic(nodes)
+    for loss in (0.0, 0.1, 0.3):
+        _join_with_loss(loss)
     _queries()
 
 
@@ -43,14 +47,7 @@ def _traffic(nodes: int) -> None:
     cell.join(last)
     cell.run_for(5.0)
     assert cell.complete()
-    structure = cell.structure_bytes[last]
-    frames = cell.frames[last]
-    headers = frames * HEADER_BYTES + frames // 2 * EXTENSION_BYTES
-    rest = cell.bytes[last] - structure - headers
-    print(
-        f"{nodes} nodes, join: {cell.bytes[last]} B in {frames} frames: {structure} B of structures,"
-        f" {headers} B of frame headers, {rest} B of digests, epochs and names"
-    )
+    _print_join(f"{nodes} nodes", cell, last)
     cell.leave(last)
     cell.run_for(20.0)
     before = cell.bytes[last]
@@ -62,6 +59,32 @@ def _traffic(nodes: int) -> None:
     at_rest = (sum(cell.bytes.values()) - sent) / nodes / REST_S
     beacons = VERSION_BYTES * BEACONS_HZ
     print(f"{nodes} nodes, at rest: {at_rest:.1f} B/s of frames and {beacons:.1f} B/s in beacons, per node")
+
+
+def _print_join(title: str, cell: Cell, last: str) -> None:
+    structure, beacons, frames = cell.structure_bytes[last], cell.beacon_bytes[last], cell.frames[last]
+    rest = cell.bytes[last] - structure
+    print(
+        f"{title}, join: {rest} B and {structure} B of structures; of these {beacons} B in beacons,"
+        f" {cell.bytes[last] - beacons} B in {frames} frames"
+    )
+
+
+def _join_with_loss(loss: float) -> None:
+    """The worst of some joins where frames and beacons are lost; also without structures in beacons."""
+    for title, former in (("", False), (" former", True)):
+        worst: Cell | None = None
+        for seed in range(SEEDS):
+            names = list(Cell({}).trees)
+            cell = Cell({}, seed=seed, loss=loss, former=names if former else ())
+            for name in names:
+                cell.join(name)
+                cell.run_for(10.0)
+            assert cell.complete()
+            if worst is None or cell.bytes[names[-1]] > worst.bytes[names[-1]]:
+                worst = cell
+        assert worst is not None
+        _print_join(f"16{title} nodes, {loss:.0%} lost, worst of {SEEDS}", worst, names[-1])
 
 
 def _queries() -> None:

@@ -19,6 +19,7 @@ BEACONS_ONLY = {"broadcast_s": 60.0, "keep": []}
 async def in_sync(platform: Platform, others: int) -> TreeStats:
     """Waits until it knows the structures that the others have now."""
     stats = platform.probe.reader("tree/stats", TreeStats)
+    await stats.changed()  # not what a former start wrote
     return await until(stats, lambda value: value.followed == others == value.structures)
 
 

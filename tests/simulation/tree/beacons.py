@@ -52,14 +52,15 @@ class Station:
         self.hw = hardware_id(self.name)
         self.refused = Refused()
         self.broadcasts = StructureBroadcasts(self.hw, SESSION, MemberKeys(self.name), self.refused)
+        self.needs: tuple[str, ...] = ()
         self.is_waiting = False
         """A beacon is scheduled."""
 
     def take_plan(self) -> None:
         tree = self.tree
         if tree.plan_changed():
-            needs = tuple(tree.replicas.needs())
-            self.broadcasts.set_plan(TreePlan(tree.local.version, (), (), 0, tree.broadcast(), needs))
+            self.needs = tuple(tree.replicas.needs())
+            self.broadcasts.set_plan(TreePlan(tree.local.version, (), (), 0, tree.broadcast(), self.needs))
 
 
 class BeaconAir:
@@ -108,7 +109,7 @@ class BeaconAir:
 
     def _schedule(self, station: Station) -> None:
         # beacons without any of these parts are left out: they cost no byte more than before
-        if not station.is_waiting and (station.tree.replicas.needs() or self._is_due(station)):
+        if not station.is_waiting and (station.needs or self._is_due(station)):
             station.is_waiting = True
             self._time.after(CHANGING_S * self._chance.random(), partial(self._send, station))
 
@@ -128,15 +129,16 @@ class BeaconAir:
             receivers = [name for name in near if self._chance.random() >= self._loss]
             structure = 0 if parts.structure is None else len(parts.structure.data)
             self._count(station.name, receivers, size, structure)
+            beacon = codec.decode(data)
             for name in receivers:
-                self._receive(self._stations[name], station, data)
-        if station.tree.replicas.needs() or self._is_due(station):
+                self._receive(self._stations[name], station, beacon)
+        if station.needs or self._is_due(station):
             station.is_waiting = True
             self._time.after(CHANGING_S, partial(self._send, station))
 
-    def _receive(self, station: Station, sender: Station, data: bytes) -> None:
+    def _receive(self, station: Station, sender: Station, beacon: Beacon) -> None:
         now_ns = self._time.now_ns
-        found = station.broadcasts.on_beacon(sender.hw, sender.name, SESSION, codec.decode(data), now_ns)
+        found = station.broadcasts.on_beacon(sender.hw, sender.name, SESSION, beacon, now_ns)
         if found is not None:
             self._feed(station.name, station.tree.on_broadcast(found, now_ns))
         self._schedule(station)
