@@ -4,7 +4,7 @@
 templates; each platform has one resource more than its template. Times are of the processor; `cold` is the
 first search of a pattern in these trees. The bytes of a join are all that the last node sends and receives
 because of it: frames with their headers, answers and repetitions, and the parts of beacons with structures,
-signatures and questions, also those that it overhears. `former` nodes request the structure of each neighbour.
+signatures and questions, also those that it overhears. `former` nodes request each structure.
 """
 
 import sys

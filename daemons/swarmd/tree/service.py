@@ -223,6 +223,8 @@ class Tree(Service):
     def _on_reach(self, found: dict[str, Reachability]) -> None:
         now_ns = self.module.now_ns()
         before, self._reached = self._reached, found
+        by_multicast = frozenset(platform for platform, reach in found.items() if reach.multicast)
+        self._driver.feed(self._tree.on_multicast(by_multicast, now_ns))
         for platform in before:
             if platform not in found:
                 with self._boundary(f"loss of {platform}"):
@@ -230,8 +232,7 @@ class Tree(Service):
         for platform, reach in found.items():
             if before.get(platform) != reach:
                 with self._boundary(f"reach of {platform}"):
-                    version, near, multicast = reach.version, reach.near, reach.multicast
-                    self._driver.feed(self._tree.on_up(platform, version, near, now_ns, multicast=multicast))
+                    self._driver.feed(self._tree.on_up(platform, reach.version, reach.near, now_ns))
 
     async def _follow_structures(self) -> None:
         async for broadcast in self._structures:

@@ -97,6 +97,7 @@ class Swarm(VirtualTime):
 
     def on_started(self, tree: SwarmTree) -> None:
         """The broker of the node has the plan of this tree from now on."""
+        tree.on_multicast(frozenset(self.nodes), self.now_ns)
         self._air.join(tree)
 
     def on_settled(self, name: str) -> None:
@@ -155,7 +156,7 @@ class Swarm(VirtualTime):
             # far away, the version is a rumour that may not have come yet; it is repeated until it has
             heard = near or self._random.random() < 0.5
             known = version if heard else None
-            node.do(partial(tree.on_up, name, known, near, self.now_ns, multicast=near))
+            node.do(partial(tree.on_up, name, known, near, self.now_ns))
             if not heard:
                 self.after(self._random.uniform(0.5, 3.0), partial(self._rumour, node, life, name))
 

@@ -64,9 +64,11 @@ class Cell(VirtualTime):
         self.trees: dict[str, SwarmTree] = {}
         self._drivers: dict[str, CoreDriver[Action]] = {}
         self.up: set[str] = set()
-        for index in range(nodes):
-            kind = "gcs" if index == 0 else "ugv" if index < 6 else "multirotor"
-            name = "gcs" if index == 0 else f"ugv{index}" if index < 6 else f"uav{index}"
+        kinds = ["gcs" if index == 0 else "ugv" if index < 6 else "multirotor" for index in range(nodes)]
+        short = {"gcs": "", "ugv": "ugv", "multirotor": "uav"}
+        names = [f"{short[kind]}{index}" if index else kind for index, kind in enumerate(kinds)]
+        self._names = frozenset(names)
+        for index, (name, kind) in enumerate(zip(names, kinds, strict=True)):
             self._start(name, TEMPLATES[kind], 1000 + index, patterns.get(name, ()))
 
     def _start(self, name: str, own: tuple[Resource, ...], epoch: int, patterns: tuple[str, ...]) -> None:
@@ -85,6 +87,7 @@ class Cell(VirtualTime):
         running = [resource for resource in own if resource.owner]
         extra = Resource(path=f"app/{name}", type="Text", owner="planner")
         tree.on_applications([*running, extra], patterns, self.now_ns)
+        tree.on_multicast(self._names, self.now_ns)
         if name not in self.former:
             self.air.join(tree)
 
@@ -110,7 +113,7 @@ class Cell(VirtualTime):
         if not {one, two} <= self.up:
             return
         version = self.trees[two].local.version
-        self.feed(one, self.trees[one].on_up(two, version, True, self.now_ns, multicast=True))
+        self.feed(one, self.trees[one].on_up(two, version, True, self.now_ns))
 
     def _near(self, name: str) -> list[str]:
         return sorted(self.up - {name} if name in self.up else ())

@@ -41,8 +41,8 @@ class Tree:
         return self._keep(found) if name.startswith("on_") else found
 
     def _keep(self, event: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*facts: Any, **more: Any) -> Any:
-            found = event(*facts, **more)
+        def call(*facts: Any) -> Any:
+            found = event(*facts)
             answer, actions = found if isinstance(found, tuple) else (None, found)
             self._actions += actions
             return answer

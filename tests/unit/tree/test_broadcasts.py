@@ -25,7 +25,8 @@ def broadcast(tree: Tree) -> StructureBroadcast:
 
 
 def meet(one: Tree, other: Tree, now_ns: int = 0, *, near: bool = True, multicast: bool = True) -> None:
-    one.on_up(str(other.address), other.local.version, near, now_ns, multicast=multicast)
+    one.on_multicast(frozenset({str(other.address)} if multicast else ()), now_ns)
+    one.on_up(str(other.address), other.local.version, near, now_ns)
 
 
 def requests(tree: Tree) -> int:

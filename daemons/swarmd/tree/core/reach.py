@@ -14,7 +14,7 @@ class Reachability(msgspec.Struct, frozen=True, gc=False):
     near: bool
     """It is a neighbour: reachable without a hop."""
     multicast: bool = False
-    """It is a neighbour, and beacons of both sides reach the other one by multicast."""
+    """It is a neighbour whose beacons come by multicast."""
 
 
 def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:

@@ -143,12 +143,14 @@ class SwarmTree:
         self.replicas.on_former_mirrors(platform, now_ns)
         return self._take_actions()
 
-    def on_up(
-        self, platform: str, version: int | None, near: bool, now_ns: int, *, multicast: bool = False
-    ) -> list[Action]:
-        """A platform is reachable, or the version of its tree or `near` has changed. `multicast`: beacons of
-        both sides reach the other one by multicast."""
-        self.replicas.on_up(platform, version, near, now_ns, multicast=multicast)
+    def on_multicast(self, nodes: frozenset[str], now_ns: int) -> list[Action]:
+        """The nodes whose beacons come by multicast: structures of neighbours among them come in beacons."""
+        self.replicas.by_multicast = nodes
+        return self._take_actions()
+
+    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> list[Action]:
+        """A platform is reachable, or the version of its tree or `near` has changed."""
+        self.replicas.on_up(platform, version, near, now_ns)
         self.subscribers.on_up(platform, now_ns)
         return self._take_actions()
 

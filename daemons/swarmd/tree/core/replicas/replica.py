@@ -24,7 +24,6 @@ class Replica:
         "gone_ns",
         "limits",
         "matched",
-        "multicast",
         "name",
         "near",
         "notifications",
@@ -46,8 +45,6 @@ class Replica:
         """It is reachable."""
         self.near = False
         """It is a neighbour: reachable without a hop."""
-        self.multicast = False
-        """Its beacons and those of this node reach each other by multicast."""
         self.gone_ns = 0
         """When it was reachable last."""
         self.demanded = False

@@ -71,6 +71,8 @@ class Replicas:
         self._decoder = StructureDecoder([(), *templates])
         self._timers: Timers[tuple[str, _Due]] = Timers()
         self._broadcasts = ReceivedBroadcasts(PLATFORMS_LIMIT)
+        self.by_multicast: frozenset[str] = frozenset()
+        """Nodes whose beacons come by multicast."""
         self.plan_version = 0
         """Incremented by each change of `wants` or `needs`."""
         self.unit_version = 0
@@ -116,7 +118,7 @@ class Replicas:
 
     # -- the network
 
-    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int, *, multicast: bool) -> None:
+    def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> None:
         """It is reachable (step 1 of S0.54), `near`: as a neighbour. `version` of its tree; None: unknown."""
         replica = self._replicas.get(platform)
         if replica is None:
@@ -125,7 +127,7 @@ class Replicas:
             replica = self._add(platform)
         structure, subscription = replica.structure, replica.subscription
         is_back = not replica.up
-        replica.up, replica.near, replica.multicast = True, near, near and multicast
+        replica.up, replica.near = True, near
         if is_back:
             replica.failures = 0
             structure.on_unseen()
@@ -196,12 +198,11 @@ class Replicas:
     def _take_broadcast(self, replica: Replica, now_ns: int) -> bool:
         """Store the structure that came in a beacon, if it is the one that beacons advertise."""
         structure, reply = replica.structure, self._broadcasts.take(replica)
-        if reply is None:
+        index = None if reply is None else self._decode(replica, reply)
+        if reply is None or index is None:
+            replica.broadcast_missed |= reply is not None
             return False
-        index = self._decode(replica, reply)
-        replica.broadcast_missed = index is None
-        if index is None:
-            return False
+        replica.broadcast_missed = False
         known, epoch = structure.index, structure.epoch
         structure.on_broadcast(reply.epoch, index)
         self._on_stored(replica, known, epoch, now_ns)
@@ -438,12 +439,12 @@ class Replicas:
 
     def _may_be_broadcast(self, replica: Replica) -> bool:
         """Whether to wait for a beacon with the structure: one datagram serves all neighbours."""
-        structure = replica.structure
         return (
-            replica.multicast
+            replica.near
+            and replica.name in self.by_multicast
             and self._timeouts.broadcast_ns > 0
-            and structure.is_advertised
-            and not structure.is_mismatched
+            and replica.structure.is_advertised
+            and not replica.structure.is_mismatched
             and not (replica.demanded or replica.broadcast_missed)
             and replica.address.platform != self._own.platform
         )

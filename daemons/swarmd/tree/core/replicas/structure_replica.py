@@ -110,7 +110,7 @@ class StructureReplica:
 
     @property
     def is_advertised(self) -> bool:
-        """Whether beacons show another version than that of the known structure, or will: nothing is known."""
+        """Whether beacons show another version than that of the known structure, or nothing is known."""
         return self.index is None or self._advertised not in {None, self._outdated, self._known_version}
 
     @property
