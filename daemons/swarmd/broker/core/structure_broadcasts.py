@@ -20,7 +20,7 @@ REPEAT_NS: Final = 600_000_000
 """Time for an answer, before a question is repeated: a node at rest sends a beacon every half second."""
 QUESTIONS_MAX: Final = 100
 """Maximum questions of one beacon: a third of its body."""
-HEARD_MAX: Final = 1024
+RECEIVED_MAX: Final = 1024
 """Nodes whose newest structure is remembered, so that it is verified once."""
 
 
@@ -32,7 +32,7 @@ class BeaconStructures(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def bytes(self) -> int:
-        """Encoded size."""
+        """Encoded size of both parts."""
         return structure_bytes(self.structure) + question_bytes(len(self.questions))
 
 
@@ -40,7 +40,7 @@ class StructureBroadcasts:
     """Decides which beacons have the own structure, or questions for those of others; verifies what others
     send.
 
-    The own structure is sent when it has changed, and when a neighbour has asked. A node that hears the
+    The own structure is sent when it has changed, and when a neighbour has asked. A node that receives the
     question of another one does not ask, too.
     """
 
@@ -55,8 +55,8 @@ class StructureBroadcasts:
         """The own structure, signed."""
         self._is_due = False
         self._needs: dict[int, int | None] = {}
-        """Nodes whose structure is needed → when somebody asked for it last."""
-        self._heard: dict[int, StructurePart] = {}
+        """Nodes whose structure is needed → when a node asked for it last."""
+        self._received: dict[int, StructurePart] = {}
         """Newest structure of a node that was verified."""
 
     def set_plan(self, plan: TreePlan) -> None:
@@ -121,15 +121,15 @@ class StructureBroadcasts:
             return None
         if hw in self._needs:
             self._needs[hw] = now_ns
-        elif self._heard.get(hw) == part:
+        elif self._received.get(hw) == part:
             return None
         if not self._is_genuine(hw, Address.parse(name).platform, session, part):
             self._refused.spoofed += 1
             return None
-        self._heard.pop(hw, None)
-        if len(self._heard) >= HEARD_MAX:
-            del self._heard[next(iter(self._heard))]
-        self._heard[hw] = part
+        self._received.pop(hw, None)
+        if len(self._received) >= RECEIVED_MAX:
+            del self._received[next(iter(self._received))]
+        self._received[hw] = part
         return StructureBroadcast(name, part.epoch, part.digest, part.base, part.data)
 
     def _is_genuine(self, hw: int, platform: str, session: int, part: StructurePart) -> bool:
