@@ -8,6 +8,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -58,6 +59,12 @@ async def send_all(
     return sorted(times_s)
 
 
+def is_by_datagram(station: Station) -> bool:
+    """Whether its frames to the other one travel in datagrams."""
+    table = station.neighbours.value
+    return table is not None and table.neighbours[0].transport == "udp"
+
+
 async def drain(inbox: Inbox[Text], texts: list[str]) -> None:
     """Takes everything that arrives."""
     while True:
@@ -76,11 +83,8 @@ async def measure(root: Path, percent: int) -> dict[str, float]:
         assert await app.send("/uav2/cmd/order", Text("a connection is made"), timeout_s=30)
         drop(percent)
 
-        def transport() -> str:
-            table = pair["uav1"].neighbours.value
-            return "" if table is None else str(table.neighbours[0].transport)
-
-        await pair["uav1"].until(lambda: transport() == "udp", pair["uav1"].neighbours)
+        for station in (pair["uav1"], pair["uav2"]):
+            await station.until(partial(is_by_datagram, station), station.neighbours)
         orders, deltas = await asyncio.gather(
             send_all(pair["uav1"], "/uav2/cmd/order", MESSAGES, MESSAGE_S, FrameKind.MESSAGE, ""),
             send_all(pair["uav1"], "/uav2/map/delta", ITEMS, ITEM_S, FrameKind.STREAM, ITEM),

@@ -73,6 +73,19 @@ def test_one_carrier_can_be_pinned() -> None:
     assert all(chosen(ReliableLinks(Config(frames=FrameCarrier.UDP)), [0.0] * 60))
 
 
+def test_packets_of_a_neighbour_that_measures_more_loss_are_answered_in_the_same_way() -> None:
+    there = ReliableLinks(Config())
+    [sent] = [one for one in there.on_frame(3, 5, queued(1), 0) if isinstance(one, SendPacket)]
+    links = ReliableLinks(Config())
+    assert chosen(links, [0.0625]) == [False]
+    assert UseDatagrams(UAV1) in links.on_packet(UAV1, SESSION, sent.data, S)
+    assert links.uses_datagrams(UAV1)
+    clean = ReliableLinks(Config())
+    chosen(clean, [0.0])
+    clean.on_packet(UAV1, SESSION, sent.data, S)
+    assert not clean.uses_datagrams(UAV1)
+
+
 def test_what_waits_for_the_connection_moves_once() -> None:
     links = ReliableLinks(Config())
     assert links.on_quality(UAV1, LinkQuality(0.4), 0) == [UseDatagrams(UAV1)]

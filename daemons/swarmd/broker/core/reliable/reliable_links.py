@@ -98,8 +98,12 @@ class ReliableLinks:
             elif now_ns - choice.clean_since_ns >= CLEAN_NS:
                 choice.by_datagram = False
             return []
-        is_lossy = choice.loss >= LOSSY or self._carrier is FrameCarrier.UDP
-        if not is_lossy or self._carrier is FrameCarrier.TCP or now_ns < choice.blocked_until_ns:
+        if choice.loss < LOSSY and self._carrier is not FrameCarrier.UDP:
+            return []
+        return self._choose_datagrams(hw, choice, now_ns)
+
+    def _choose_datagrams(self, hw: int, choice: _Choice, now_ns: int) -> list[Action]:
+        if self._carrier is FrameCarrier.TCP or now_ns < choice.blocked_until_ns:
             return []
         choice.by_datagram, choice.clean_since_ns = True, None
         return [UseDatagrams(hw)]
@@ -112,6 +116,9 @@ class ReliableLinks:
     def on_packet(self, hw: int, session: int, data: bytes, now_ns: int) -> list[Action]:
         """A packet of a neighbour's session, authenticated and not a replay."""
         link, actions = self._current(hw, session, now_ns)
+        choice = self._choices.get(hw)
+        if choice is not None and not choice.by_datagram and choice.loss > CLEAN:
+            actions += self._choose_datagrams(hw, choice, now_ns)  # the neighbour measures more loss
         return actions + list(link.on_packet(data, now_ns))
 
     def _current(self, hw: int, session: int, now_ns: int) -> tuple[ReliableLink, list[Action]]:
