@@ -17,8 +17,8 @@ from swarmware.errors import Denied, NoAnswer
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.chassis import CalibrationRequest, ChassisAction, ChassisOrder, ChassisReport
-from swarmware.types.control import Drive
-from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, Setpoint, VehicleState
+from swarmware.types.control import ControlState, Drive, DriveMode
+from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, Setpoint, VehicleMode, VehicleState
 
 REST = ChassisReport(armed=False, landed=True)
 
@@ -183,3 +183,28 @@ async def test_a_chassis_that_falls_silent_is_an_error_and_its_state_is_withdraw
         assert not state.alive
         with pytest.raises(NoAnswer, match="the device is not open"):
             await chassis.execute(ChassisAction.KILL)
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [
+        (DriveMode.AUTO, VehicleMode.AUTO),
+        (DriveMode.MANUAL, VehicleMode.MANUAL),
+        (DriveMode.HOLD, VehicleMode.MANUAL),
+        (DriveMode.PILOT, VehicleMode.MANUAL),
+    ],
+)
+async def test_the_state_of_the_vehicle_has_the_mode_of_control(
+    tmp_path: Path, mode: DriveMode, expected: VehicleMode
+) -> None:
+    async with bench(tmp_path) as (chassis, module, other):
+        state = other.reader("vehicle/state", VehicleState)
+        control = other.writer("control/state", ControlState)
+        for written, wanted in ((mode, expected), (DriveMode.AUTO, VehicleMode.AUTO)):
+            control.write(ControlState(written))
+            async with asyncio.timeout(20.0):
+                while state.value is None or state.value.mode is not wanted:
+                    await chassis.write(module.now_ns())
+                    await asyncio.sleep(0)
+        control.write(ControlState(mode))
+        assert (await other.request("sys/vehicle/arm", ArmRequest(True), VehicleState)).mode is expected

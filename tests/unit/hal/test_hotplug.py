@@ -109,6 +109,9 @@ async def test_a_folder_of_devices_that_appears_later_is_watched_and_again_after
         board = other.reader("hal/drivers", DriverTable)
         await board.changed(20.0)
         for _ in range(2):
+            folder.mkdir(parents=True)
+            for _ in range(5):  # the events of the folders have been taken before the device appears
+                await board.changed(20.0)
             line = PseudoTerminal(folder / "gnss0", lambda data: None)
             await status(board, "nmea.gnss0", state="running")
             line.close()
