@@ -12,6 +12,7 @@ from swarmd.sim.core.simulation import Command, Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
 from swarmd.sim.serial_ports import SerialPorts
 from swarmd.sim.switch import Switch
+from swarmware.errors import ConfigError
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load
@@ -65,6 +66,11 @@ class Sim(Service):
         self._switch = Switch(module, published=not config.serial.folder)
         self._serial: SerialPorts | None = None
         if config.serial.folder:
+            if node.config.airframe:
+                raise ConfigError(
+                    "services/sim.toml: key serial.folder: the flight controller of an airframe is in hal,"
+                    " expected a node without airframe"
+                )
             self._serial = SerialPorts(
                 module,
                 Path(config.serial.folder),

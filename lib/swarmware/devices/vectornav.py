@@ -21,7 +21,7 @@ _FORCE_MAX_M_S2: Final = 1000.0
 
 
 def frame(imu: Imu) -> bytes:
-    """The frame of a measurement; pitch and roll, which it does not have, are zero.
+    """The frame of a measurement; angles that it does not have are zero.
 
     Source: VectorNav VN-100 user manual, binary output messages: angles in degrees of the body frame
     forward, right, down in north, east, down.
@@ -29,8 +29,8 @@ def frame(imu: Imu) -> bytes:
     yaw_rad = imu.yaw_rad or 0.0
     body = _BODY.pack(
         math.degrees(math.remainder(math.pi / 2 - yaw_rad, math.tau)),
-        0.0,
-        0.0,
+        0.0 - math.degrees(imu.pitch_rad or 0.0),
+        math.degrees(imu.roll_rad or 0.0),
         imu.wx_rad_s,
         -imu.wy_rad_s,
         -imu.wz_rad_s,
@@ -44,12 +44,19 @@ def frame(imu: Imu) -> bytes:
 
 def measurement(body: bytes) -> Imu:
     """The values of a frame without header and CRC. Raises: WireError."""
-    yaw_deg, _, _, wx, wy, wz, ax, ay, az = _BODY.unpack(body)
+    yaw_deg, pitch_deg, roll_deg, wx, wy, wz, ax, ay, az = _BODY.unpack(body)
     rates, forces = (wx, -wy, -wz), (ax, -ay, -az)
-    valid = abs(yaw_deg) <= 360 and all(abs(rate) <= _RATE_MAX_RAD_S for rate in rates)
+    valid = all(abs(angle) <= 360 for angle in (yaw_deg, pitch_deg, roll_deg))
+    valid = valid and all(abs(rate) <= _RATE_MAX_RAD_S for rate in rates)
     if not valid or not all(abs(force) <= _FORCE_MAX_M_S2 for force in forces):
         raise WireError("value out of range")
-    return Imu(*rates, *forces, math.remainder(math.pi / 2 - math.radians(yaw_deg), math.tau))
+    return Imu(
+        *rates,
+        *forces,
+        math.remainder(math.pi / 2 - math.radians(yaw_deg), math.tau),
+        math.radians(roll_deg),
+        -math.radians(pitch_deg),
+    )
 
 
 class VectorNavDecoder:

@@ -22,7 +22,7 @@ from swarmd.hal.config import (
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import SerialConfig
 from swarmware.devices.nmea import fix_sentences
-from swarmware.errors import Denied, NoAnswer
+from swarmware.errors import Denied, NoAnswer, SwarmError
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
@@ -122,6 +122,17 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
 
     with no_leaks(tmp_path):
         asyncio.run(fly())
+
+
+def test_an_airframe_has_no_serial_chassis_and_the_simulation_says_so(tmp_path: Path) -> None:
+    async def start() -> None:
+        sim = SimConfig(serial=SerialConfig(folder=str(tmp_path / "dev")))
+        config_dir = make_node(tmp_path, services={"sim": sim}, airframe="quad_1k5")
+        with pytest.raises(SwarmError, match=r"ended with 7 before it was ready[^$]*serial.folder: the"):
+            async with spawn(config_dir, "sim"):
+                pass
+
+    asyncio.run(start())
 
 
 def test_devices_that_are_unplugged_are_waited_for_and_the_vehicle_is_armed_again(tmp_path: Path) -> None:

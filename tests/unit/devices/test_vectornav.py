@@ -4,6 +4,8 @@ import binascii
 import math
 import struct
 
+import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -29,6 +31,7 @@ def test_a_unit_that_faces_east_and_turns_right_turns_clockwise_here() -> None:
     assert found.yaw_rad == 0.0
     assert found.wz_rad_s == -0.5
     assert (found.ay_m_s2, found.az_m_s2) == (-1.0, 9.75)
+    assert (found.roll_rad, found.pitch_rad) == (0.0, 0.0)
     (north,) = VectorNavDecoder().feed(raw(0.0, *[0.0] * 8))
     assert north.yaw_rad == math.pi / 2
 
@@ -37,6 +40,12 @@ def test_what_is_sent_is_what_is_read() -> None:
     sent = frame(NORTH_EAST)
     assert len(sent) == FRAME_BYTES
     assert sent == raw(45.0, 0, 0, 0.5, 0.25, -0.125, 1.0, -2.0, -9.75)
+    tilted = msgspec.structs.replace(NORTH_EAST, roll_rad=math.radians(10.0), pitch_rad=math.radians(-5.0))
+    assert frame(tilted) == raw(45.0, 5.0, 10.0, 0.5, 0.25, -0.125, 1.0, -2.0, -9.75), (
+        "nose up, right side down"
+    )
+    (again,) = VectorNavDecoder().feed(frame(tilted))
+    assert [again.roll_rad, again.pitch_rad] == pytest.approx([tilted.roll_rad, tilted.pitch_rad])
     (found,) = VectorNavDecoder().feed(sent)
     assert found.yaw_rad is not None
     assert abs(found.yaw_rad - math.pi / 4) < 1e-6

@@ -16,6 +16,7 @@ from swarmware.devices.crsf import CrsfDecoder, RcChannels, RcLink
 from swarmware.devices.maxbotix import SonarDecoder, SonarUnit
 from swarmware.devices.nmea import NmeaDecoder
 from swarmware.devices.vectornav import VectorNavDecoder
+from swarmware.geometry.attitude import from_euler
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Pose, Range, Setpoint, VehicleMode
 
@@ -49,6 +50,14 @@ def test_each_measurement_is_sent_in_the_protocol_of_its_device() -> None:
     assert isinstance(channels, RcChannels)
     assert channels.positions[5] == 1.0
     assert reports(out) == [], "the chassis has not reported yet"
+
+
+def test_the_unit_measures_roll_and_pitch_of_the_vehicle() -> None:
+    qx, qy, qz, qw = from_euler(0.1, -0.2, 1.25)
+    tilted = Pose(0.0, 0.0, qx=qx, qy=qy, qz=qz, qw=qw)
+    out = SerialDevices(0.5).on_output(SimulationOutput(NOW, tilted, imu=IMU), VehicleMode.AUTO)
+    (imu,) = VectorNavDecoder().feed(sent(out, SerialDevice.IMU))
+    assert [imu.roll_rad, imu.pitch_rad, imu.yaw_rad] == pytest.approx([0.1, -0.2, 1.25])
 
 
 def test_a_measurement_that_is_not_due_is_not_sent() -> None:

@@ -12,8 +12,9 @@ from swarmware.devices.maxbotix import SonarUnit, reading
 from swarmware.devices.nmea import fix_sentences
 from swarmware.devices.vectornav import frame
 from swarmware.errors import WireError
+from swarmware.geometry.attitude import to_euler
 from swarmware.types.chassis import ChassisOrder, ChassisReport
-from swarmware.types.vehicle import BatteryState, Setpoint, VehicleMode
+from swarmware.types.vehicle import BatteryState, Imu, Pose, Setpoint, VehicleMode
 
 _REPORT_NS: Final = 100_000_000
 """Period of the reports of the chassis; its protocol allows 200 ms."""
@@ -60,7 +61,7 @@ class SerialDevices:
         if output.gnss is not None:
             sent.append(SerialOutput(SerialDevice.GNSS, fix_sentences(output.gnss, now_ns / 1e9)))
         if output.imu is not None:
-            sent.append(SerialOutput(SerialDevice.IMU, frame(output.imu)))
+            sent.append(SerialOutput(SerialDevice.IMU, frame(_with_attitude(output.imu, output.truth))))
             sent.append(SerialOutput(SerialDevice.RC, channels_frame(_positions(switch))))
         if output.sonar is not None:
             data = reading(output.sonar.ranges_m[0], SonarUnit.MM)
@@ -100,6 +101,12 @@ class SerialDevices:
                 self._setpoint_ns = now_ns
             found.append(content)
         return found
+
+
+def _with_attitude(imu: Imu, truth: Pose) -> Imu:
+    """The measurement with roll and pitch of the unit's own filter, which has no errors here."""
+    roll_rad, pitch_rad, _ = to_euler((truth.qx, truth.qy, truth.qz, truth.qw))
+    return msgspec.structs.replace(imu, roll_rad=roll_rad, pitch_rad=pitch_rad)
 
 
 def _positions(switch: VehicleMode) -> list[float]:
