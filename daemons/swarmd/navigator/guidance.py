@@ -8,7 +8,7 @@ from swarmd.navigator.core.controller import controller
 from swarmd.navigator.core.guidance import Guidance
 from swarmd.navigator.core.pace import Pace
 from swarmd.navigator.core.prediction import ReceivedPose
-from swarmd.navigator.inputs import Fresh, GuidanceInputs, StateInputs
+from swarmd.navigator.inputs import Fresh, GuidanceInputs, StateInputs, vehicle_airframe
 from swarmd.navigator.outputs import LIVE_SETTINGS, SETTINGS_EVERY, GuidanceWriters
 from swarmware.errors import NoAnswer
 from swarmware.module.module import Module
@@ -28,7 +28,9 @@ class GuidanceService(Service):
 
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
-        self._core = Guidance(config, module.platform, controller(module.node.config.kind, config))
+        self._core = Guidance(
+            config, module.platform, controller(module.node.config.kind, config, vehicle_airframe(module))
+        )
         self._pose = ReceivedPose(config.pose_timeout_s)
         self._poses = Fresh(module.reader("nav/pose", Pose))
         self._state = StateInputs(module)

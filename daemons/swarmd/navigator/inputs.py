@@ -1,6 +1,6 @@
 """The boards that the navigator and its two halves read, and their new values."""
 
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import msgspec
 
@@ -15,6 +15,9 @@ from swarmware.module.module import Module
 from swarmware.types.control import ControlState
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Goal, Imu, Pose, Range, VehicleState
+
+if TYPE_CHECKING:
+    from swarmware.model.airframe import Airframe
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -143,3 +146,16 @@ class GuidanceInputs:
 def map_origin(m: Module, config: Config) -> Origin:
     """Origin of the map: that of the configured world."""
     return load(paths.world(m.node.config.share_path, config.world), World).origin
+
+
+def vehicle_airframe(m: Module) -> "Airframe | None":
+    """Airframe that node.toml names; None: the chassis has its own attitude control.
+
+    Raises: ConfigError with file, key and what was expected.
+    """
+    config = m.node.config
+    if not config.airframe:
+        return None
+    from swarmware.model.airframe_file import load_airframe  # most vehicles have none
+
+    return load_airframe(config.share_path, config.airframe)

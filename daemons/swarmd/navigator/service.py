@@ -5,7 +5,7 @@ from typing import ClassVar
 from swarmd.navigator import config as settings
 from swarmd.navigator.core.controller import controller
 from swarmd.navigator.core.navigator import NavigatorCore
-from swarmd.navigator.inputs import GuidanceInputs, SensorInputs, StateInputs, map_origin
+from swarmd.navigator.inputs import GuidanceInputs, SensorInputs, StateInputs, map_origin, vehicle_airframe
 from swarmd.navigator.outputs import LIVE_SETTINGS, SETTINGS_EVERY, GuidanceWriters, pose_writer
 from swarmware.module.module import Module
 from swarmware.service.live_config import LiveConfig
@@ -22,7 +22,7 @@ class Navigator(Service):
 
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
-        steers = controller(module.node.config.kind, config)
+        steers = controller(module.node.config.kind, config, vehicle_airframe(module))
         self._core = NavigatorCore(config, module.platform, map_origin(module, config), steers)
         self._sensors = SensorInputs(module)
         self._state = StateInputs(module)

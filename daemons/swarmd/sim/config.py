@@ -52,6 +52,8 @@ class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Time constant of the yaw rate (Nomoto's T)."""
     sway_tau_s: Positive = 0.3
     """Time constant of the decay of sway."""
+    current_m_s: tuple[Speed, Speed] = (0.0, 0.0)
+    """Current of the water to the east and the north, which carries the vessel, also at rest."""
     radius_m: Positive = 0.45
     """Radius of the circle around the vessel."""
     power_w: Power = 12.0

@@ -9,38 +9,18 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from swarmware.errors import InvalidInput
+from swarmware.model.body_config import BodyConfig, NotNegative, Positive, Rate
+from swarmware.model.fixed_wing_airframe import FixedWingAirframe
+from swarmware.model.helicopter_airframe import HelicopterAirframe
+from swarmware.model.hover_gains import HoverGains, HoverLimits
 
-Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 Metres = Annotated[float, msgspec.Meta(ge=-100, le=100)]
-Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
-Tilt = Annotated[float, msgspec.Meta(gt=0, le=1.0)]
-Rate = Annotated[float, msgspec.Meta(ge=50, le=500)]
 
 _MIN_ROTORS: Final = 4
 """Fewer cannot turn about three axes and climb."""
 _HOVER_RESERVE: Final = 1.2
 """Minimum ratio of the maximum thrust to the weight: below it no attitude can be corrected in hover."""
 _GRAVITY_M_S2: Final = 9.80665
-
-
-class BodyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The rigid body of an airframe."""
-
-    mass_kg: Positive
-    """Mass ready for take-off."""
-    inertia_kg_m2: tuple[Positive, Positive, Positive]
-    """Moments of inertia about the body axes forward, left and up, which are its principal axes."""
-    radius_m: Positive
-    """Radius of the sphere around the vehicle."""
-    hard_landing_m_s: Positive = 1.5
-    """Vertical speed at touch-down above which a landing is a collision."""
-    drag_n_s_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Linear drag along the body axes: of the rotors."""
-    drag_n_s2_m2: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Quadratic drag along the body axes: of the fuselage."""
-    turn_drag_n_m_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Linear drag of a turn about the body axes."""
 
 
 class RotorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -74,52 +54,6 @@ class MotorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Power of the electronics."""
 
 
-class MultirotorGains(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Gains and limits of the cascade of a multirotor.
-
-    The rate loop commands angular accelerations and the velocity loop accelerations, so that gains depend on
-    the lag of the motors and not on the mass.
-    """
-
-    rate_kp_1_s: NotNegative
-    """Rate loop, roll and pitch: angular acceleration per rad/s."""
-    rate_ki_1_s2: NotNegative
-    """The same, integral."""
-    yaw_rate_kp_1_s: NotNegative
-    """Rate loop, yaw."""
-    yaw_rate_ki_1_s2: NotNegative
-    """The same, integral."""
-    attitude_kp_1_s: NotNegative
-    """Attitude loop: rate per radian of roll and pitch."""
-    velocity_kp_1_s: NotNegative
-    """Velocity loop: horizontal acceleration per m/s."""
-    velocity_ki_1_s2: NotNegative
-    """The same, integral: steady wind."""
-    climb_kp_1_s: NotNegative
-    """Vertical velocity: acceleration per m/s."""
-    climb_ki_1_s2: NotNegative
-    """The same, integral: weight and thrust that are not as configured."""
-    height_kp_1_s: NotNegative
-    """Height loop: climb rate per metre from the commanded height, which is the integral of the set-point."""
-
-
-class CascadeLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of the cascade of a multirotor."""
-
-    tilt_max_rad: Tilt = 0.35
-    """Maximum commanded angle from level."""
-    velocity_max_m_s: Positive = 6.0
-    """Maximum horizontal speed."""
-    climb_max_m_s: Positive = 3.0
-    """Maximum climb rate."""
-    sink_max_m_s: Positive = 2.0
-    """Maximum sink rate."""
-    turn_max_rad_s: Positive = 1.5
-    """Maximum yaw rate."""
-    rate_max_rad_s: Positive = 3.0
-    """Maximum commanded rate of roll and pitch."""
-
-
 class MultirotorAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A multirotor: rotors that point up, at fixed pitch."""
 
@@ -132,8 +66,8 @@ class MultirotorAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     body: BodyConfig
     motor: MotorConfig
     rotors: tuple[RotorConfig, ...]
-    gains: MultirotorGains
-    limits: CascadeLimits = CascadeLimits()
+    gains: HoverGains
+    limits: HoverLimits = HoverLimits()
 
     def __post_init__(self) -> None:
         """Checks that it can hover.
@@ -167,8 +101,12 @@ class MultirotorAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         return self.body.mass_kg * _GRAVITY_M_S2
 
 
-Airframe = MultirotorAirframe
+Airframe = MultirotorAirframe | HelicopterAirframe | FixedWingAirframe
 """Each class describes one type of airframes."""
 
-TYPES: Final[dict[str, type[Airframe]]] = {"multirotor": MultirotorAirframe}
+TYPES: Final[dict[str, type[Airframe]]] = {
+    "multirotor": MultirotorAirframe,
+    "helicopter": HelicopterAirframe,
+    "fixed_wing": FixedWingAirframe,
+}
 """The class of a file by its key `type`."""

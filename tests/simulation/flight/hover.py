@@ -12,6 +12,7 @@ import msgspec
 from tests.simulation.flight.vehicle import SHARE, Flight
 
 from swarmd.sim.config import Config as SimConfig
+from swarmware.model.airframe_file import load_airframe
 from swarmware.types.chassis import ChassisAction
 from swarmware.types.vehicle import Goal, GoalKind, NavState
 
@@ -82,8 +83,9 @@ def measure(airframe: str, seed: int, duration_s: float, config: SimConfig | Non
 def main() -> None:
     """Prints one line for each airframe and seed, and the worst of each airframe."""
     parser = argparse.ArgumentParser(description=__doc__)
-    installed = sorted(path.stem for path in (SHARE / "airframes").glob("*.toml"))
-    parser.add_argument("airframes", nargs="*", default=installed, help="names, all by default")
+    names = sorted(path.stem for path in (SHARE / "airframes").glob("*.toml"))
+    installed = [name for name in names if load_airframe(SHARE, name).type != "fixed_wing"]
+    parser.add_argument("airframes", nargs="*", default=installed, help="names, all that hover by default")
     parser.add_argument("--seeds", type=int, default=2, help="number of seeds, from 1")
     parser.add_argument("--duration", type=float, default=300.0, help="seconds")
     parser.add_argument("--gusts", type=float, default=0.0, help="standard deviation of gusts in m/s")

@@ -10,6 +10,7 @@ from tests.simulation.seeds import seeds
 from swarmd.hal.core.median import MedianFilter
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import SensorsConfig, WindConfig
+from swarmware.model.airframe import MultirotorAirframe
 from swarmware.types.chassis import ChassisAction
 from swarmware.types.vehicle import Goal, GoalKind, NavState, Setpoint
 
@@ -55,6 +56,7 @@ def test_a_step_of_velocity_is_followed_without_much_overshoot_and_with_the_heig
     assert speed_m_s(flight) == pytest.approx(2.0, abs=0.25)
     assert fastest < 2.6
     assert highest - lowest < 0.35
+    assert isinstance(flight.airframe, MultirotorAirframe)
     assert 5.0 < tilt <= math.degrees(flight.airframe.limits.tilt_max_rad) + 5.0
     flight.commands = lambda _: Setpoint(0.0)
     flight.run(6.0)

@@ -5,11 +5,10 @@ import random
 from collections.abc import Callable
 from pathlib import Path
 
-from swarmd.hal.core.flight.flight_core import FlightCore
-from swarmd.hal.core.flight.multirotor_controller import MultirotorController
+from swarmd.hal.core.flight.flight_core import FlightCore, control_law
 from swarmd.hal.core.median import MedianFilter
 from swarmd.navigator.config import Config as NavConfig
-from swarmd.navigator.core.air_controller import AirController
+from swarmd.navigator.core.controller import controller
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.core.simulation import Simulation
@@ -32,9 +31,11 @@ NAVIGATOR_NS = 50 * MS
 class Flight:
     """Steps the cores of one vehicle; `commands`: set-points instead of those of the navigator."""
 
-    def __init__(self, airframe: str, seed: int, config: SimConfig | None = None) -> None:
+    def __init__(
+        self, airframe: str, seed: int, config: SimConfig | None = None, world: str = "field"
+    ) -> None:
         self.airframe = load_airframe(SHARE, airframe)
-        where = load(SHARE / "worlds/field.toml", World)
+        where = load(SHARE / f"worlds/{world}.toml", World)
         chance = random.Random(seed)
         start = where.start_pose("uav", 1, (chance.uniform(-1, 1), chance.uniform(-1, 1)))
         self.simulation = Simulation(
@@ -46,9 +47,11 @@ class Flight:
             chance.random,
             self.airframe,
         )
-        self.core = FlightCore(MultirotorController(self.airframe))
+        self.core = FlightCore(control_law(self.airframe))
         nav = NavConfig()
-        self.navigator = NavigatorCore(nav, "uav1", where.origin, AirController(nav))
+        self.navigator = NavigatorCore(
+            nav, "uav1", where.origin, controller(PlatformKind.UAV, nav, self.airframe)
+        )
         self.median = MedianFilter(5)
         self.now_ns = 0
         self.truth = start

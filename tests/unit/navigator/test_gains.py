@@ -8,13 +8,15 @@ from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
 from swarmd.navigator.core.controller import controller
 from swarmd.navigator.service import Navigator
+from swarmware.model.airframe_file import load_airframe
 from swarmware.model.config import parse
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.model.template import load
 from swarmware.service.live_config import value_at, with_value
 
-TEMPLATES = Path(__file__).parents[3] / "share/swarm/templates"
+SHARE = Path(__file__).parents[3] / "share/swarm"
+TEMPLATES = SHARE / "templates"
 PREFIX = "config/navigator/"
 KEYS = {f"config/{name}": key for key, name in Navigator.live_settings.items()}
 """Keys of the file, by the paths of their settings."""
@@ -49,4 +51,11 @@ def test_new_gains_work_at_once() -> None:
 
 @pytest.mark.parametrize(("kind", "flies"), [("uav", True), ("ugv", False), ("usv", False)])
 def test_the_kind_of_platform_chooses_the_controller(kind: str, flies: bool) -> None:
-    assert controller(PlatformKind(kind), Config()).flies is flies
+    found = controller(PlatformKind(kind), Config())
+    assert (found.flies, found.circle_m) == (flies, 0.0)
+
+
+@pytest.mark.parametrize(("airframe", "circles"), [("fixed_wing", True), ("helicopter", False)])
+def test_an_airframe_that_cannot_stop_gets_the_controller_that_circles(airframe: str, circles: bool) -> None:
+    found = controller(PlatformKind.UAV, Config(), load_airframe(SHARE, airframe))
+    assert (found.circle_m > 0.0) is circles

@@ -19,7 +19,15 @@ from swarmware.types.vehicle import Pose
 MS = 1_000_000
 SHARE = Path(__file__).parents[3] / "share/swarm"
 WORLD = World(description="", bounds=Bounds(x_m=(-50.0, 50.0), y_m=(-50.0, 50.0), z_m=(-1.0, 50.0)))
-FRAME = load_airframe(SHARE, "quad_1k5")
+
+
+def quadrotor() -> MultirotorAirframe:
+    found = load_airframe(SHARE, "quad_1k5")
+    assert isinstance(found, MultirotorAirframe)
+    return found
+
+
+FRAME = quadrotor()
 HOVER = ActuatorOutputs((0.721,) * 4)
 """Carries about the weight."""
 

@@ -25,7 +25,9 @@ DT_S = 0.005
 
 
 def frame(name: str = "quad_1k5") -> MultirotorAirframe:
-    return load_airframe(SHARE, name)
+    found = load_airframe(SHARE, name)
+    assert isinstance(found, MultirotorAirframe)
+    return found
 
 
 def vehicle(name: str = "quad_1k5", height_m: float = 0.0, wind: Vector = CALM) -> FlyingBody:

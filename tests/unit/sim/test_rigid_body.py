@@ -79,11 +79,20 @@ def test_a_body_at_rest_feels_gravity_in_its_own_axes() -> None:
     resting.step(NONE, (0.5, 0.0, 0.0), 0.1)
     roll = resting.angles_rad()[0]
     assert roll != 0.0
-    resting.rest((1.0, 2.0, 3.0), level=False)
+    resting.rest((1.0, 2.0, 3.0))
     assert resting.rates_rad_s == resting.velocity_m_s == NONE
     assert resting.specific_force_m_s2 == pytest.approx(
         (0.0, GRAVITY_M_S2 * math.sin(roll), GRAVITY_M_S2 * math.cos(roll))
     )
-    resting.rest((1.0, 2.0, 0.0), level=True)
+    resting.stand(0.0)
     assert resting.up == pytest.approx(1.0)
+    assert resting.position_m == (1.0, 2.0, 0.0)
     assert resting.specific_force_m_s2 == pytest.approx((0.0, 0.0, GRAVITY_M_S2))
+
+
+def test_a_body_that_slides_keeps_its_direction() -> None:
+    sliding = body()
+    sliding.velocity_m_s = (3.0, 4.0, 0.0)
+    sliding.slide(2.5, 0.1)
+    assert sliding.velocity_m_s == pytest.approx((1.5, 2.0, 0.0))
+    assert sliding.position_m[:2] == pytest.approx((0.3, 0.4))

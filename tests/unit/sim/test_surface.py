@@ -92,3 +92,16 @@ def test_every_vehicle_has_a_place_to_start_in_every_world(world: str, kind: str
 def test_what_has_no_body_is_not_simulated() -> None:
     with pytest.raises(InvalidInput, match="'gcs'"):
         model(Config(), PlatformKind.GCS, Pose.planar(0.0, 0.0))
+
+
+def test_a_current_carries_it_at_rest_and_adds_to_its_own_speed() -> None:
+    limits = SurfaceLimits(current_m_s=(0.3, -0.4))
+    drifting = Surface(limits, Pose.planar(0.0, 0.0))
+    for _ in range(100):
+        drifting.step(Setpoint(1.0), 0.1)
+    assert (drifting.pose().x_m, drifting.pose().y_m) == pytest.approx((3.0, -4.0))
+    assert (drifting.pose().vx_m_s, drifting.pose().vy_m_s) == pytest.approx((0.3, -0.4))
+    drifting.armed = True
+    for _ in range(100):
+        drifting.step(Setpoint(1.0), 0.1)
+    assert (drifting.pose().vx_m_s, drifting.pose().vy_m_s) == pytest.approx((1.3, -0.4), abs=0.01)

@@ -3,6 +3,8 @@
 import math
 from typing import Final
 
+import msgspec
+
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.altitude import AltitudeHold
 from swarmd.navigator.core.target import Surroundings, Target
@@ -16,11 +18,17 @@ _LEFT_COST_M_S: Final = 0.02
 """Cost of passing on the left, in m/s: two vehicles that meet must both turn right."""
 _COLLISION_COST: Final = 6.0
 """Cost of a collision, in m/s · s: the deviation that a collision one second ahead is worth."""
+_COST_SPEED_M_S: Final = 6.0
+"""Commanded speed above which it grows in proportion: the same angle is a larger deviation then."""
 _YIELDING_RATIO: Final = 0.7
 """Share of separation and horizon kept from a vehicle that gives way."""
 _EVADE_MIN_M_S: Final = 0.8
 """Minimum speed of an evading vehicle."""
 _CLIMBS_M_S: Final = (0.0, 0.8, -0.8)
+_FINAL_M: Final = 1.5
+"""Height below which a landing vehicle descends at touch-down speed."""
+_DEEP_M: Final = 10.0
+"""The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
 
 
 class AirController:
@@ -29,6 +37,8 @@ class AirController:
     __slots__ = ("_altitude", "_config", "_last_ns", "free")
 
     flies = True
+    circle_m: Final = 0.0
+    arrive_m: Final = 0.0
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -46,6 +56,16 @@ class AirController:
         """Set-point of zero velocity; clears the altitude integral."""
         self._altitude.reset()
         return Setpoint(0.0)
+
+    def hold_at(self, pose: Pose) -> tuple[float, float]:
+        """The position at which it will have stopped: without overshoot."""
+        slip = math.hypot(pose.vx_m_s, pose.vy_m_s) / (2 * self._config.air.a_max_m_s2)
+        return pose.x_m + pose.vx_m_s * slip, pose.y_m + pose.vy_m_s * slip
+
+    def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
+        """The target of a landing at the place where it holds: straight down."""
+        sink = speed_m_s if pose.z_m > _FINAL_M else min(speed_m_s, self._config.air.touch_down_m_s)
+        return msgspec.structs.replace(stay, z_m=pose.z_m - _DEEP_M, climb_m_s=sink)
 
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
         """The set-point for this control step."""
@@ -79,36 +99,41 @@ class AirController:
         return Setpoint(vx * cos + vy * sin, vy * cos - vx * sin, vz, w)
 
 
-def avoid(config: Config, pose: Pose, wanted: Vector, around: Surroundings) -> Vector:
+def avoid(
+    config: Config, pose: Pose, wanted: Vector, around: Surroundings, speeds: tuple[float, ...] = _SPEEDS
+) -> Vector:
     """The velocity nearest to the commanded one that leads to no collision within the horizon.
 
-    Candidates are only tried when the commanded velocity leads to a collision.
+    Candidates are only tried when the commanded velocity leads to a collision; `speeds`: theirs over the
+    commanded one. A vehicle that can fly slower may also stop.
     """
     threats = _threats(config, pose, around)
     if not threats or math.isinf(_collision_time_s(threats, wanted)):
         return wanted
+    collision_cost = _COLLISION_COST * max(1.0, math.hypot(wanted[0], wanted[1]) / _COST_SPEED_M_S)
     best, best_cost = wanted, math.inf
-    for candidate in _candidates(config, wanted):
+    for candidate in _candidates(config, wanted, speeds):
         detour = math.dist(candidate, wanted)
         cross = wanted[0] * candidate[1] - wanted[1] * candidate[0]
         meeting_s = _collision_time_s(threats, candidate)
         price = detour + (_LEFT_COST_M_S if cross > 0 else 0.0)
         if not math.isinf(meeting_s):
-            price += _COLLISION_COST / max(meeting_s, 0.05)
+            price += collision_cost / max(meeting_s, 0.05)
         if price < best_cost:
             best, best_cost = candidate, price
     return best
 
 
-def _candidates(config: Config, wanted: Vector) -> list[Vector]:
+def _candidates(config: Config, wanted: Vector, speeds: tuple[float, ...]) -> list[Vector]:
     air = config.air
     speed = max(math.hypot(wanted[0], wanted[1]), _EVADE_MIN_M_S)
     heading = math.atan2(wanted[1], wanted[0])
     found = [wanted]
     for more in _CLIMBS_M_S:
         climb = min(max(wanted[2] + more, -air.sink_max_m_s), air.climb_max_m_s)
-        found.append((0.0, 0.0, climb))
-        for share in _SPEEDS:
+        if len(speeds) > 1:
+            found.append((0.0, 0.0, climb))
+        for share in speeds:
             for i in range(_DIRECTIONS):
                 angle = heading + i * math.tau / _DIRECTIONS
                 found.append((speed * share * math.cos(angle), speed * share * math.sin(angle), climb))

@@ -28,6 +28,8 @@ class GroundController:
     __slots__ = ("_config", "_detour", "_last", "_moved_ns", "_planned_ns", "_planner", "free")
 
     flies = False
+    circle_m: Final = 0.0
+    arrive_m: Final = 0.0
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -51,6 +53,14 @@ class GroundController:
         self._planned_ns = -(1 << 62)
         self._moved_ns = None
         return self._last
+
+    def hold_at(self, pose: Pose) -> tuple[float, float]:
+        """The position at which it stops: where it is."""
+        return pose.x_m, pose.y_m
+
+    def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
+        """The target of a landing: the place where it stands."""
+        return stay
 
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
         """The set-point for this control step; plans again when the period of the planner is over."""

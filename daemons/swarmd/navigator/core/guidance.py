@@ -30,10 +30,6 @@ _ARM_GRACE_S: Final = 1.0
 _EXTRAPOLATE_S: Final = 1.0
 """Longest extrapolation of the pose of another platform."""
 _STILL_M_S: Final = 0.1
-_FINAL_M: Final = 1.5
-"""Height below which a landing vehicle descends at touch-down speed."""
-_DEEP_M: Final = 10.0
-"""The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
 _SCAN_AGE_S: Final = 0.5
 _ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
 """Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
@@ -125,6 +121,8 @@ class Guidance:
             self._goal_error = f"goal {str(goal.kind)!r}: expected one of {', '.join(GoalKind)}"
         elif goal.kind is GoalKind.TAKEOFF and not self._controller.flies:
             self._goal_error = "takeoff: this vehicle does not fly"
+        elif goal.kind is GoalKind.FORMATION and self._controller.circle_m > 0.0:
+            self._goal_error = "formation: this vehicle cannot stop in a slot"
         elif goal.kind is GoalKind.FORMATION:
             try:
                 self._keeper = FormationKeeper(self._config, goal, self._controller.flies)
@@ -173,8 +171,8 @@ class Guidance:
         if goal.kind is GoalKind.LAND:
             return self._land(goal, pose)
         if goal.kind is GoalKind.HOLD:
-            standing = math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s) < 2 * _STILL_M_S
-            return _Plan(NavState.HOLDING if standing else NavState.MOVING, self._stay(pose))
+            stay = self._stay(pose)
+            return _Plan(NavState.HOLDING if self._holds(pose, stay) else NavState.MOVING, stay)
         if self._vehicle is None or not self._vehicle.armed:
             waiting = self._vehicle is None or now_ns - self._goal_ns < _ARM_GRACE_S * 1e9
             return _Plan(NavState.MOVING if waiting else NavState.BLOCKED, error=NavError.DISARMED)
@@ -189,12 +187,8 @@ class Guidance:
         if pose is None or not self._controller.flies or self._vehicle is None or self._vehicle.landed:
             return None
         if self._anchor is None:
-            # the position at which it will have stopped: without overshoot
-            air = self._config.air
-            slip = math.hypot(pose.vx_m_s, pose.vy_m_s) / (2 * air.a_max_m_s2)
-            self._anchor = Pose.planar(
-                pose.x_m + pose.vx_m_s * slip, pose.y_m + pose.vy_m_s * slip, max(pose.z_m, 1.0), pose.yaw_rad
-            )
+            x, y = self._controller.hold_at(pose)
+            self._anchor = Pose.planar(x, y, max(pose.z_m, 1.0), pose.yaw_rad)
         anchor = self._anchor
         return Target(
             anchor.x_m,
@@ -205,15 +199,28 @@ class Guidance:
             (anchor.x_m, anchor.y_m),
         )
 
+    def _holds(self, pose: Pose, stay: Target | None) -> bool:
+        """Whether the vehicle has stopped; one that cannot: whether it is on the circle around its place."""
+        if stay is None or self._controller.circle_m == 0.0:
+            return math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s) < 2 * _STILL_M_S
+        return self._away_m(pose, stay) < self._arrive_m
+
+    def _away_m(self, pose: Pose, target: Target) -> float:
+        """Distance from a target, or from the circle around it; inside of the circle only that in height."""
+        flat = math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m) - self._controller.circle_m
+        height = target.z_m - pose.z_m if self._controller.flies else 0.0
+        return math.hypot(max(0.0, flat), height)
+
+    @property
+    def _arrive_m(self) -> float:
+        return max(self._config.arrive_m, self._controller.arrive_m)
+
     def _land(self, goal: Goal, pose: Pose) -> _Plan:
         stay = self._stay(pose)
         if stay is None:
             standing = math.hypot(pose.vx_m_s, pose.vy_m_s) < _STILL_M_S
             return _Plan(NavState.ARRIVED if standing or self._controller.flies else NavState.MOVING)
-        speed = (
-            goal.speed_m_s if pose.z_m > _FINAL_M else min(goal.speed_m_s, self._config.air.touch_down_m_s)
-        )
-        down = msgspec.structs.replace(stay, z_m=pose.z_m - _DEEP_M, climb_m_s=speed)
+        down = self._controller.descend(pose, stay, goal.speed_m_s)
         return _Plan(NavState.MOVING, down, distance_m=max(0.0, pose.z_m))
 
     def _take_off(self, goal: Goal, pose: Pose) -> _Plan:
@@ -230,17 +237,21 @@ class Guidance:
             (anchor.x_m, anchor.y_m),
             climb_m_s=goal.speed_m_s,
         )
-        return self._reached(target, distance, distance, self._config.arrive_m, blockable=True)
+        return self._reached(target, distance, distance, self._arrive_m, blockable=True)
 
     def _go(self, goal: Goal, pose: Pose) -> _Plan:
-        height = goal.z_m - pose.z_m if self._controller.flies else 0.0
-        distance = math.hypot(goal.x_m - pose.x_m, goal.y_m - pose.y_m, height)
-        yaw = goal.yaw_rad
+        target = Target(goal.x_m, goal.y_m, goal.z_m, goal.yaw_rad, goal.speed_m_s, (goal.x_m, goal.y_m))
+        distance, yaw = self._away_m(pose, target), goal.yaw_rad
         if yaw is None and self._controller.flies and distance > 2.0:
-            yaw = math.atan2(goal.y_m - pose.y_m, goal.x_m - pose.x_m)
-        target = Target(goal.x_m, goal.y_m, goal.z_m, yaw, goal.speed_m_s, (goal.x_m, goal.y_m))
-        turned = yaw is None or distance > 2.0 or abs(math.remainder(yaw - pose.yaw_rad, math.tau)) < 0.1
-        arrive = self._config.arrive_m if turned else 0.0
+            ahead = math.atan2(goal.y_m - pose.y_m, goal.x_m - pose.x_m)
+            target = msgspec.structs.replace(target, yaw_rad=ahead)
+        turned = (
+            yaw is None
+            or distance > 2.0
+            or self._controller.circle_m > 0.0
+            or abs(math.remainder(yaw - pose.yaw_rad, math.tau)) < 0.1
+        )
+        arrive = self._arrive_m if turned else 0.0
         plan = self._reached(target, distance, distance, arrive, blockable=True)
         if plan.state is NavState.ARRIVED and not self._controller.flies and goal.yaw_rad is None:
             return msgspec.structs.replace(plan, target=None)

@@ -26,6 +26,8 @@ class Target(msgspec.Struct, frozen=True, gc=False):
     """Velocity of the target."""
     climb_m_s: float = 100.0
     """Maximum rate of climb and descent."""
+    course_rad: float | None = None
+    """Course on which a vehicle that cannot stop passes the target; None: it circles around it."""
 
 
 class MovingObstacle(msgspec.Struct, frozen=True, gc=False):

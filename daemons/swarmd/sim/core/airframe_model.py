@@ -4,6 +4,7 @@ from typing import Protocol
 
 from swarmd.sim.core.rigid_body import RigidBody
 from swarmware.geometry.attitude import Vector
+from swarmware.model.body_config import BodyConfig
 from swarmware.types.chassis import ActuatorOutputs
 
 
@@ -23,3 +24,12 @@ class AirframeModel(Protocol):
     def power_w(self) -> float:
         """Electric power of motors and electronics now."""
         ...
+
+
+def drag_n(config: BodyConfig, air_m_s: Vector) -> Vector:
+    """Force of the air, linear and quadratic in the velocity, in body axes."""
+    x, y, z = (
+        -(linear + quadratic * abs(speed)) * speed
+        for linear, quadratic, speed in zip(config.drag_n_s_m, config.drag_n_s2_m2, air_m_s, strict=True)
+    )
+    return x, y, z

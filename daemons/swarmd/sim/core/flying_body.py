@@ -8,7 +8,7 @@ from swarmd.sim.core.airframe_model import AirframeModel
 from swarmd.sim.core.rigid_body import RigidBody
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import GRAVITY_M_S2
-from swarmware.model.airframe import BodyConfig
+from swarmware.model.body_config import BodyConfig
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Pose
 
@@ -24,7 +24,7 @@ Wind = Callable[[float], Vector]
 class FlyingBody:
     """Model of a vehicle that does not stay level by itself.
 
-    On the ground it is at rest and level, until its lift exceeds the weight.
+    On the ground it stands until its lift exceeds the weight; after a touch-down it slides to rest.
     """
 
     __slots__ = ("_body", "_config", "_model", "_wind", "armed", "landed")
@@ -41,6 +41,8 @@ class FlyingBody:
         self._body = RigidBody(config.mass_kg, config.inertia_kg_m2, place, start.yaw_rad)
         self.armed = False
         self.landed = place[2] <= 0.0
+        if self.landed:
+            self._body.stand(config.rest_pitch_rad)
 
     @property
     def radius_m(self) -> float:
@@ -65,6 +67,7 @@ class FlyingBody:
         force, moment = self._model.loads(outputs, body, air, dt_s)
         if self.landed:
             if body.to_map(force)[2] <= body.mass_kg * GRAVITY_M_S2:
+                self._slide(dt_s)
                 return 0.0
             self.landed = False
         body.step(force, moment, dt_s)
@@ -75,14 +78,32 @@ class FlyingBody:
     def _touch_down(self) -> float:
         body = self._body
         speed_m_s, sink_m_s, tipped = math.hypot(*body.velocity_m_s), -body.velocity_m_s[2], body.up < _TIPPED
-        x, y, _ = body.position_m
-        body.rest((x, y, 0.0), level=True)
+        body.stand(0.0)
         self.landed = True
+        if self._config.slide_m_s2 == 0.0:
+            self._come_to_rest()
         return speed_m_s if tipped or sink_m_s > self._config.hard_landing_m_s else 0.0
+
+    def _slide(self, dt_s: float) -> None:
+        """Brakes a landed vehicle that still moves."""
+        body = self._body
+        speed = math.hypot(*body.velocity_m_s)
+        if speed == 0.0:
+            return
+        after = speed - self._config.slide_m_s2 * dt_s
+        if after > 0.0:
+            body.slide(after, dt_s)
+        else:
+            self._come_to_rest()
+
+    def _come_to_rest(self) -> None:
+        body = self._body
+        body.rest(body.position_m)
+        body.stand(self._config.rest_pitch_rad)
 
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
         """Stops the vehicle at an obstacle that it hit."""
-        self._body.rest((x_m, y_m, z_m), level=False)
+        self._body.rest((x_m, y_m, z_m))
 
     def pose(self) -> Pose:
         """The true pose of the vehicle."""

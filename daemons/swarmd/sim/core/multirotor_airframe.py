@@ -2,9 +2,10 @@
 
 import math
 
+from swarmd.sim.core.airframe_model import drag_n
 from swarmd.sim.core.rigid_body import RigidBody
 from swarmware.geometry.attitude import Vector
-from swarmware.model.airframe import BodyConfig, MultirotorAirframe
+from swarmware.model.airframe import MultirotorAirframe
 from swarmware.types.chassis import ActuatorOutputs
 
 
@@ -40,7 +41,7 @@ class MultirotorRotors:
             roll += y * thrust
             pitch -= x * thrust
             yaw += torque * thrust
-        drag = _drag(airframe.body, air_m_s)
+        drag = drag_n(airframe.body, air_m_s)
         turn, (p, q, r) = airframe.body.turn_drag_n_m_s, body.rates_rad_s
         return (
             (drag[0], drag[1], drag[2] + up),
@@ -52,12 +53,3 @@ class MultirotorRotors:
         motor = self._airframe.motor
         mean = sum(speed**3 for speed in self._speeds) / len(self._speeds)
         return motor.idle_w + motor.hover_w * mean / math.pow(self._hover, 1.5)
-
-
-def _drag(config: BodyConfig, air_m_s: Vector) -> Vector:
-    """Force of the air on a body that moves through it, in body axes."""
-    x, y, z = (
-        -(linear + quadratic * abs(speed)) * speed
-        for linear, quadratic, speed in zip(config.drag_n_s_m, config.drag_n_s2_m2, air_m_s, strict=True)
-    )
-    return x, y, z

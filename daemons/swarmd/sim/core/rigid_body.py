@@ -4,6 +4,8 @@ Interface for airframes: position, velocity and attitude are tuples in ENU and x
 of the body (FLU). `step` takes the sum of all forces but gravity, and of all moments, in body axes.
 """
 
+import math
+
 from swarmware.geometry.attitude import Matrix, Vector, from_euler, matrix, to_body, to_euler, to_map, turned
 from swarmware.geometry.geodesy import GRAVITY_M_S2
 
@@ -86,11 +88,26 @@ class RigidBody:
         self.attitude = turned(self.attitude, (p, q, r), dt_s)
         self._matrix = matrix(self.attitude)
 
-    def rest(self, position_m: Vector, *, level: bool) -> None:
-        """Puts the body at rest at a position; level with the same heading, or with the same attitude."""
+    def stand(self, pitch_rad: float) -> None:
+        """Puts the body on the ground where it is, with the same heading and speed at a pitch."""
+        x, y, _ = self.position_m
+        vx, vy, _ = self.velocity_m_s
+        self.position_m, self.velocity_m_s = (x, y, 0.0), (vx, vy, 0.0)
+        self.rates_rad_s = (0.0, 0.0, 0.0)
+        self.attitude = from_euler(0.0, pitch_rad, self.angles_rad()[2])
+        self._matrix = matrix(self.attitude)
+        self.specific_force_m_s2 = self.to_body((0.0, 0.0, GRAVITY_M_S2))
+
+    def slide(self, speed_m_s: float, dt_s: float) -> None:
+        """Moves a body that stands, and changes its speed without its direction."""
+        x, y, z = self.position_m
+        vx, vy, _ = self.velocity_m_s
+        ratio = speed_m_s / math.hypot(vx, vy)
+        self.position_m = x + vx * dt_s, y + vy * dt_s, z
+        self.velocity_m_s = vx * ratio, vy * ratio, 0.0
+
+    def rest(self, position_m: Vector) -> None:
+        """Puts the body at rest at a position, with the same attitude."""
         self.position_m = position_m
         self.velocity_m_s = self.rates_rad_s = (0.0, 0.0, 0.0)
-        if level:
-            self.attitude = from_euler(0.0, 0.0, self.angles_rad()[2])
-            self._matrix = matrix(self.attitude)
         self.specific_force_m_s2 = self.to_body((0.0, 0.0, GRAVITY_M_S2))

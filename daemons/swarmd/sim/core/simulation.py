@@ -29,6 +29,7 @@ from swarmware.types.vehicle import (
 )
 
 if TYPE_CHECKING:
+    from swarmd.sim.core.airframe_model import AirframeModel
     from swarmware.model.airframe import Airframe
 
 BOUNDS: Final = "bounds"
@@ -380,11 +381,21 @@ def flying_body(
     airframe: "Airframe", config: Config, start: Pose, gauss: Gauss
 ) -> VehicleModel[ActuatorOutputs]:
     """The vehicle model of an airframe."""
-    from swarmd.sim.core.flying_body import FlyingBody  # most vehicles have none
+    from swarmd.sim.core.fixed_wing_airframe import FixedWing  # most vehicles have none
+    from swarmd.sim.core.flying_body import FlyingBody
+    from swarmd.sim.core.helicopter_airframe import HelicopterRotors
     from swarmd.sim.core.multirotor_airframe import MultirotorRotors
     from swarmd.sim.core.wind import GustyWind
 
-    return FlyingBody(MultirotorRotors(airframe), airframe.body, start, GustyWind(config.wind, gauss))
+    model: AirframeModel
+    match airframe.type:
+        case "multirotor":
+            model = MultirotorRotors(airframe)
+        case "helicopter":
+            model = HelicopterRotors(airframe)
+        case _:
+            model = FixedWing(airframe)
+    return FlyingBody(model, airframe.body, start, GustyWind(config.wind, gauss))
 
 
 def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel[Setpoint]:

@@ -23,10 +23,10 @@ class SurfaceState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Surface:
-    """Model of a surface vessel in calm water.
+    """Model of a surface vessel in water that may flow.
 
-    Surge and yaw rate follow the set-point as first-order systems. A turn at speed causes sway, which
-    decays by drag.
+    Surge and yaw rate follow the set-point as first-order systems; both and sway are those through the water.
+    A turn at speed causes sway, which decays by drag.
     Source: Nomoto 1957 (steering); Fossen 2011, Handbook of Marine Craft, chapter 7 (sway).
     """
 
@@ -66,9 +66,10 @@ class Surface:
         sway = slip * math.exp(-dt_s / limits.sway_tau_s)
         self._accel = (surge - old.surge_m_s) / dt_s
         cos, sin = math.cos(old.yaw_rad), math.sin(old.yaw_rad)
+        east, north = limits.current_m_s
         self.state = SurfaceState(
-            old.x_m + (surge * cos - sway * sin) * dt_s,
-            old.y_m + (surge * sin + sway * cos) * dt_s,
+            old.x_m + (surge * cos - sway * sin + east) * dt_s,
+            old.y_m + (surge * sin + sway * cos + north) * dt_s,
             math.remainder(old.yaw_rad + rate * dt_s, math.tau),
             surge,
             sway,
@@ -84,8 +85,10 @@ class Surface:
         """The true pose of the vehicle."""
         s = self.state
         cos, sin = math.cos(s.yaw_rad), math.sin(s.yaw_rad)
-        velocity = (s.surge_m_s * cos - s.sway_m_s * sin, s.surge_m_s * sin + s.sway_m_s * cos, 0.0)
-        return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, velocity, s.w_rad_s)
+        east, north = self._limits.current_m_s
+        vx = s.surge_m_s * cos - s.sway_m_s * sin + east
+        vy = s.surge_m_s * sin + s.sway_m_s * cos + north
+        return Pose.planar(s.x_m, s.y_m, 0.0, s.yaw_rad, (vx, vy, 0.0), s.w_rad_s)
 
     def rates(self) -> Vector:
         """Rates about the body axes."""

@@ -14,7 +14,9 @@ BOTH = pytest.mark.parametrize("name", ["quad_1k5", "hexa_14k"])
 
 
 def airframe(name: str = "quad_1k5") -> MultirotorAirframe:
-    return load_airframe(SHARE, name)
+    found = load_airframe(SHARE, name)
+    assert isinstance(found, MultirotorAirframe)
+    return found
 
 
 def state(

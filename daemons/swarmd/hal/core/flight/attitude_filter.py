@@ -26,6 +26,7 @@ _BIAS_KI_1_S2: Final = 0.01
 """Gain of the estimate of the gyro's bias."""
 _BIAS_MAX_RAD_S: Final = 0.1
 """Bound of the bias of a MEMS gyro."""
+_NONE: Final = (0.0, 0.0, 0.0)
 _FORCE_RANGE_M_S2: Final = 3.0
 """Deviation of the specific force from gravity at which it does not show the vertical any more."""
 _ACCEL_RANGE_M_S2: Final = 1.5
@@ -60,9 +61,20 @@ class AttitudeFilter:
         """A vector of the body in map coordinates."""
         return to_map(matrix(self._attitude), vector)
 
-    def update(self, imu: Imu, dt_s: float, *, landed: bool, accelerates_m_s2: float) -> None:
-        """Takes a sample of the inertial unit; `accelerates_m_s2`: commanded horizontal acceleration."""
-        force = (imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2)
+    def turn_m_s2(self, velocity_m_s: Vector) -> Vector:
+        """Acceleration in body axes of a vehicle that keeps its velocity in them while it turns."""
+        (p, q, r), (u, v, w) = self._rates, to_body(matrix(self._attitude), velocity_m_s)
+        return q * w - r * v, r * u - p * w, p * v - q * u
+
+    def update(
+        self, imu: Imu, dt_s: float, *, landed: bool, accelerates_m_s2: float, turn_m_s2: Vector = _NONE
+    ) -> None:
+        """Takes a sample of the inertial unit.
+
+        `accelerates_m_s2`: commanded horizontal acceleration; `turn_m_s2`: known acceleration in body axes,
+        which is not part of the vertical.
+        """
+        force = (imu.ax_m_s2 - turn_m_s2[0], imu.ay_m_s2 - turn_m_s2[1], imu.az_m_s2 - turn_m_s2[2])
         size = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
         if not self._begun:
             self._begun = True

@@ -3,7 +3,7 @@
 from typing import Final
 
 from swarmd.hal.core.flight.flight_state import FlightState
-from swarmware.model.airframe import CascadeLimits, MultirotorGains
+from swarmware.model.hover_gains import HoverGains, HoverLimits
 
 _AHEAD_M: Final = 0.3
 """Largest distance of the commanded height from that of the vehicle."""
@@ -27,8 +27,8 @@ class ClimbLoop:
 
     def acceleration_m_s2(
         self,
-        gains: MultirotorGains,
-        limits: CascadeLimits,
+        gains: HoverGains,
+        limits: HoverLimits,
         wanted_m_s: float,
         state: FlightState,
         dt_s: float,

@@ -1,10 +1,15 @@
 """Interface of control laws: from a velocity set-point and the estimated state to actuators."""
 
-from typing import Protocol
+from typing import Protocol, TypeVar
+
+import msgspec
 
 from swarmd.hal.core.flight.flight_state import FlightState
+from swarmware.errors import Denied
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Setpoint
+
+G = TypeVar("G", bound=msgspec.Struct)
 
 
 class ControlLaw(Protocol):
@@ -27,6 +32,11 @@ class ControlLaw(Protocol):
         ...
 
     @property
+    def follows_nose(self) -> bool:
+        """Whether the vehicle moves where its nose points, so that its turns are accelerations."""
+        ...
+
+    @property
     def acceleration_m_s2(self) -> float:
         """Horizontal acceleration that it commanded last."""
         ...
@@ -34,3 +44,18 @@ class ControlLaw(Protocol):
     def reset(self) -> None:
         """Clears all integrals: the vehicle is disarmed."""
         ...
+
+
+def changed(gains: G, by_name: dict[str, float]) -> G:
+    """The gains with some of them changed.
+
+    Raises: Denied when a name is unknown, or a value out of range.
+    """
+    known = msgspec.structs.asdict(gains)
+    for name in by_name:
+        if name not in known:
+            raise Denied(f"gain {name!r}: unknown to this airframe; expected one of {', '.join(known)}")
+    try:
+        return msgspec.convert({**known, **by_name}, type(gains))
+    except msgspec.ValidationError as error:
+        raise Denied(f"gains: {error}") from error

@@ -4,9 +4,14 @@ from typing import Final
 
 from swarmd.hal.core.flight.attitude_filter import AttitudeFilter
 from swarmd.hal.core.flight.control_law import ControlLaw
+from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
 from swarmd.hal.core.flight.flight_state import FlightState
+from swarmd.hal.core.flight.helicopter_controller import HelicopterController
 from swarmd.hal.core.flight.imu_mean import ImuMean
 from swarmd.hal.core.flight.motion_filter import MotionFilter
+from swarmd.hal.core.flight.multirotor_controller import MultirotorController
+from swarmware.model.airframe import Airframe, MultirotorAirframe
+from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import GnssFix, Imu, Setpoint
 
@@ -16,6 +21,7 @@ _STALE_NS: Final = 200_000_000
 """Age of the newest inertial sample above which no outputs are computed: attitude is not known any more."""
 _OFF: Final = ActuatorOutputs()
 _STOP: Final = Setpoint(0.0)
+_NONE: Final = (0.0, 0.0, 0.0)
 
 
 class FlightCore:
@@ -76,7 +82,10 @@ class FlightCore:
         self._mean.add(imu)
         landed = self._landed
         accelerates_m_s2 = 0.0 if landed else self._controller.acceleration_m_s2
-        self._attitude.update(imu, dt_s, landed=landed, accelerates_m_s2=accelerates_m_s2)
+        turn = _NONE
+        if self._controller.follows_nose and not landed:
+            turn = self._attitude.turn_m_s2(self._motion.velocity_m_s)
+        self._attitude.update(imu, dt_s, landed=landed, accelerates_m_s2=accelerates_m_s2, turn_m_s2=turn)
         force = self._attitude.to_map((imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2))
         self._motion.predict(force, dt_s, landed=landed)
 
@@ -106,3 +115,12 @@ class FlightCore:
             self._controller.reset()
             return _OFF
         return self._controller.update(self._setpoint, self.state(), landed=self._landed, dt_s=self._dt_s)
+
+
+def control_law(airframe: Airframe) -> ControlLaw:
+    """The cascade of control loops of an airframe, with the gains of its file."""
+    if isinstance(airframe, MultirotorAirframe):
+        return MultirotorController(airframe)
+    if isinstance(airframe, HelicopterAirframe):
+        return HelicopterController(airframe)
+    return FixedWingController(airframe)

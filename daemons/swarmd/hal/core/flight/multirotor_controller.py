@@ -7,13 +7,13 @@ import msgspec
 
 from swarmd.hal.core.flight.attitude_loop import body_rates
 from swarmd.hal.core.flight.climb_loop import ClimbLoop
+from swarmd.hal.core.flight.control_law import changed
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmd.hal.core.flight.mixer import IDLE, Mixer
 from swarmd.hal.core.flight.rate_loop import RateLoop
 from swarmd.hal.core.flight.velocity_loop import VelocityLoop
-from swarmware.errors import Denied
 from swarmware.geometry.geodesy import GRAVITY_M_S2
-from swarmware.model.airframe import MultirotorAirframe, MultirotorGains
+from swarmware.model.airframe import MultirotorAirframe
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Setpoint
 
@@ -30,6 +30,8 @@ class MultirotorController:
     """Cascade of a multirotor with any number of rotors; all that differs is in the file of its airframe."""
 
     __slots__ = ("_airframe", "_climb", "_gains", "_idle", "_mixer", "_rate", "_velocity", "_whole")
+
+    follows_nose: Final = False
 
     def __init__(self, airframe: MultirotorAirframe) -> None:
         self._airframe = airframe
@@ -52,14 +54,7 @@ class MultirotorController:
 
         Raises: Denied when a name is unknown, or a value out of range; none is changed then.
         """
-        known = self.gains
-        for name in gains:
-            if name not in known:
-                raise Denied(f"gain {name!r}: unknown to this airframe; expected one of {', '.join(known)}")
-        try:
-            self._gains = msgspec.convert({**known, **gains}, MultirotorGains)
-        except msgspec.ValidationError as error:
-            raise Denied(f"gains: {error}") from error
+        self._gains = changed(self._gains, gains)
 
     @property
     def acceleration_m_s2(self) -> float:

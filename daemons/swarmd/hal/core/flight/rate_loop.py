@@ -3,7 +3,7 @@
 from typing import Final
 
 from swarmware.geometry.attitude import Vector
-from swarmware.model.airframe import MultirotorGains
+from swarmware.model.hover_gains import HoverGains
 
 _INTEGRAL_MAX_RAD_S2: Final = 4.0
 """Bound of the integral: a centre of mass that is not where the file says, and uneven rotors."""
@@ -23,7 +23,7 @@ class RateLoop:
         self._integral = [0.0, 0.0, 0.0]
 
     def moment_n_m(
-        self, gains: MultirotorGains, wanted: Vector, rates: Vector, dt_s: float, *, learns: bool
+        self, gains: HoverGains, wanted: Vector, rates: Vector, dt_s: float, *, learns: bool
     ) -> Vector:
         """Moment about the body axes; `learns`: the integral follows the error."""
         tilt, yaw = (gains.rate_kp_1_s, gains.rate_ki_1_s2), (gains.yaw_rate_kp_1_s, gains.yaw_rate_ki_1_s2)

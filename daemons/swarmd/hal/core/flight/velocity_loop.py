@@ -4,7 +4,7 @@ import math
 
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.geometry.geodesy import GRAVITY_M_S2
-from swarmware.model.airframe import CascadeLimits, MultirotorGains
+from swarmware.model.hover_gains import HoverGains, HoverLimits
 
 
 class VelocityLoop:
@@ -19,13 +19,13 @@ class VelocityLoop:
         """Acceleration that was commanded last, to the east and the north, without the integral."""
 
     def reset(self) -> None:
-        """Clears the integral of the wind."""
+        """Clears the integral of the velocity error."""
         self._integral = self.acceleration_m_s2 = (0.0, 0.0)
 
     def tilt_rad(
         self,
-        gains: MultirotorGains,
-        limits: CascadeLimits,
+        gains: HoverGains,
+        limits: HoverLimits,
         wanted_m_s: tuple[float, float],
         state: FlightState,
         dt_s: float,

@@ -1,0 +1,185 @@
+"""Controller of a fixed-wing aircraft, which cannot stop: it circles around its target."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from swarmd.navigator.config import Config
+from swarmd.navigator.core.air_controller import avoid
+from swarmd.navigator.core.target import Surroundings, Target
+from swarmware.model.fixed_wing_airframe import FixedWingAirframe
+from swarmware.types.vehicle import Pose, Setpoint
+
+_ORBIT_GAIN: Final = 2.5
+"""Gain of the vector field around a circle: the course turns inwards with the distance over the radius."""
+_ON_CIRCLE: Final = 0.4
+"""Deviation over the radius within which the turn of the circle is fed forward."""
+_ARRIVE_RATIO: Final = 0.06
+"""Arrival radius over that of the circle."""
+_CLIMB_KP_1_S: Final = 0.4
+"""Climb rate per metre of height error."""
+_CLEARANCE_M: Final = 5.0
+"""Distance that is kept beside twice the radius of the vehicle: it cannot stop when the other one turns."""
+_LINE_GAIN_1_M: Final = 0.03
+"""Gain of the vector field along a line: atan of it times the distance is the angle to the line."""
+_FINAL_M: Final = 180.0
+"""Length of the final approach: from its height down to the flare, and the way that the flare takes."""
+_GLIDE: Final = 0.1
+"""Slope of the final approach."""
+_FLARE_M: Final = 90.0
+"""Distance before the touch-down at which the glide path meets the ground: the flare carries further."""
+_ALIGNED_RAD: Final = 0.2
+"""Deviation of the course at which the final approach begins."""
+_NEAR_M: Final = 40.0
+"""Distance from the begin of the final approach at which it begins."""
+_HIGH_M: Final = 3.0
+"""Height above the glide path at which the final approach still begins."""
+
+
+class Approach(msgspec.Struct, frozen=True):
+    """A landing: a circle that meets the final approach at its begin, and the line down to the place."""
+
+    x_m: float
+    y_m: float
+    """Place of the touch-down."""
+    course_rad: float
+    stay: Target
+    """The target that it held before."""
+    final: bool = False
+    """Whether it has left the circle."""
+
+    @property
+    def begin_m(self) -> tuple[float, float]:
+        """Begin of the final approach."""
+        return (
+            self.x_m - _FINAL_M * math.cos(self.course_rad),
+            self.y_m - _FINAL_M * math.sin(self.course_rad),
+        )
+
+
+class CirclingController:
+    """Velocity set-points for an aircraft: straight to a far target, then to the left around it.
+
+    Source: Beard and McLain 2012, "Small Unmanned Aircraft", chapter 10 (vector fields of line and orbit).
+    """
+
+    __slots__ = ("_approach", "_clear_m", "_config", "_limits", "free")
+
+    flies = True
+
+    def __init__(self, config: Config, airframe: FixedWingAirframe) -> None:
+        self._limits = airframe.limits
+        self._clear_m = 2 * airframe.body.radius_m + _CLEARANCE_M
+        self._approach: Approach | None = None
+        self.free = True
+        """Always true: in the air there is a way around."""
+        self.set_config(config)
+
+    @property
+    def circle_m(self) -> float:
+        """Radius of the circle around a target."""
+        return self._limits.loiter_radius_m
+
+    @property
+    def arrive_m(self) -> float:
+        """Smallest arrival radius: what the circle deviates from a perfect one."""
+        return _ARRIVE_RATIO * self._limits.loiter_radius_m
+
+    def set_config(self, config: Config) -> None:
+        """Replaces the settings; size and limits of the airframe are also those of avoidance."""
+        limits = self._limits
+        air = msgspec.structs.replace(
+            config.air,
+            v_max_m_s=limits.airspeed_max_m_s,
+            climb_max_m_s=limits.climb_max_m_s,
+            sink_max_m_s=limits.sink_max_m_s,
+            separation_m=max(config.air.separation_m, self._clear_m),
+            obstacle_m=max(config.air.obstacle_m, self._clear_m),
+        )
+        self._config = msgspec.structs.replace(config, air=air)
+
+    def stop(self) -> Setpoint:
+        """Set-point without a velocity: the aircraft circles, or stands."""
+        self._approach = None
+        return Setpoint(0.0)
+
+    def hold_at(self, pose: Pose) -> tuple[float, float]:
+        """Centre of the circle to the left that begins here."""
+        course = _course_rad(pose)
+        return pose.x_m - self.circle_m * math.sin(course), pose.y_m + self.circle_m * math.cos(course)
+
+    def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
+        """The target of a landing: down on a circle, then along the final approach."""
+        approach = self._approach
+        if approach is None or approach.stay != stay:
+            course = _course_rad(pose)
+            radius = self.circle_m
+            # the circle that is held touches the line of the approach in the place of the touch-down
+            x, y = stay.x_m + radius * math.sin(course), stay.y_m - radius * math.cos(course)
+            approach = Approach(x, y, course, stay)
+        x, y = approach.begin_m
+        high_m = _GLIDE * (_FINAL_M - _FLARE_M)
+        if not approach.final:
+            aligned = abs(math.remainder(_course_rad(pose) - approach.course_rad, math.tau)) < _ALIGNED_RAD
+            near = math.hypot(x - pose.x_m, y - pose.y_m) < _NEAR_M
+            approach = msgspec.structs.replace(
+                approach, final=aligned and near and pose.z_m < high_m + _HIGH_M
+            )
+        self._approach = approach
+        cos, sin = math.cos(approach.course_rad), math.sin(approach.course_rad)
+        if not approach.final:
+            radius = self.circle_m
+            x, y = x - radius * sin, y + radius * cos
+            return Target(x, y, high_m, None, 0.0, (x, y), climb_m_s=self._limits.sink_max_m_s)
+        dx, dy = approach.x_m - pose.x_m, approach.y_m - pose.y_m
+        along, left = dx * cos + dy * sin, dx * sin - dy * cos
+        glide_m = _GLIDE * (along - _FLARE_M)
+        sink = _GLIDE * self._limits.airspeed_cruise_m_s
+        return Target(
+            approach.x_m,
+            approach.y_m,
+            glide_m,
+            None,
+            0.0,
+            (approach.x_m, approach.y_m),
+            (0.0, 0.0, -sink),
+            course_rad=approach.course_rad - math.atan(_LINE_GAIN_1_M * left),
+        )
+
+    def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
+        """The set-point for this control step.
+
+        A commanded speed below the minimum of the aircraft means that of its cruise.
+        """
+        limits = self._limits
+        speed = min(target.speed_m_s, limits.airspeed_max_m_s)
+        if speed < limits.airspeed_min_m_s:
+            speed = limits.airspeed_cruise_m_s
+        course, turn = self._guide(pose, target, speed)
+        climb = _CLIMB_KP_1_S * (target.z_m - pose.z_m)
+        climb = min(max(climb, -target.climb_m_s), target.climb_m_s) + target.velocity_m_s[2]
+        climb = min(max(climb, -limits.sink_max_m_s), limits.climb_max_m_s)
+        wanted = (speed * math.cos(course), speed * math.sin(course), climb)
+        vx, vy, vz = evaded = avoid(self._config, pose, wanted, around, speeds=(1.0,))
+        cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        return Setpoint(vx * cos + vy * sin, vy * cos - vx * sin, vz, turn if evaded == wanted else 0.0)
+
+    def _guide(self, pose: Pose, target: Target, speed_m_s: float) -> tuple[float, float]:
+        """Course, and rate of turn: along the course of the target, or around it."""
+        if target.course_rad is not None:
+            return target.course_rad, 0.0
+        radius = self.circle_m
+        dx, dy = pose.x_m - target.x_m, pose.y_m - target.y_m
+        away = math.hypot(dx, dy)
+        deviation = (away - radius) / radius
+        course = math.atan2(dy, dx) + math.pi / 2 + math.atan(_ORBIT_GAIN * deviation)
+        turn = speed_m_s / max(away, 1.0) if abs(deviation) < _ON_CIRCLE else 0.0
+        return course, turn
+
+
+def _course_rad(pose: Pose) -> float:
+    """Direction of motion; the heading of an aircraft that stands."""
+    if math.hypot(pose.vx_m_s, pose.vy_m_s) < 1.0:
+        return pose.yaw_rad
+    return math.atan2(pose.vy_m_s, pose.vx_m_s)
