@@ -8,7 +8,7 @@ import click
 
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import at_nodes, nodes_argument
+from swarmctl.commandline.parameters import PLATFORM, at_nodes, nodes_argument
 from swarmctl.commandline.settings import Nodes, settings
 
 EXPERIMENTS: Final = ("formation",)
@@ -34,7 +34,8 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
     about = {
         "nodes": "Number of nodes: a ground station, and one ground vehicle for two air vehicles.",
         "usv": "Number of surface vessels among them.",
-        "net": "Network of the nodes: loopback.",
+        "net": "Network of the nodes: loopback, or netns: namespaces with a radio between them.",
+        "radio": "Radio of --net netns: s3, lan, or the path of a radio file; default: s3.",
         "seed": "Seed of clocks, noise and start order.",
         "name": "Name of the lab; default: the experiment's.",
         "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",
@@ -48,6 +49,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         ),
         click.option("--usv", type=int, default=0, show_default=True, metavar="N", help=about["usv"]),
         click.option("--net", default="loopback", metavar="KIND", help=about["net"]),
+        click.option("--radio", default="", metavar="NAME", help=about["radio"]),
         click.option("--seed", type=int, default=1, show_default=True, metavar="K", help=about["seed"]),
         click.option("--name", default="", metavar="NAME", help=about["name"]),
         click.option(
@@ -187,6 +189,96 @@ def logs(ctx: click.Context, platforms: tuple[str, ...], follow: bool, lines: in
     from swarmlab.run.listing import print_logs
 
     print_logs(lines, Output(at_nodes(ctx, platforms)), follow=follow)
+
+
+_ONE_WAY: Final = click.option("--one-way", is_flag=True, help="Only from the first node to the second.")
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("one", metavar="[NODE]", type=PLATFORM, required=False)
+@click.argument("other", metavar="[NODE]", type=PLATFORM, required=False)
+@click.option(
+    "--loss", "loss_percent", type=click.FloatRange(0, 100), metavar="PERCENT", help="Loss of frames."
+)
+@click.option("--delay", metavar="TIME", help="Additional delay: 50ms, 1s.")
+@click.option("--jitter", metavar="TIME", help="Additional random delay: 0 to this.")
+@click.option("--rate", metavar="RATE", help="Limit of the rate: 1mbit, 250kbit, or auto.")
+@_ONE_WAY
+@click.pass_context
+def link(
+    ctx: click.Context,
+    one: str | None,
+    other: str | None,
+    loss_percent: float | None,
+    delay: str | None,
+    jitter: str | None,
+    rate: str | None,
+    one_way: bool,
+) -> None:
+    """Impair links of a running lab with a radio; without options show their state and counters.
+
+    It adds to what the radio does. Nodes are names or patterns; of one node all its links, without a name
+    all links.
+
+    Example: swarmctl lab link uav1 uav2 --loss 30 --delay 50ms --rate 1mbit
+    """
+    from swarmctl.terminal.output import Output
+    from swarmctl.terminal.quantities import span_s
+    from swarmlab.radio.core.link import ImpairmentChange
+    from swarmlab.run import links
+
+    change = ImpairmentChange(
+        loss_ratio=None if loss_percent is None else loss_percent / 100,
+        delay_s=None if delay is None else span_s(delay),
+        jitter_s=None if jitter is None else span_s(jitter),
+        rate_bit_s=None if rate is None else links.rate_bit_s(rate),
+    )
+    links.impair(one or "", other or "", change, Output(settings(ctx)), one_way=one_way)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("one", metavar="NODE", type=PLATFORM)
+@click.argument("other", metavar="[NODE]", type=PLATFORM, required=False)
+@_ONE_WAY
+@click.pass_context
+def cut(ctx: click.Context, one: str, other: str | None, one_way: bool) -> None:
+    """Cut links of a running lab with a radio: between two nodes, or all of one node.
+
+    Example: swarmctl lab cut uav1 gcs
+    """
+    from swarmctl.terminal.output import Output
+    from swarmlab.run import links
+
+    links.cut(one, other or "", Output(settings(ctx)), one_way=one_way)
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("one", metavar="[NODE]", type=PLATFORM, required=False)
+@click.argument("other", metavar="[NODE]", type=PLATFORM, required=False)
+@click.pass_context
+def heal(ctx: click.Context, one: str | None, other: str | None) -> None:
+    """Remove cuts and impairments: of all links, of those of a node, or of those between two nodes.
+
+    Example: swarmctl lab heal
+    """
+    from swarmctl.terminal.output import Output
+    from swarmlab.run import links
+
+    links.heal(one or "", other or "", Output(settings(ctx)))
+
+
+@cmd.command(nodes=Nodes.NONE)
+@click.argument("groups", nargs=-1, required=True, metavar="NODE,NODE…", type=PLATFORM)
+@click.pass_context
+def partition(ctx: click.Context, groups: tuple[str, ...]) -> None:
+    """Cut all links between groups of nodes; the nodes that are not named are one more group.
+
+    Example: swarmctl lab partition uav1,uav2 uav3,gcs
+    """
+    from swarmctl.terminal.output import Output
+    from swarmlab.run import links
+
+    links.partition(groups, Output(settings(ctx)))
 
 
 @cmd.command(nodes=Nodes.NONE)

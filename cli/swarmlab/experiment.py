@@ -20,9 +20,10 @@ from swarmlab.provision import command_line, prerequisites, provisioning
 from swarmlab.provision.provisioning import RADIUS_M, LabSpec
 from swarmlab.report.run_metadata import NodeMetadata, RunMetadata, failure
 from swarmlab.run import lifecycle
+from swarmlab.run.child import exit_description
 from swarmlab.run.mission_run import MissionRun
 from swarmlab.run.notify import Restarts
-from swarmlab.run.running import RunningLab, exit_description
+from swarmlab.run.running import RunningLab
 from swarmlab.run.watch import ENDED, SwarmWatch
 from swarmware import __version__
 from swarmware.errors import ConfigError, NotFound, SwarmError

@@ -17,6 +17,7 @@ PROC: Final = {
     "daemons/swarmd/forkserver.py": "own threads and command line, before anything is imported",
     "daemons/swarmd/broker/links/zmq_socket.py": "the thread ids of libzmq, to set their priority",
     "cli/swarmlab/measure/host.py": "the model of the processor, which psutil does not have",
+    "cli/swarmlab/radio/namespace.py": "network namespaces and own capabilities, which psutil does not have",
 }
 """Readers of /proc, each with what psutil would cost or lacks."""
 

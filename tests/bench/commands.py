@@ -73,7 +73,7 @@ NOT_MEASURED: Final = {
     " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
     " host install, host uninstall, fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
-    " lab up, lab down, lab run,"
+    " lab up, lab down, lab run, lab link, lab cut, lab heal, lab partition,"
     " new block, new driver, new mission, new module, new service",
     "runs until a signal or for a time": "tree bw, tree delay, tree hz, tree watch, traffic top,"
     " mission watch, log tail",

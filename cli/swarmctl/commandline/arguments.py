@@ -48,6 +48,13 @@ ARGUMENTS: Final = {
     "config diff other": "File of `config dump`, or the platform to compare with.",
     "config load file": "File of `config dump`.",
     "config dump file": "File to write; none: stdout.",
+    "lab link one": "Node or pattern; none: all.",
+    "lab link other": "Node or pattern at the other end; none: all.",
+    "lab cut one": "Node or pattern.",
+    "lab cut other": "Node or pattern at the other end; none: all.",
+    "lab heal one": "Node or pattern; none: all.",
+    "lab heal other": "Node or pattern at the other end; none: all.",
+    "lab partition groups": "Nodes or patterns with commas between them, a word for each group.",
     "lab down name": "Name of the lab; none: the only one.",
 }
 """Meanings by the name of the argument, or by the words of the command and the name."""

@@ -32,6 +32,12 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     shm_dir: str
     processes: str
     """one | per-daemon."""
+    address: str = "127.0.0.1"
+    """Address of its broker."""
+    namespace: str = ""
+    """Link to its network namespace, made by the radio; empty: that of the computer."""
+    user_namespace: str = ""
+    """Link to the user namespace to which that one belongs; empty: that of the computer."""
     offset_s: float
     """Simulated clock: this node's reading minus the machine's CLOCK_MONOTONIC at its zero."""
     drift_ppm: float
@@ -94,6 +100,8 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     """Process that started it."""
     multicast_group: str
     udp_port: int
+    radio_file: str = ""
+    """Model of the radio that connects the nodes; empty: they are connected without one."""
     mongodb_uri: str = ""
     mongodb_database: str = ""
     """Database to which the logs are forwarded; empty: they stay on the nodes."""

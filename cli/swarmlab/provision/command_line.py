@@ -13,6 +13,8 @@ def run_command(spec: LabSpec, duration_s: float, out_dir: Path) -> str:
     if spec.usv:
         words += ["--usv", str(spec.usv)]
     words += ["--net", spec.net, "--seed", str(spec.seed)]
+    if spec.radio:
+        words += ["--radio", spec.radio]
     if spec.name:
         words += ["--name", spec.name]
     if spec.per_daemon is not None:

@@ -17,6 +17,8 @@ from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
 from swarmlab.provision import plan
 from swarmlab.provision.plan import PlannedNode
+from swarmlab.radio.files import find_radio, load_radio
+from swarmlab.radio.namespace import check_rights
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
 from swarmware.model import paths
 from swarmware.model.names import MAIN, Address
@@ -25,9 +27,13 @@ from swarmware.transport.security.root import make_swarm
 
 SHM: Final = Path("/dev/shm")
 LOOPBACK: Final = "127.0.0.1"
+RADIO_NETWORK: Final = "10.83"
+"""First two bytes of the addresses of nodes in network namespaces."""
 PORTS: Final = range(20_000, 32_000)
 """Below the ephemeral ports of the kernel (32768 and up)."""
-NETS: Final = ("loopback",)
+NETS: Final = ("loopback", "netns")
+RADIO: Final = "s3"
+"""Radio between network namespaces, unless another one is named."""
 CLAIM_TRIES: Final = 99
 ENDING: Final = "ending"
 """File in the lab's folder: its end has begun."""
@@ -64,6 +70,8 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     name: str = ""
     """Name of the lab; empty: the experiment's name, with a number when that is taken."""
     net: str = "loopback"
+    radio: str = ""
+    """Name or path of a radio file; empty: the default of the network."""
     per_daemon: str | None = None
     """None: one process per node; `all` or names: one per daemon on those."""
     units: str | None = None
@@ -80,11 +88,20 @@ def make(spec: LabSpec) -> LabState:
     """
     if spec.net not in NETS:
         raise InvalidInput(f"--net {spec.net}: unknown; expected one of {', '.join(NETS)}")
+    radio_file = _radio_file(spec)
+    as_user = bool(radio_file) and not check_rights()
     who = plan.members(spec.nodes, spec.seed, spec.usv)
     separate = plan.per_daemon(spec.per_daemon, who)
     distributed = plan.distributed(spec.units, who)
     folder = _claim(spec)
     try:
+        nodes = [
+            _node(folder, member, unit, member.platform in separate, spec.seed)
+            for member in who
+            for unit in (plan.UNITS if member.platform in distributed else (MAIN,))
+        ]
+        if radio_file:
+            nodes = [_behind_radio(node, index, as_user=as_user) for index, node in enumerate(nodes)]
         lab = LabState(
             name=folder.name,
             experiment=spec.experiment,
@@ -95,13 +112,10 @@ def make(spec: LabSpec) -> LabState:
             starter=processes.identity(os.getpid()),
             multicast_group=_group(),
             udp_port=_free_port(),
+            radio_file=radio_file,
             mongodb_uri=spec.mongodb_uri,
             mongodb_database=f"swarm_{folder.name}" if spec.mongodb_uri else "",
-            nodes=tuple(
-                _node(folder, member, unit, member.platform in separate, spec.seed)
-                for member in who
-                for unit in (plan.UNITS if member.platform in distributed else (MAIN,))
-            ),
+            nodes=tuple(nodes),
             unit_delay_ms=spec.unit_delay_ms,
         )
         labs.save(lab)
@@ -163,13 +177,40 @@ def _claim(spec: LabSpec) -> Path:
 
 
 def _remove_dead_lab(folder: Path) -> None:
-    """Removes a lab without a running process; its name becomes free."""
+    """Ends and removes a lab without a running node; its name becomes free."""
     if not (folder / labs.FILE).exists():
         return
     lab = labs.load(folder)
     starting = lab.starter.alive() and not all(node.pid for node in lab.nodes)
-    if not (lab.running or starting or processes.marked(lab.mark)):
-        remove(lab)
+    if not (lab.running or starting):
+        down(lab)  # its radio may still run
+
+
+def _radio_file(spec: LabSpec) -> str:
+    """Path of the checked radio file; empty when the nodes are connected without a radio.
+
+    Raises: InvalidInput when options contradict each other, and as `find_radio` and `load_radio`.
+    """
+    if spec.net == "loopback":
+        if spec.radio:
+            raise InvalidInput(f"--radio {spec.radio}: --net loopback has no radio; expected --net netns")
+        return ""
+    if spec.mongodb_uri:
+        raise InvalidInput(f"--mongodb: --net {spec.net} has no way to a database; expected --net loopback")
+    path = find_radio(spec.radio or RADIO)
+    load_radio(path)
+    return str(path)
+
+
+def _behind_radio(node: LabNode, index: int, *, as_user: bool) -> LabNode:
+    """The node in a network namespace of its own; `as_user`: in a user namespace as well."""
+    folder = Path(node.folder)
+    return msgspec.structs.replace(
+        node,
+        address=f"{RADIO_NETWORK}.{(index + 1) >> 8}.{(index + 1) & 255}",
+        namespace=str(folder / "netns"),
+        user_namespace=str(folder / "userns") if as_user else "",
+    )
 
 
 def _node(folder: Path, member: PlannedNode, unit: str, separate: bool, seed: int) -> LabNode:
@@ -236,8 +277,8 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
     settings: dict[str, dict[str, Any]] = {
         "broker": {
             "multicast_group": lab.multicast_group,
-            "multicast_interface": LOOPBACK,
-            "bind_address": LOOPBACK,
+            "multicast_interface": node.address,
+            "bind_address": node.address,
             "udp_port": lab.udp_port,
         },
     }

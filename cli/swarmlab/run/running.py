@@ -15,11 +15,13 @@ import msgspec
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
-from swarmctl.session.processes import MARK, NODE_MARK
+from swarmctl.session.processes import NODE_MARK
 from swarmlab.provision import provisioning
+from swarmlab.radio.namespace import ENTER
+from swarmlab.run.child import child_environment, exit_description, tail
 from swarmlab.run.notify import NotifySocket, Restarts
+from swarmlab.run.radio_child import RadioChild
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.model.config import CONFIG_VARIABLE
 from swarmware.runtime.processes import WatchedProcess
 from swarmware.runtime.restart_policy import RestartPolicy
 
@@ -28,22 +30,12 @@ T = TypeVar("T")
 Watcher = Callable[[str, str], None]
 """Called on each change with the platform and `started` or `ready`."""
 
-TAIL_LINES: Final = 12
-"""Lines of the log of an ended node in its error message."""
-
 ASKED: Final = frozenset({signal.SIGTERM, signal.SIGINT, signal.SIGHUP})
 """Signals that request the end of a node; after any other signal it is restarted."""
 
 RESTARTS: Final = 5
 """Consecutive restarts of a parent that does not become ready; after them, in nine seconds, the node has
 failed."""
-
-ENVIRONMENT: Final = {
-    # thread pools of many processes would compete for the cores
-    "OPENBLAS_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "PYTHONUNBUFFERED": "1",
-}
 
 
 def at_once() -> int:
@@ -53,26 +45,15 @@ def at_once() -> int:
 
 def command(node: LabNode) -> list[str]:
     """Command line of a node."""
-    return [sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)]
+    enter = [*ENTER, f"--net={node.namespace}"] if node.namespace else []
+    if node.user_namespace:
+        enter.append(f"--user={node.user_namespace}")
+    return [*enter, sys.executable, "-m", "swarmd", "node", "--config", str(node.config_dir)]
 
 
 def environment(lab: LabState, node: LabNode) -> dict[str, str]:
-    """The node's environment: marked, with its own notification socket, without the operator's options."""
-    kept = {
-        key: value
-        for key, value in os.environ.items()
-        if not key.startswith("SWARMCTL_") and key != CONFIG_VARIABLE
-    }
-    kept.pop("WATCHDOG_USEC", None)
-    return (
-        kept
-        | ENVIRONMENT
-        | {
-            MARK: lab.mark,
-            NODE_MARK: node.folder,
-            "NOTIFY_SOCKET": str(node.notify_path),
-        }
-    )
+    """Environment of a node's processes."""
+    return child_environment(lab, node.notify_path) | {NODE_MARK: node.folder}
 
 
 class RunningLab:
@@ -87,6 +68,7 @@ class RunningLab:
         self.watcher: Watcher = lambda _platform, _what: None
         self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
         """Called with platform and text when its supervisor restarts its process, and when that is ready."""
+        self._radio = RadioChild(lab, self._note_change) if lab.radio_file else None
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._processes: dict[str, WatchedProcess] = {}
         self._sockets: dict[str, NotifySocket] = {}
@@ -105,6 +87,14 @@ class RunningLab:
     def ready(self, platform: str) -> bool:
         """Whether the node has reported that it is ready."""
         return platform in self._sockets and self._sockets[platform].ready
+
+    async def start_radio(self, timeout_s: float) -> None:
+        """Starts the radio of a lab that has one; returns when nodes can enter their namespaces.
+
+        Raises: Denied without the rights, SwarmError when it ends, NoAnswer when it is not ready in time.
+        """
+        if self._radio is not None:
+            await self._radio.start(timeout_s)
 
     async def start(self, order: list[str], timeout_s: float) -> None:
         """Starts these nodes in this order and returns when all of them are ready.
@@ -138,13 +128,15 @@ class RunningLab:
             ) from None
 
     def check(self) -> None:
-        """Raises: SwarmError with the end of its log when a node has ended."""
+        """Raises: SwarmError with the end of its log when a node or the radio has ended."""
+        if self._radio is not None:
+            self._radio.check()
         for platform, code in self.fallen.items():
             node = self.state.node(platform)
             raise SwarmError(
                 f"node {platform}: ended with {exit_description(code)} ({self.log_of(node)});"
                 f" expected to run\n"
-                f"{_tail(node)}"
+                f"{tail(node.log_file)}"
             )
 
     async def attended(self, work: Coroutine[Any, Any, T]) -> T:
@@ -164,10 +156,18 @@ class RunningLab:
             await asyncio.gather(task, fallen, return_exceptions=True)
 
     async def until_fallen(self, known: Collection[str] = ()) -> None:
-        """Returns when a node has ended that is not in `known`."""
+        """Returns when a node has ended that is not in `known`.
+
+        Raises: SwarmError when the radio has ended: no node reaches another one.
+        """
         while not self.fallen.keys() - set(known):
+            if self._radio is not None:
+                self._radio.check()
             self._changed.clear()
             await self._changed.wait()
+
+    def _note_change(self) -> None:
+        self._changed.set()
 
     def _launch(self, node: LabNode) -> None:
         loop = asyncio.get_running_loop()
@@ -247,6 +247,8 @@ class RunningLab:
         """Stops watching after processing earlier exits and notifications; the nodes continue."""
         loop = asyncio.get_running_loop()
         self._watching = False
+        if self._radio is not None:
+            self._radio.stop_watching()
         for platform, (timer, code) in self._again.items():
             timer.cancel()
             self.fallen[platform] = code
@@ -266,24 +268,15 @@ class RunningLab:
 
     def detach(self) -> None:
         """Lets this process end before the nodes."""
+        if self._radio is not None:
+            self._radio.detach()
         for child in self._children.values():
             # without this the interpreter warns that they still run
             child.returncode = child.returncode if child.returncode is not None else 0
 
     def wait_children(self) -> None:
         """Waits for the exit codes of all ended children."""
+        if self._radio is not None:
+            self._radio.wait()
         for child in self._children.values():
             child.wait()
-
-
-def exit_description(code: int) -> str:
-    """An exit code of `subprocess` as text."""
-    return f"signal {-code}" if code < 0 else f"exit code {code}"
-
-
-def _tail(node: LabNode) -> str:
-    try:
-        lines = node.log_file.read_text("utf-8", "replace").splitlines()
-    except OSError:  # no log was written: nothing to show
-        return ""
-    return "\n".join(f"  | {line}" for line in lines[-TAIL_LINES:])

@@ -169,6 +169,9 @@ WITHOUT_NODES = {
     "node add": "a node that is not there yet",
     "node remove": "names its nodes, which need not answer",
     "node rename": "the node on this computer",
+    **dict.fromkeys(
+        ("lab link", "lab cut", "lab heal", "lab partition"), "links of a lab, between two nodes"
+    ),
     "lab ls": "of labs",
     "lab report": "of a folder",
     "lab run": "of a new lab",

@@ -1,0 +1,167 @@
+"""Links of a lab's radio as an operator changes and reads them."""
+
+import re
+from collections.abc import Sequence
+from itertools import permutations, product
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from swarmctl.session import labs
+from swarmctl.session.labs import LabNode, LabState
+from swarmctl.terminal.output import Output
+from swarmctl.terminal.table import Column
+from swarmlab.radio import orders
+from swarmlab.radio.core.link import Impairment, ImpairmentChange
+from swarmlab.radio.core.network import LinkReport
+from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, Links, RadioOrder, ReadLinks
+from swarmware.errors import InvalidInput
+from swarmware.model.names import platform_of
+
+_RATE: Final = re.compile(r"(\d+(?:\.\d+)?)(kbit|mbit|gbit|bit)\Z")
+_BITS: Final = {"bit": 1.0, "kbit": 1e3, "mbit": 1e6, "gbit": 1e9}
+_UNLIMITED: Final = "auto"
+
+
+class RadioLinks(msgspec.Struct, frozen=True):
+    """Directions of links of a lab's radio."""
+
+    lab: str
+    links: list[LinkReport]
+
+
+_COLUMNS: Final = (
+    Column("FROM"),
+    Column("TO"),
+    Column("STATE"),
+    Column("DISTANCE", right=True),
+    Column("RATE", right=True, drop=2),
+    Column("LOSS", right=True, drop=2),
+    Column("SET", drop=1),
+    Column("FRAMES", right=True),
+    Column("LOST", right=True),
+    Column("DROPPED", right=True),
+    Column("CUT", right=True),
+    Column("QUEUED", right=True, drop=3),
+    Column("DELAY", right=True),
+)
+
+
+def rate_bit_s(text: str) -> float:
+    """Parse a bit rate: 1mbit, 250kbit; 0 for `auto`, no limit.
+
+    Raises: InvalidInput for any other text.
+    """
+    if text.lower() == _UNLIMITED:
+        return 0.0
+    found = _RATE.match(text.lower())
+    if not found or not float(found[1]):
+        raise InvalidInput(f"rate {text!r}: expected 1mbit, 250kbit, or auto")
+    return float(found[1]) * _BITS[found[2]]
+
+
+def impair(one: str, other: str, change: ImpairmentChange, out: Output, *, one_way: bool) -> None:
+    """Runs `lab link`: changes the impairments of links, or only shows them.
+
+    Raises: NotFound for an unknown node, NoAnswer when the radio does not run.
+    """
+    lab = _lab(out)
+    links = _between(lab, one, other, one_way=one_way)
+    _order(lab, ReadLinks(links) if change.is_empty else ImpairLinks(links, change), out)
+
+
+def cut(one: str, other: str, out: Output, *, one_way: bool) -> None:
+    """Runs `lab cut`. Raises: as `impair`."""
+    lab = _lab(out)
+    _order(lab, CutLinks(_between(lab, one, other, one_way=one_way)), out)
+
+
+def heal(one: str, other: str, out: Output) -> None:
+    """Runs `lab heal`: of all links, of those of a node, or of those between two. Raises: as `impair`."""
+    lab = _lab(out)
+    _order(lab, HealLinks(_between(lab, one, other)), out)
+
+
+def partition(groups: Sequence[str], out: Output) -> None:
+    """Runs `lab partition`: cuts the links between the groups; nodes that are not named are one more.
+
+    Raises: InvalidInput when a node is in two groups or all are in one, and as `impair`.
+    """
+    lab = _lab(out)
+    group_of: dict[str, int] = {}
+    for number, group in enumerate(groups, 1):
+        for node in _nodes(lab, group):
+            if group_of.setdefault(node, number) != number:
+                raise InvalidInput(f"node {node}: is in two groups; expected each in one")
+    names = [node.platform for node in lab.nodes]
+    apart = tuple((a, b) for a, b in permutations(names, 2) if group_of.get(a, 0) != group_of.get(b, 0))
+    if not apart:
+        raise InvalidInput(f"groups {' '.join(groups)}: all nodes are in one; expected two groups or more")
+    _order(lab, CutLinks(apart), out)
+
+
+def _lab(out: Output) -> LabState:
+    lab = labs.find(out.settings.lab)
+    if not lab.radio_file:
+        raise InvalidInput(
+            f"lab {lab.name}: --net {lab.net} has no radio; expected one that was started with --net netns"
+        )
+    return lab
+
+
+def _nodes(lab: LabState, selection: str) -> list[str]:
+    """Names of the selected nodes; all computers of a platform by its name."""
+    chosen: list[LabNode] = lab.select(selection)
+    platforms = {node.platform for node in chosen}
+    return [node.platform for node in lab.nodes if node in chosen or platform_of(node.platform) in platforms]
+
+
+def _between(lab: LabState, one: str, other: str, *, one_way: bool = False) -> Links:
+    """Directions between the nodes of two selections; of an empty one all nodes."""
+    senders, receivers = _nodes(lab, one), _nodes(lab, other)
+    forth = [(a, b) for a, b in product(senders, receivers) if a != b]
+    if not forth:
+        raise InvalidInput(f"link {one} {other}: expected two different nodes")
+    back = [] if one_way else [(b, a) for a, b in forth]
+    return tuple(dict.fromkeys([*forth, *back]))
+
+
+def _order(lab: LabState, order: RadioOrder, out: Output) -> None:
+    links = orders.send(Path(lab.folder), order)
+    if out.settings.structured:
+        out.document(RadioLinks(lab.name, links))
+        return
+    out.table(_COLUMNS, [_cells(link) for link in links], empty="no links")
+
+
+def _cells(link: LinkReport) -> tuple[str | int, ...]:
+    return (
+        link.sender,
+        link.receiver,
+        link.state,
+        f"{link.distance_m:.0f} m",
+        f"{link.rate_bit_s / 1e6:.1f} Mbit/s" if link.rate_bit_s else "wire",
+        f"{link.radio_loss_ratio * 100:.0f} %",
+        _set(link.impairment),
+        link.frames,
+        link.lost,
+        link.dropped,
+        link.cut,
+        f"{link.queued_bytes} B",
+        f"{link.delay_s * 1000:.1f} ms",
+    )
+
+
+def _set(impairment: Impairment) -> str:
+    """What an operator has set, as it is typed."""
+    words = []
+    if impairment.loss_ratio:
+        words.append(f"loss {impairment.loss_ratio * 100:g} %")
+    if impairment.delay_s:
+        words.append(f"delay {impairment.delay_s * 1000:g} ms")
+    if impairment.jitter_s:
+        words.append(f"jitter {impairment.jitter_s * 1000:g} ms")
+    if impairment.rate_bit_s:
+        words.append(f"rate {impairment.rate_bit_s / 1e6:g} Mbit/s")
+    return ", ".join(words)
