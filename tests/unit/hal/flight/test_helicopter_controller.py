@@ -54,6 +54,7 @@ def test_level_and_at_rest_the_rotor_carries_the_weight_and_nothing_turns() -> N
         (0, {"roll": 0.2}, {"roll": -0.2}),
         (0, {"rates": (0.5, 0.0, 0.0)}, {"rates": (-0.5, 0.0, 0.0)}),
         (1, {"pitch": 0.2}, {"pitch": -0.2}),
+        (1, {"rates": (0.0, 0.5, 0.0)}, {"rates": (0.0, -0.5, 0.0)}),
         (1, {"velocity": (1.0, 0.0, 0.0)}, {"velocity": (-1.0, 0.0, 0.0)}),
         (0, {"velocity": (0.0, -1.0, 0.0)}, {"velocity": (0.0, 1.0, 0.0)}),
         (1, {"velocity": (0.0, 1.0, 0.0), "yaw": 1.5708}, {"velocity": (0.0, -1.0, 0.0), "yaw": 1.5708}),
