@@ -35,6 +35,7 @@ SERVED = {
     "sys/tree/get": OBSERVER,
     "sys/tree/history": OBSERVER,
     "sys/tree/list": OBSERVER,
+    "sys/tree/placement": OBSERVER,
     "sys/tree/log": OBSERVER,
     "sys/tree/structure": OBSERVER,
     "sys/tree/subscribe": OBSERVER,

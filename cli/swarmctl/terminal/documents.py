@@ -109,6 +109,7 @@ DOCUMENTS: Final = {
     "fleet ls": "swarmctl.commands.fleet.listing:FleetList",
     "fleet exec": "swarmctl.commands.fleet.executing:FleetOutput",
     "doctor": "swarmctl.commands.doctor.diagnosis:Diagnosis",
+    "doctor PLACEMENT": "swarmctl.commands.doctor.placement:Placements",
     "new module": "swarmctl.commands.new.scaffold:NewFolder",
     "new driver": "swarmctl.commands.new.scaffold:NewFolder",
     "new service": "swarmctl.commands.new.scaffold:NewFolder",

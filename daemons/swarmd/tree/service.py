@@ -28,6 +28,7 @@ from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.operator_api import OperatorApi
+from swarmd.tree.placement import PlacementMeasurement
 from swarmd.tree.report import TreeReport
 from swarmd.tree.rule_store import RuleStore
 from swarmd.tree.settings import Settings
@@ -112,6 +113,7 @@ class Tree(Service):
             config.answer_s,
         )
         self._config_api = ConfigApi(module, self._settings)
+        self._placement = PlacementMeasurement(module, self._tree, self._exchange)
         self._report = TreeReport(
             module, self._tree, self._exchange, self._mirrors, self._boundary, self._denials
         )
@@ -138,6 +140,7 @@ class Tree(Service):
             self._exchange.serve()
             self._operator_api.serve()
             self._config_api.serve()
+            self._placement.serve()
             self._changes.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")

@@ -2,10 +2,13 @@
 
 import asyncio
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Final
 
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
+from swarmd.tree.core.input_meter import InputMeter
 from swarmd.tree.core.notification.lane import WINDOW
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.errors import Denied, SwarmError
@@ -53,6 +56,7 @@ class TreeExchange:
         """Number of requests of other trees."""
         self.notified = 0
         """Number of notifications of other trees."""
+        self._meters: list[InputMeter] = []
 
     # -- from other trees
 
@@ -84,8 +88,19 @@ class TreeExchange:
                 log.warning("notification with the name of %s from another node; dropped", notify.platform)
                 continue
             self.notified += 1
+            for meter in self._meters:
+                meter.on_items(notify.platform, inbox.meta.sender_hw, notify.items, self._module.now_ns())
             with self._boundary(f"notification of {notify.platform}"):
                 self._driver.feed(self._tree.on_notify(notify, self._module.now_ns()))
+
+    @contextmanager
+    def metered(self, meter: InputMeter) -> Iterator[None]:
+        """Have a meter count the values that arrive meanwhile."""
+        self._meters.append(meter)
+        try:
+            yield
+        finally:
+            self._meters.remove(meter)
 
     # -- to other trees
 

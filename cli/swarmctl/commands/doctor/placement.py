@@ -1,0 +1,150 @@
+"""`swarmctl doctor placement`: measures and judges where the applications of a platform run."""
+
+import asyncio
+from typing import Final
+
+import msgspec
+
+from swarmctl.commands.doctor.placement_verdict import PlacementReport, judge
+from swarmctl.session.session import Session
+from swarmctl.terminal.table import Cell, Column
+from swarmware.errors import NoAnswer, SwarmError
+from swarmware.model import names
+from swarmware.model.names import MAIN, Address
+from swarmware.types.placement import PlacementRequest, UnitPlacement
+
+WINDOW_S: Final = 3.0
+"""Time of the measurement: some values also of resources with 1 Hz."""
+OBJECTIONS: Final = 1
+"""Exit code when an application should be placed elsewhere."""
+
+
+class Placements(msgspec.Struct, frozen=True):
+    """Placement of the applications of platforms."""
+
+    platforms: list[PlacementReport]
+
+
+async def show_placement(session: Session, link_mbit_s: float) -> int:
+    """Prints the verdicts on the selected platforms, else on all; returns the exit code.
+
+    Raises: NoAnswer when no computer of any of them answers.
+    """
+    units: dict[str, list[str]] = {}
+    for route in (await session.routes()).routes:
+        units.setdefault(route.platform, []).append(route.unit)
+    units.setdefault(session.here, []).append(session.module.node.address.unit)
+    asked = await session.selected()
+    for name in asked:
+        await session.reach(name)
+    link_bytes_s = link_mbit_s * 1e6 / 8
+    found = await asyncio.gather(
+        *(_measured(session, name, sorted(units[name], key=_main_first), link_bytes_s) for name in asked)
+    )
+    reports = [report for report in found if report.units]
+    if not reports:
+        raise NoAnswer(
+            f"{', '.join(asked)}: no computer measures its placement; expected an answer of its tree"
+        )
+    if session.settings.structured:
+        session.out.document(Placements(reports))
+    else:
+        _show(session, reports)
+    for report in found:
+        for unit in report.silent:
+            session.out.warn(f"{report.platform}.{unit}: no answer; its applications are not judged")
+    return OBJECTIONS if any(report.objections for report in reports) else 0
+
+
+def _main_first(unit: str) -> tuple[bool, str]:
+    return unit != MAIN, unit
+
+
+async def _measured(
+    session: Session, platform: str, units: list[str], link_bytes_s: float
+) -> PlacementReport:
+    async def one(unit: str) -> UnitPlacement | None:
+        path = names.join(Address(platform, unit).path, "sys/tree/placement")
+        wait_s = WINDOW_S + session.settings.timeout_s
+        try:
+            return await session.module.request(
+                path, PlacementRequest(WINDOW_S), UnitPlacement, timeout_s=wait_s
+            )
+        except SwarmError:
+            return None
+
+    answers = await asyncio.gather(*(one(unit) for unit in units))
+    silent = [unit for unit, answer in zip(units, answers, strict=True) if answer is None]
+    return judge(platform, [answer for answer in answers if answer is not None], link_bytes_s, silent)
+
+
+def _show(session: Session, reports: list[PlacementReport]) -> None:
+    out = session.out
+    rows: list[tuple[Cell, ...]] = [
+        (
+            f"{report.platform}.{load.unit}",
+            load.cores,
+            f"{load.busy_percent:.0f}",
+            f"{load.free_percent:.0f}",
+            None if load.communication_percent is None else f"{load.communication_percent:.1f}",
+            load.interfaces,
+            "over" if load.over_capacity else "ok",
+        )
+        for report in reports
+        for load in report.units
+    ]
+    columns = [
+        Column("COMPUTER"),
+        Column("CORES", right=True),
+        Column("BUSY %", right=True),
+        Column("FREE %", right=True),
+        Column("COMMUNICATION %", right=True),
+        Column("INTERFACES", right=True),
+        Column("CAPACITY"),
+    ]
+    out.table(columns, rows)
+    inputs: list[tuple[Cell, ...]] = [
+        (
+            one.path,
+            one.unit,
+            " ".join(one.applications),
+            _ms(one.delay_mean_ms),
+            _ms(one.delay_worst_ms),
+            _ms(one.acceptable_ms),
+            f"{one.bytes_s:.0f}",
+            "late" if one.late else "ok",
+        )
+        for report in reports
+        for one in report.inputs
+    ]
+    if inputs:
+        out.table(
+            [
+                Column("INPUT"),
+                Column("FROM"),
+                Column("READ BY", wraps=True),
+                Column("MEAN ms", right=True, drop=1),
+                Column("WORST ms", right=True),
+                Column("ACCEPTED ms", right=True),
+                Column("B/s", right=True),
+                Column("DELAY"),
+            ],
+            inputs,
+        )
+    verdicts: list[tuple[Cell, ...]] = [
+        (f"{report.platform}.{one.unit}", one.application, one.verdict, one.reason)
+        for report in reports
+        for one in report.modules
+    ]
+    out.table(
+        [Column("COMPUTER"), Column("APPLICATION"), Column("VERDICT"), Column("REASON", wraps=True)],
+        verdicts,
+        empty="no application beside those that each computer has",
+    )
+    for report in reports:
+        if len(report.units) + len(report.silent) == 1:
+            out.say(f"{report.platform} has one computer: nothing is separated, only its load is judged")
+
+
+def _ms(value: float | None) -> str | None:
+    return None if value is None else f"{value:.1f}"

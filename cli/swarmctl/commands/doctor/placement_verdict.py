@@ -1,0 +1,224 @@
+"""Verdicts on the placement of a platform's applications on its computers, from measured values (S1.14–17)."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final, Literal
+
+import msgspec
+
+from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
+
+CAPACITY_RATIO: Final = 0.8
+"""Share of a computer's cores above which values wait for the processor: in an M/M/1 queue at 80 % the mean
+time is five times that without load (Kleinrock 1975, Queueing Systems, section 3.2)."""
+BANDWIDTH_RATIO: Final = 0.5
+"""Share of a link that values between two computers may take: the other half is for commands, retransmissions
+and the beacons of others."""
+COMMUNICATION_RATIO: Final = 0.2
+"""Share of a computer's cores that its communication layer may take: above it a lumped module saves more than
+a second computer brings."""
+OVERHEAD_BYTES: Final = 48 + 40 + 20
+"""Header of a frame, of TCP and IP, and of the notification, per value; several values share them."""
+COMMUNICATION: Final = frozenset({"broker", "tree", "register", "timesync"})
+"""Services of the communication layer."""
+BASIS: Final = COMMUNICATION | {"health", "guard", "logger"}
+"""Services that each computer has."""
+
+Verdict = Literal["separable", "together", "separate", "here"]
+
+
+class InputVerdict(msgspec.Struct, frozen=True):
+    """Whether an application may have this input from another computer."""
+
+    path: str
+    unit: str
+    """Computer that provides it."""
+    applications: tuple[str, ...]
+    delay_mean_ms: float | None
+    delay_worst_ms: float | None
+    acceptable_ms: float | None
+    """Period of the resource, or else its greatest age; null: it declares none, any delay is accepted."""
+    received_hz: float
+    bytes_s: float
+    late: bool
+
+
+class LinkLoad(msgspec.Struct, frozen=True):
+    """Values from one computer of the platform to another."""
+
+    sender: str
+    receiver: str
+    bytes_s: float
+    """With headers."""
+    limit_bytes_s: float
+    exceeded: bool
+
+
+class UnitLoad(msgspec.Struct, frozen=True):
+    """Load of one computer of the platform."""
+
+    unit: str
+    cores: int
+    busy_percent: float
+    """Share of all its cores."""
+    free_percent: float
+    communication_percent: float | None
+    """Share of all its cores that the communication layer takes; null: it shares its process with others."""
+    interfaces: int
+    over_capacity: bool
+
+
+class ModuleVerdict(msgspec.Struct, frozen=True):
+    """Verdict on the place of one application."""
+
+    unit: str
+    application: str
+    verdict: Verdict
+    """separable: it may have its own computer; together: it must run where its input is provided; separate:
+    its computer is over capacity; here: it has no input of another computer, so nothing was measured."""
+    reason: str
+
+
+class PlacementReport(msgspec.Struct, frozen=True):
+    """Measured placement of a platform, judged."""
+
+    platform: str
+    window_s: float
+    units: list[UnitLoad]
+    inputs: list[InputVerdict]
+    links: list[LinkLoad]
+    modules: list[ModuleVerdict]
+    silent: list[str]
+    """Computers that did not answer."""
+
+    @property
+    def objections(self) -> bool:
+        """Whether an application should be placed elsewhere."""
+        return any(module.verdict in {"together", "separate"} for module in self.modules)
+
+
+def judge(
+    platform: str, measured: Sequence[UnitPlacement], link_bytes_s: float, silent: Iterable[str] = ()
+) -> PlacementReport:
+    """The verdicts; `link_bytes_s`: capacity of a link between two computers of the platform."""
+    inputs = [_input(unit, one) for unit in measured for one in unit.inputs]
+    links = list(_links(measured, link_bytes_s))
+    units = [_load(unit) for unit in measured]
+    modules = [
+        verdict
+        for unit, load in zip(measured, units, strict=True)
+        for verdict in _modules(unit, load, links, len(measured) > 1)
+    ]
+    window_s = max((unit.window_s for unit in measured), default=0.0)
+    return PlacementReport(platform, window_s, units, inputs, links, modules, sorted(silent))
+
+
+def acceptable_ms(one: RemoteInput) -> float | None:
+    """Delay that the readers of a resource accept.
+
+    A value must arrive before the next one is made: the implicit deadline of a periodic task.
+    Source: Liu and Layland 1973, "Scheduling algorithms for multiprogramming".
+    """
+    if one.rate_hz > 0:
+        return 1e3 / one.rate_hz
+    return one.max_age_s * 1e3 if one.max_age_s > 0 else None
+
+
+def _input(unit: UnitPlacement, one: RemoteInput) -> InputVerdict:
+    accepted = acceptable_ms(one)
+    return InputVerdict(
+        one.path,
+        one.unit,
+        one.applications,
+        one.delay_mean_ms,
+        one.delay_worst_ms,
+        accepted,
+        round(one.values / unit.window_s, 2),
+        round(one.payload_bytes / unit.window_s, 1),
+        _late(one),
+    )
+
+
+def _late(one: RemoteInput) -> bool:
+    accepted = acceptable_ms(one)
+    return accepted is not None and one.delay_worst_ms is not None and one.delay_worst_ms > accepted
+
+
+def _links(measured: Sequence[UnitPlacement], link_bytes_s: float) -> Iterator[LinkLoad]:
+    for receiver in measured:
+        sent: dict[str, float] = defaultdict(float)
+        for one in receiver.inputs:
+            sent[one.unit] += (one.payload_bytes + one.values * OVERHEAD_BYTES) / receiver.window_s
+        limit = link_bytes_s * BANDWIDTH_RATIO
+        for sender, found in sorted(sent.items()):
+            yield LinkLoad(sender, receiver.unit, round(found, 1), round(limit, 1), found > limit)
+
+
+def _load(unit: UnitPlacement) -> UnitLoad:
+    busy = unit.busy_percent / unit.cores
+    found = _communication(unit)
+    return UnitLoad(
+        unit.unit,
+        unit.cores,
+        round(busy, 1),
+        round(max(0.0, 100 - busy), 1),
+        None if found is None else round(found / unit.cores, 1),
+        sum(application.interfaces for application in unit.applications),
+        busy > CAPACITY_RATIO * 100,
+    )
+
+
+def _communication(unit: UnitPlacement) -> float | None:
+    """Processor time of the communication layer, as a share of one core; None: not known apart."""
+    own = [one for one in unit.applications if one.name in COMMUNICATION]
+    if not own or any(one.in_process > 1 for one in own):
+        return None
+    return sum(one.cpu_percent for one in own)
+
+
+def _modules(
+    unit: UnitPlacement, load: UnitLoad, links: Sequence[LinkLoad], several: bool
+) -> Iterator[ModuleVerdict]:
+    modules = [one for one in unit.applications if one.name not in BASIS]
+    heaviest = max(modules, key=lambda one: one.cpu_percent, default=None)
+    for one in modules:
+        found = _of_inputs(one, unit, load, links) if several else None
+        if found is None and load.over_capacity and one is heaviest and len(modules) > 1:
+            text = f"{unit.unit}: {load.busy_percent:.0f} % of its cores busy; at most {CAPACITY_RATIO:.0%}"
+            found = "separate", text
+        verdict, reason = found or ("here", "no input of another computer")
+        yield ModuleVerdict(unit.unit, one.name, verdict, reason)
+
+
+def _of_inputs(
+    module: PlacedApplication, unit: UnitPlacement, load: UnitLoad, links: Sequence[LinkLoad]
+) -> tuple[Verdict, str] | None:
+    """Verdict by the inputs from other computers; None: there is none, or it does not hold the module here."""
+    inputs = [one for one in unit.inputs if module.name in one.applications]
+    if not inputs:
+        return None
+    for one in inputs:
+        if _late(one):
+            return "together", (
+                f"with {one.unit}: {one.path} {one.delay_worst_ms:.1f} ms late,"
+                f" accepted {acceptable_ms(one):.1f} ms"
+            )
+    senders = {one.unit for one in inputs}
+    for link in links:
+        if link.exceeded and link.receiver == unit.unit and link.sender in senders:
+            return "together", (
+                f"with {link.sender}: {link.bytes_s / 1e3:.0f} kB/s,"
+                f" accepted {link.limit_bytes_s / 1e3:.0f} kB/s"
+            )
+    share = load.communication_percent
+    if share is not None and share > COMMUNICATION_RATIO * 100:
+        return "together", (
+            f"with {', '.join(sorted(senders))}: communication takes {share:.0f} % of {unit.unit},"
+            f" accepted {COMMUNICATION_RATIO:.0%}"
+        )
+    if load.over_capacity:
+        return None
+    worst = max((one.delay_worst_ms for one in inputs if one.delay_worst_ms is not None), default=None)
+    if worst is None:
+        return "separable", "no value arrived in the window"
+    return "separable", f"delays at most {worst:.1f} ms"

@@ -1,0 +1,66 @@
+"""Measured placement of a platform's applications on its computers (S1.14–17)."""
+
+from typing import Annotated
+
+import msgspec
+
+from swarmware.types.registry import register
+
+
+@register
+class PlacementRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/placement`: measure what this computer receives from the platform's others."""
+
+    window_s: Annotated[float, msgspec.Meta(gt=0, le=10)] = 2.0
+    """Time over which values, delays and processor time are measured."""
+
+
+@register
+class PlacedApplication(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """An application of this computer."""
+
+    name: str
+    cpu_percent: float
+    """Processor time of its process, as a share of one core."""
+    in_process: int
+    """Number of applications in that process."""
+    loop_lag_ms: float
+    """Lateness of its event loop in the last second."""
+    interfaces: int
+    """Resources that it provides, commands that it serves, and resources that it reads."""
+
+
+@register
+class RemoteInput(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A resource of another computer of the platform that an application of this one reads."""
+
+    path: str
+    unit: str
+    """Computer that provides it."""
+    applications: tuple[str, ...]
+    """Applications that read it here."""
+    rate_hz: float
+    """Nominal rate; 0: it has none."""
+    max_age_s: float
+    """Age above which its value is stale; 0: none is declared."""
+    values: int = 0
+    """Values that arrived while it was measured."""
+    payload_bytes: int = 0
+    """Their payloads."""
+    delay_mean_ms: float | None = None
+    """Time from the stamp of a value to its arrival; None: no value, or the clock is unknown."""
+    delay_worst_ms: float | None = None
+
+
+@register
+class UnitPlacement(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What runs on one computer, what it receives from the platform's others, and its load."""
+
+    platform: str
+    unit: str
+    window_s: float
+    cores: int
+    busy_percent: float
+    """Processor time of the whole computer in the window, as a share of one core."""
+    applications: tuple[PlacedApplication, ...] = ()
+    inputs: tuple[RemoteInput, ...] = ()
