@@ -10,6 +10,7 @@ from swarmware.model.access import Role
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.types.placement import PlacementRequest, UnitPlacement
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import Pose
 
@@ -117,3 +118,34 @@ async def test_resources_of_a_killed_unit_are_lost_and_return_with_it(tmp_path: 
         assert (await main.get("/uav1/nav/pose")).source == "mirror"
         await fc.start(*SERVICES)
         await until_quality("live", "stale")
+
+
+@on_uvloop
+async def test_each_computer_measures_what_its_applications_receive_from_the_others(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "uav1.fc", "gcs") as (main, fc, gcs):
+        attitude = fc.probe.writer("nav/attitude", Float, rate_hz=50, link="tick")
+        attitude.write(Float(0.25))
+        await until(main.probe.reader("nav/attitude", Float), lambda _: True)
+
+        async def write_on() -> None:
+            async for tick in fc.probe.every(0.02):
+                attitude.write(Float(tick / 50))
+
+        writing = asyncio.create_task(write_on())
+        request = PlacementRequest(0.5)
+        try:
+            here = await gcs.probe.request("/uav1.main/sys/tree/placement", request, UnitPlacement)
+            there = await gcs.probe.request("/uav1.fc/sys/tree/placement", request, UnitPlacement)
+        finally:
+            writing.cancel()
+        (found,) = [one for one in here.inputs if one.path == "nav/attitude"]
+        assert (here.unit, found.unit, found.rate_hz) == ("main", "fc", 50.0)
+        assert found.applications == (main.probe.name,)
+        assert found.values > 5
+        assert found.payload_bytes > found.values
+        assert found.delay_worst_ms is not None
+        assert 0 < found.delay_worst_ms < 5000
+        assert here.cores > 0
+        assert here.busy_percent > 0
+        assert {"broker", "tree"} <= {one.name for one in here.applications}
+        assert "nav/attitude" not in {one.path for one in there.inputs}, "it is its own"

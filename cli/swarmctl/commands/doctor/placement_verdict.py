@@ -1,4 +1,4 @@
-"""Verdicts on the placement of a platform's applications on its computers, from measured values (S1.14–17)."""
+"""Verdicts on the placement of applications on the computers of a platform, from measurements (S1.14–17)."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -193,14 +193,14 @@ def _modules(
 def _of_inputs(
     module: PlacedApplication, unit: UnitPlacement, load: UnitLoad, links: Sequence[LinkLoad]
 ) -> tuple[Verdict, str] | None:
-    """Verdict by the inputs from other computers; None: there is none, or it does not hold the module here."""
+    """Verdict by the inputs from other computers; None: it has none, or its computer is over capacity."""
     inputs = [one for one in unit.inputs if module.name in one.applications]
     if not inputs:
         return None
     for one in inputs:
         if _late(one):
             return "together", (
-                f"with {one.unit}: {one.path} {one.delay_worst_ms:.1f} ms late,"
+                f"with {one.unit}: {one.path} after {one.delay_worst_ms:.1f} ms,"
                 f" accepted {acceptable_ms(one):.1f} ms"
             )
     senders = {one.unit for one in inputs}

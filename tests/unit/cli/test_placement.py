@@ -1,0 +1,115 @@
+"""Verdicts on the placement of applications, as a table of measurements."""
+
+import pytest
+
+from swarmctl.commands.doctor.placement_verdict import acceptable_ms, judge
+from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
+
+LINK = 12_500_000.0
+"""100 Mbit/s."""
+
+
+def app(name: str, cpu_percent: float = 1.0, in_process: int = 1) -> PlacedApplication:
+    return PlacedApplication(name, cpu_percent, in_process, 0.5, 10)
+
+
+def pose(
+    worst_ms: float | None = 9.0, *, values: int = 60, size: int = 60, rate_hz: float = 20.0
+) -> RemoteInput:
+    return RemoteInput(
+        "nav/pose",
+        "nav",
+        ("guidance",),
+        rate_hz,
+        0.6,
+        values,
+        values * size,
+        worst_ms and worst_ms / 2,
+        worst_ms,
+    )
+
+
+def unit(
+    *inputs: RemoteInput,
+    name: str = "fc",
+    busy_percent: float = 40.0,
+    apps: tuple[PlacedApplication, ...] = (),
+) -> UnitPlacement:
+    own = apps or (app("broker"), app("tree", 2.0), app("guidance", 5.0), app("hal", 3.0))
+    return UnitPlacement("uav1", name, 3.0, 2, busy_percent, own, inputs)
+
+
+NAV = UnitPlacement("uav1", "nav", 3.0, 2, 30.0, (app("broker"), app("estimator")))
+
+
+@pytest.mark.parametrize(
+    ("fc", "link_bytes_s", "verdict", "reason"),
+    [
+        (unit(pose()), LINK, "separable", "delays at most 9.0 ms"),
+        (unit(pose(51.0)), LINK, "together", "with nav: nav/pose after 51.0 ms, accepted 50.0 ms"),
+        (unit(pose(599.0, rate_hz=0.0)), LINK, "separable", "delays at most 599.0 ms"),
+        (
+            unit(pose(601.0, rate_hz=0.0)),
+            LINK,
+            "together",
+            "with nav: nav/pose after 601.0 ms, accepted 600.0 ms",
+        ),
+        (unit(pose(size=60_000)), 2e6, "together", "with nav: 1202 kB/s, accepted 1000 kB/s"),
+        (unit(pose(size=40_000)), 2e6, "separable", "delays at most 9.0 ms"),
+        (unit(pose(None, values=0)), LINK, "separable", "no value arrived in the window"),
+        (
+            unit(pose(), apps=(app("broker", 30.0), app("tree", 15.0), app("guidance"))),
+            LINK,
+            "together",
+            "with nav: communication takes 22 % of fc, accepted 20%",
+        ),
+        (unit(pose(), busy_percent=165.0), LINK, "separate", "fc: 82 % of its cores busy; at most 80%"),
+    ],
+)
+def test_the_delay_the_link_the_overhead_and_the_capacity_decide(
+    fc: UnitPlacement, link_bytes_s: float, verdict: str, reason: str
+) -> None:
+    report = judge("uav1", [NAV, fc], link_bytes_s)
+    found = {(one.unit, one.application): (one.verdict, one.reason) for one in report.modules}
+    assert found["fc", "guidance"] == (verdict, reason)
+    assert found["nav", "estimator"] == ("here", "no input of another computer")
+    assert ("fc", "broker") not in found, "each computer has it"
+    assert report.objections is (verdict in {"together", "separate"})
+
+
+def test_of_a_computer_over_capacity_the_heaviest_module_leaves() -> None:
+    report = judge("ugv1", [unit(busy_percent=190.0)], LINK)
+    assert [(one.application, one.verdict) for one in report.modules] == [
+        ("guidance", "separate"),
+        ("hal", "here"),
+    ]
+    (load,) = report.units
+    assert (load.busy_percent, load.free_percent, load.over_capacity) == (95.0, 5.0, True)
+    assert load.interfaces == 40
+    alone = judge("ugv1", [unit(busy_percent=190.0, apps=(app("broker"), app("hal")))], LINK)
+    assert [one.verdict for one in alone.modules] == ["here"], "it is alone: another place gains nothing"
+
+
+def test_the_overhead_is_known_where_the_communication_layer_has_its_own_processes() -> None:
+    (apart,) = judge("uav1", [unit()], LINK).units
+    assert apart.communication_percent == 1.5
+    (shared,) = judge("uav1", [unit(apps=(app("broker", 9.0, 12), app("tree", 9.0, 12)))], LINK).units
+    assert shared.communication_percent is None
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "max_age_s", "expected_ms"), [(20.0, 0.6, 50.0), (0.0, 0.6, 600.0), (0.0, 0.0, None)]
+)
+def test_a_value_must_arrive_before_the_next_one_is_made(
+    rate_hz: float, max_age_s: float, expected_ms: float | None
+) -> None:
+    one = RemoteInput("a/b", "nav", ("x",), rate_hz, max_age_s)
+    assert acceptable_ms(one) == expected_ms
+
+
+def test_the_bytes_between_two_computers_have_their_headers_and_a_silent_one_is_named() -> None:
+    report = judge("uav1", [NAV, unit(pose(), pose())], LINK, ["main"])
+    (link,) = report.links
+    assert (link.sender, link.receiver) == ("nav", "fc")
+    assert link.bytes_s == pytest.approx(2 * 20 * (60 + 108))
+    assert report.silent == ["main"]
