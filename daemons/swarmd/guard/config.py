@@ -22,6 +22,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Run time after which a service is again restarted without a pause."""
     restart_limit: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 30
     """Consecutive restarts after which the guard gives up until an operator requests a restart; 0: never."""
+    priorities: bool = True
+    """Whether priorities and cores of the processes of services are set by their load; not with one process
+    for all services."""
     stop_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 3.0
     """Time that a service has to end before it is killed."""
 

@@ -3,6 +3,8 @@
 import asyncio
 from typing import ClassVar
 
+import msgspec
+
 from swarmd.guard import config as settings
 from swarmd.guard.core.supervision import (
     Action,
@@ -16,6 +18,7 @@ from swarmd.guard.core.supervision import (
     Terminate,
     WatchProcess,
 )
+from swarmd.guard.priorities import ProcessPriorities
 from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
 from swarmware.errors import NotFound
 from swarmware.model import paths
@@ -53,6 +56,8 @@ class Guard(Service):
         self._node = module.node
         self._table = module.node.table
         self._supervisor = self._choose()
+        apart = self._supervisor.kind != InProcessSupervisor.kind
+        self._priorities = ProcessPriorities() if config.priorities and apart else None
         self._core = GuardCore(names, self._supervisor.kind, config)
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._names = names
@@ -142,11 +147,16 @@ class Guard(Service):
         for entry in self._table:
             if entry.name in self._core:
                 actions += self._core.on_joined(entry.name, entry.pid, now_ns)
+        statuses: list[tuple[str, AppStatus]] = []
         for name, reader in self._status_boards.items():
             if (status := reader.value) is not None:
+                if self._priorities is not None and reader.alive:
+                    statuses.append((name, status))
                 actions += self._core.on_heartbeat(name, status.beat, now_ns)
                 if self._supervisor.kind == InProcessSupervisor.kind:
                     actions += self._core.on_restarted(name, status.restarts, now_ns)
+        if self._priorities is not None:
+            self._priorities.sample(statuses, now_ns)
         self._driver.feed(actions + self._core.on_heartbeats_read(now_ns))
 
     def _on_exit(self, name: str, pid: int, how: ExitStatus) -> None:
@@ -194,8 +204,19 @@ class Guard(Service):
         else:
             self.module.log.warning("%s: %s; restart %d", service.name, service.reason, service.restarts)
 
+    def _status(self) -> GuardStatus:
+        """Status of all services, with their priorities."""
+        status, priorities = self._core.status(), self._priorities
+        if priorities is None:
+            return status
+        services = []
+        for one in status.services:
+            nice, cores = priorities.of(one.name)
+            services.append(msgspec.structs.replace(one, nice=nice, cores=cores))
+        return msgspec.structs.replace(status, services=tuple(services))
+
     def _publish_status(self) -> None:
-        status = self._core.status()
+        status = self._status()
         if status != self._published:
             self._published = status
             self._board.write(status)
@@ -203,7 +224,7 @@ class Guard(Service):
     # -- requests
 
     def _on_status(self, _: Empty, __: Meta) -> GuardStatus:
-        return self._core.status()
+        return self._status()
 
     def _check(self, service: str) -> None:
         if service not in self._core and service not in UNSTOPPABLE:
@@ -216,14 +237,14 @@ class Guard(Service):
         by = requester(self.module, meta)
         self._driver.feed(self._core.on_stop_order(order.service, by, self.module.now_ns()))
         self.module.log.warning("%s: stopped by %s", order.service, by)
-        return self._core.status()
+        return self._status()
 
     def _on_start_order(self, order: StartOrder, meta: Meta) -> GuardStatus:
         self._check(order.service)
         if order.service in self._core:
             self._driver.feed(self._core.on_start_order(order.service, self.module.now_ns()))
             self.module.log.info("%s: started by %s", order.service, requester(self.module, meta))
-        return self._core.status()
+        return self._status()
 
     def _on_order(self, order: RestartOrder, _: Meta) -> GuardStatus:
         if order.service not in self._core:
@@ -232,4 +253,4 @@ class Guard(Service):
             )
         self.module.log.info("%s: restarted on request", order.service)
         self._driver.feed(self._core.on_restart_order(order.service, self.module.now_ns()))
-        return self._core.status()
+        return self._status()

@@ -1,10 +1,7 @@
 """Measures the placement of the applications of this computer on request: load, and values of the others."""
 
 import asyncio
-import os
 from collections import Counter
-from pathlib import Path
-from typing import Final
 
 from swarmd.tree.core.input_meter import InputMeter
 from swarmd.tree.core.tree import SwarmTree
@@ -12,10 +9,9 @@ from swarmd.tree.tree_exchange import TreeExchange
 from swarmware.model import names, paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.runtime.processor import ProcessorUse
 from swarmware.types.placement import PlacedApplication, PlacementRequest, RemoteInput, UnitPlacement
 from swarmware.types.system import AppStatus
-
-_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 
 
 class PlacementMeasurement:
@@ -34,7 +30,7 @@ class PlacementMeasurement:
         module = self._module
         own = module.node.address
         meter = InputMeter(own, module.remote_clocks.to_local)
-        before_s, start_ns = busy_s(), module.now_ns()
+        processor, start_ns = ProcessorUse(), module.now_ns()
         with self._exchange.metered(meter):
             await asyncio.sleep(request.window_s)
         span_s = max((module.now_ns() - start_ns) / 1e9, 1e-3)
@@ -42,8 +38,8 @@ class PlacementMeasurement:
             own.platform,
             own.unit,
             round(span_s, 3),
-            os.cpu_count() or 1,
-            round((busy_s() - before_s) / span_s * 100, 1),
+            processor.cores,
+            round(processor.take_s() / span_s * 100, 1),
             self._applications(),
             self._inputs(meter),
         )
@@ -97,10 +93,3 @@ class PlacementMeasurement:
                 )
             )
         return tuple(found)
-
-
-def busy_s() -> float:
-    """Processor time of this computer since its start, of all cores, without idle time."""
-    line = Path("/proc/stat").read_text("ascii").partition("\n")[0]
-    user, nice, system, _, _, *rest = (int(word) for word in line.split()[1:9])
-    return (user + nice + system + sum(rest)) / _TICKS_PER_S

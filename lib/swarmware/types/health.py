@@ -232,6 +232,10 @@ class WatchedService(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Why it was last restarted: `died: signal 9`, `died: exit 1`, `hung: no beat for 3.2 s`."""
     stopped_by: str = ""
     """Who stopped it: it starts again on request, or with the node; empty: it was not stopped."""
+    nice: int = 0
+    """Niceness of its process, set by load: 5, it yields to others; -5, it goes before them."""
+    cores: tuple[int, ...] = ()
+    """Cores on which it runs, set by load; empty: all."""
 
 
 UNSTOPPABLE: Final[dict[str, str]] = {

@@ -29,5 +29,17 @@ def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_tak
     truth_m = json.loads(ctl("tree", "get", "/uav1/sim/truth", "--json").stdout)["value"]["z_m"]
     assert height_m > 2.0
     assert abs(height_m - truth_m) < 0.5
+
+    (report,) = json.loads(ctl("doctor", "placement", "-n", "uav1", "--json", code=None).stdout)["platforms"]
+    assert [unit["unit"] for unit in report["units"]] == ["main", "fc", "nav"]
+    (pose,) = [
+        one for one in report["inputs"] if one["path"] == "nav/pose" and "guidance" in one["applications"]
+    ]
+    assert (pose["unit"], pose["acceptable_ms"]) == ("nav", 50.0)
+    assert pose["received_hz"] > 5
+    assert pose["delay_worst_ms"] > 0
+    assert pose["late"] is (pose["delay_worst_ms"] > 50.0)
+    judged = {(one["unit"], one["application"]): one["verdict"] for one in report["modules"]}
+    assert judged["fc", "guidance"] != "here", "it has an input of another computer"
     ctl("land", "uav1")
     ctl("lab", "down")

@@ -143,8 +143,7 @@ async def test_each_computer_measures_what_its_applications_receive_from_the_oth
         assert found.applications == (main.probe.name,)
         assert found.values > 5
         assert found.payload_bytes > found.values
-        assert found.delay_worst_ms is not None
-        assert 0 < found.delay_worst_ms < 5000
+        assert found.delay_worst_ms is None, "without timesync the clocks of both are not compared"
         assert here.cores > 0
         assert here.busy_percent > 0
         assert {"broker", "tree"} <= {one.name for one in here.applications}

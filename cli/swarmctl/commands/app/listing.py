@@ -23,12 +23,25 @@ class StoppedService(msgspec.Struct, frozen=True):
     """Who stopped it."""
 
 
+class ServicePriority(msgspec.Struct, frozen=True):
+    """Priority of the process of a service, set by load."""
+
+    platform: str
+    service: str
+    nice: int
+    """5: it yields to others; -5: it goes before them."""
+    cores: tuple[int, ...]
+    """Cores on which it runs; empty: all."""
+
+
 class ApplicationList(msgspec.Struct, frozen=True):
     """Tables of applications, one per unit."""
 
     units: list[KnownUnit]
     stopped: list[StoppedService]
     """Services that an operator stopped; the guard does not start them."""
+    priorities: list[ServicePriority]
+    """Services whose processes have another priority than usual, set by the guard by their load."""
 
 
 async def list_applications(session: Session) -> None:
@@ -53,6 +66,13 @@ async def list_applications(session: Session) -> None:
         for one in status.services
         if one.stopped_by
     ]
+    priorities = [
+        ServicePriority(name, one.name, one.nice, one.cores)
+        for name, status in statuses.items()
+        for one in status.services
+        if one.nice or one.cores
+    ]
+    shown = {(one.platform, one.service): _priority(one) for one in priorities}
     rows: list[tuple[Cell, ...]] = [
         (
             f"{unit.table.platform}.{unit.table.unit}",
@@ -64,11 +84,12 @@ async def list_applications(session: Session) -> None:
             len(app.serves),
             unit.hops,
             unit.table.master == f"{app.name}#{app.instance}",
+            shown.get((unit.table.platform, app.name)) if unit.table.unit == names.MAIN else None,
         )
         for unit in units
         for app in unit.table.applications
     ]
-    rows += [(one.platform, one.service, f"stopped by {one.by}", *[None] * 6) for one in stopped]
+    rows += [(one.platform, one.service, f"stopped by {one.by}", *[None] * 7) for one in stopped]
     columns = [
         Column("UNIT"),
         Column("APPLICATION"),
@@ -80,8 +101,12 @@ async def list_applications(session: Session) -> None:
         Column("HOPS", right=True, drop=2),
         Column("MASTER"),
     ]
+    if shown:
+        columns.append(Column("PRIORITY"))
+    else:
+        rows = [row[:-1] for row in rows]
     if session.settings.structured:
-        session.out.document(ApplicationList(units, stopped))
+        session.out.document(ApplicationList(units, stopped, priorities))
     else:
         session.out.table(columns, rows, empty="no application is registered")
     for unit in units:
@@ -93,3 +118,9 @@ async def list_applications(session: Session) -> None:
         raise Partial(
             f"register of {', '.join(absent)}: not known here; expected a table of its register daemon"
         )
+
+
+def _priority(one: ServicePriority) -> str:
+    """Niceness and cores: `5 @1,2`."""
+    cores = f" @{','.join(map(str, one.cores))}" if one.cores else ""
+    return f"{one.nice}{cores}"

@@ -1,0 +1,148 @@
+"""Priorities and cores of the processes of services, by measured load (S1.84)."""
+
+from collections.abc import Iterable
+from typing import Final, NamedTuple
+
+import msgspec
+
+PRESSED_RATIO: Final = 0.85
+"""Use of all cores above which processes wait for each other …"""
+RELAXED_RATIO: Final = 0.7
+"""… and below which they do not: between both nothing changes."""
+PRESSED_NS: Final = 3_000_000_000
+"""Time of high use before anything is set: a start of services takes less."""
+RELAXED_NS: Final = 10_000_000_000
+"""Time of low use before everything is reset."""
+HEAVY_PERCENT: Final = 25.0
+"""Share of one core above which a process is one that others wait for."""
+LATE_MS: Final = 20.0
+"""Lateness of an event loop that delays a control step of 50 ms; without load it is below 5 ms."""
+SAMPLES: Final = 3
+"""Samples in a row that decide about a process."""
+DEMOTED: Final = 5
+"""Niceness of a heavy process: a third of the weight of one with 0 (sched(7): a step is a factor of 1.25)."""
+PROMOTED: Final = -5
+"""Niceness of a process that is late and not heavy."""
+NEVER_DEMOTED: Final = frozenset({"guard", "health", "broker", "hal", "control"})
+"""Services on which the others and the motors depend."""
+
+
+class ServiceLoad(NamedTuple):
+    """What one service used in the last second."""
+
+    name: str
+    pid: int
+    cpu_percent: float
+    """Processor time of its process, as a share of one core."""
+    late_ms: float
+    """Largest lateness of its event loop."""
+
+
+class Priority(NamedTuple):
+    """Priority of a process."""
+
+    nice: int = 0
+    cores: tuple[int, ...] = ()
+    """Cores on which it runs; empty: all."""
+
+
+class SetPriority(msgspec.Struct, frozen=True):
+    """Action: set the priority of a process."""
+
+    name: str
+    pid: int
+    priority: Priority
+
+
+class _Process:
+    __slots__ = ("heavy", "late", "pid", "priority")
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self.priority = Priority()
+        self.heavy = 0
+        """Samples in a row in which it was heavy."""
+        self.late = 0
+
+
+class PriorityCore:
+    """Decides priorities: while the processor is short, heavy processes yield to those that are late.
+
+    What was set stays until the processor is relaxed for a while, so that a process that became light because
+    it yields does not get its priority back at once.
+    """
+
+    def __init__(self, cores: tuple[int, ...], lowest_nice: int) -> None:
+        """`lowest_nice`: the lowest niceness that may be set; above 0 no niceness can be taken back, and only
+        cores are set."""
+        self._cores = cores
+        self._lowest_nice = lowest_nice
+        self._processes: dict[str, _Process] = {}
+        self._pressed = False
+        self._since_ns: int | None = None
+        """Since when the use demands the other state."""
+
+    @property
+    def pressed(self) -> bool:
+        """Whether the processor is short."""
+        return self._pressed
+
+    def of(self, name: str) -> Priority:
+        """The priority of a service."""
+        process = self._processes.get(name)
+        return Priority() if process is None else process.priority
+
+    def on_found(self, name: str, pid: int, priority: Priority) -> None:
+        """A process has a priority that a former guard has set."""
+        process = self._processes[name] = _Process(pid)
+        process.priority = priority
+
+    def on_refused(self, name: str) -> None:
+        """The system refused a priority: it is not set again for this process."""
+        if (process := self._processes.get(name)) is not None:
+            process.priority = Priority()
+            process.heavy = process.late = -(1 << 62)
+
+    def on_loads(self, busy_ratio: float, loads: Iterable[ServiceLoad], now_ns: int) -> list[SetPriority]:
+        """Takes a sample of the whole computer and of each service; what is to be set."""
+        self._judge(busy_ratio, now_ns)
+        actions = []
+        seen = set()
+        for load in loads:
+            seen.add(load.name)
+            process = self._processes.get(load.name)
+            if process is None or process.pid != load.pid:
+                process = self._processes[load.name] = _Process(load.pid)  # it begins with the default
+            heavy = load.cpu_percent >= HEAVY_PERCENT
+            process.heavy = process.heavy + 1 if heavy or process.heavy < 0 else 0
+            process.late = process.late + 1 if load.late_ms >= LATE_MS or process.late < 0 else 0
+            wanted = self._wanted(load.name, process)
+            if wanted != process.priority:
+                process.priority = wanted
+                actions.append(SetPriority(load.name, load.pid, wanted))
+        for name in self._processes.keys() - seen:
+            del self._processes[name]
+        return actions
+
+    def _judge(self, busy_ratio: float, now_ns: int) -> None:
+        other = busy_ratio <= RELAXED_RATIO if self._pressed else busy_ratio >= PRESSED_RATIO
+        if not other:
+            self._since_ns = None
+            return
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        if now_ns - self._since_ns >= (RELAXED_NS if self._pressed else PRESSED_NS):
+            self._pressed, self._since_ns = not self._pressed, None
+
+    def _wanted(self, name: str, process: _Process) -> Priority:
+        if not self._pressed:
+            return Priority()
+        if process.priority != Priority():
+            return process.priority
+        reversible = self._lowest_nice <= 0
+        if process.heavy >= SAMPLES and name not in NEVER_DEMOTED:
+            # the first core stays free of heavy processes
+            return Priority(DEMOTED if reversible else 0, self._cores[1:])
+        if process.late >= SAMPLES and process.heavy <= 0 and reversible:
+            return Priority(max(PROMOTED, self._lowest_nice))
+        return Priority()

@@ -1,0 +1,91 @@
+"""Measures the load of the services' processes once a second, and sets their priorities and cores."""
+
+import logging
+import os
+import resource
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from swarmd.guard.core.priorities import DEMOTED, PROMOTED, Priority, PriorityCore, ServiceLoad, SetPriority
+from swarmware.runtime.processor import ProcessorUse
+from swarmware.types.system import AppStatus
+
+PERIOD_NS: Final = 900_000_000
+"""Heartbeats come once a second."""
+_CAP_SYS_NICE: Final = 1 << 23
+
+log = logging.getLogger("swarm.guard")
+
+
+class ProcessPriorities:
+    """Sets niceness and cores of processes; without rights to take a niceness back only cores."""
+
+    def __init__(self) -> None:
+        self._cores = tuple(sorted(os.sched_getaffinity(0)))
+        lowest = lowest_nice()
+        self._core = PriorityCore(self._cores, lowest)
+        self._use = ProcessorUse()
+        self._sampled_ns = 0
+        if lowest > 0:
+            what = "only cores" if len(self._cores) > 1 else "nothing"
+            log.info("priorities: a niceness could not be taken back (LimitNICE=); %s is set by load", what)
+
+    def of(self, name: str) -> Priority:
+        """The priority of a service."""
+        return self._core.of(name)
+
+    def sample(self, statuses: Iterable[tuple[str, AppStatus]], now_ns: int) -> None:
+        """Take the heartbeats of the services, at most once a second."""
+        span_ns = now_ns - self._sampled_ns
+        if span_ns < PERIOD_NS:
+            return
+        used_s, first = self._use.take_s(), self._sampled_ns == 0
+        self._sampled_ns = now_ns
+        loads = [
+            ServiceLoad(name, status.pid, status.cpu_percent, status.loop_lag_ms) for name, status in statuses
+        ]
+        if first:
+            self._find(loads)
+            return
+        was_pressed = self._core.pressed
+        for action in self._core.on_loads(used_s / (span_ns / 1e9) / self._use.cores, loads, now_ns):
+            self._set(action)
+        if self._core.pressed != was_pressed:
+            log.info("priorities: the processor is %s", "short" if self._core.pressed else "relaxed")
+
+    def _find(self, loads: Iterable[ServiceLoad]) -> None:
+        """Take over what a guard that was killed has set."""
+        for load in loads:
+            with suppress(ProcessLookupError):
+                nice = os.getpriority(os.PRIO_PROCESS, load.pid)
+                cores = tuple(sorted(os.sched_getaffinity(load.pid)))
+                if nice in (DEMOTED, PROMOTED) or cores == self._cores[1:]:
+                    found = Priority(nice, () if cores == self._cores else cores)
+                    self._core.on_found(load.name, load.pid, found)
+
+    def _set(self, action: SetPriority) -> None:
+        """Set the main thread of a process, which runs its event loop; others have their own priorities."""
+        wanted = action.priority
+        try:
+            if os.getpriority(os.PRIO_PROCESS, action.pid) != wanted.nice:
+                os.setpriority(os.PRIO_PROCESS, action.pid, wanted.nice)
+            os.sched_setaffinity(action.pid, wanted.cores or self._cores)
+        except ProcessLookupError:
+            return  # it has ended; its next process begins with the default
+        except OSError as error:
+            self._core.on_refused(action.name)
+            log.warning("%s: priority %d: %s; it is not set again", action.name, wanted.nice, error)
+            return
+        cores = ",".join(map(str, wanted.cores)) or "all"
+        log.info("%s: niceness %d, cores %s", action.name, wanted.nice, cores)
+
+
+def lowest_nice() -> int:
+    """Lowest niceness that this process may set: RLIMIT_NICE, or any with CAP_SYS_NICE."""
+    for line in Path("/proc/self/status").read_text("ascii").splitlines():
+        name, _, value = line.partition(":")
+        if name == "CapEff" and int(value, 16) & _CAP_SYS_NICE:
+            return -20
+    return 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
