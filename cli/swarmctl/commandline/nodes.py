@@ -38,16 +38,23 @@ class NodeSelection:
                     f"nodes {text!r}: {word!r}: expected names or patterns of platforms, such as uav1,'ugv*'"
                 )
             if names_one(word):
-                names.check_platform(word)
+                self._check_name(word)
             else:
                 Pattern(word)  # the message quotes the part that is wrong
         # the segment of a path pattern that matches these platforms
         self.pattern = text if names_one(text) or text == EVERY else f"{{{text}}}"
-        Pattern(self.pattern)
+        Pattern(self.pattern, of_computers=True)
+
+    def _check_name(self, word: str) -> None:
+        """Check a platform, or one computer of it that is selected alone: `uav1.fc`. Raises: InvalidInput."""
+        if len(self._words) == 1:
+            names.check_computer(word)
+        else:
+            names.check_platform(word)
 
     def matches(self, platform: str) -> bool:
         """Whether a platform is selected."""
-        return Pattern(self.pattern).matches(platform)
+        return Pattern(self.pattern, of_computers=True).matches(platform)
 
     def choose(self, known: Collection[str], here: str) -> list[str]:
         """The selected ones of the known platforms, in natural order.

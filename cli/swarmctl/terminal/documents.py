@@ -11,6 +11,7 @@ from swarmware.types.json_form import json_schema
 
 DOCUMENTS: Final = {
     "node ls": "swarmctl.commands.node.overview:NodeList",
+    "node ls UNITS": "swarmctl.commands.node.units:UnitList",
     "node info": "swarmctl.commands.node.identity:ShownNode",
     "node drain": "swarmctl.commands.node.draining:NodeDrained",
     "node undrain": "swarmctl.commands.node.draining:NodeDrained",

@@ -30,6 +30,18 @@ def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_tak
     assert height_m > 2.0
     assert abs(height_m - truth_m) < 0.5
 
+    rows = json.loads(ctl("node", "ls", "--units", "-n", "uav1", "--json").stdout)["units"]
+    assert [(one["unit"], one["answers"]) for one in rows] == [("main", True), ("fc", True), ("nav", True)]
+    assert ["estimator" in one["info"]["services"] for one in rows] == [False, False, True]
+    (alone,) = json.loads(ctl("node", "ls", "--units", "-n", "uav1.fc", "--json").stdout)["units"]
+    assert alone["unit"] == "fc"
+    rules = json.loads(ctl("tree", "rule", "-n", "uav1.fc", "--json").stdout)
+    assert rules["rules"] == []
+    records = ctl("tree", "log", "-n", "uav1.fc", "--json").stdout
+    assert json.loads(records.splitlines()[0] if records else "{}") is not None
+    there = json.loads(ctl("link", "ls", "-n", "uav1.nav", "--json").stdout)
+    assert {"main", "fc"} <= {one["unit"] for one in there["neighbours"] if one["platform"] == "uav1"}
+
     (report,) = json.loads(ctl("doctor", "placement", "-n", "uav1", "--json", code=None).stdout)["platforms"]
     assert [unit["unit"] for unit in report["units"]] == ["main", "fc", "nav"]
     (pose,) = [

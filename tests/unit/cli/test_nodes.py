@@ -480,3 +480,13 @@ async def test_an_error_of_the_command_line_ends_all_nodes(prompts: list[str]) -
     with pytest.raises(click.UsageError, match="--rate"):
         await at_each(Fleet(node="uav*"), wrong)
     assert prompts == []
+
+
+def test_one_computer_of_a_platform_is_selected_alone() -> None:
+    one = NodeSelection("uav1.fc")
+    assert one.matches("uav1.fc")
+    assert not one.matches("uav1")
+    assert one.pattern == "uav1.fc"
+    for text in ("uav1.fc,uav2", "uav1.Fc", "uav1.", ".fc"):
+        with pytest.raises(InvalidInput):
+            NodeSelection(text)

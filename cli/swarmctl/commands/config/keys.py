@@ -101,7 +101,7 @@ async def configured(
 
     Raises: NotFound when none matches, with a similar one; NoAnswer.
     """
-    platform = names.check_platform(platform or session.platform)
+    platform = names.check_computer(platform or session.platform)
     await session.reach(platform)
     path = names.join(platform, "sys/node/config")
     found = await session.ask(path, ConfigQuery(pattern, meanings), EffectiveConfig)

@@ -20,8 +20,9 @@ def cmd() -> None:
 
 
 @cmd.command()
+@click.option("--units", is_flag=True, help="A row for each computer of a platform, with its services.")
 @click.pass_context
-def ls(ctx: click.Context) -> None:
+def ls(ctx: click.Context, units: bool) -> None:
     """List the nodes: whether they answer, health, synchronisation, mission; mode, armed, height and battery
     of vehicles.
 
@@ -31,8 +32,14 @@ def ls(ctx: click.Context) -> None:
 
     Example: swarmctl node ls --json
     """
-    from swarmctl.commands.node.overview import list_nodes
     from swarmctl.session.session import run
+
+    if units:
+        from swarmctl.commands.node.units import list_units
+
+        run(settings(ctx), list_units)
+        return
+    from swarmctl.commands.node.overview import list_nodes
 
     run(settings(ctx), list_nodes)
 
