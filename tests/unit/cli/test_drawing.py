@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.topo import graph
-from swarmctl.commands.topo.graph import edges, to_dot, to_png
+from swarmctl.commands.topo.graph import between_platforms, edges, to_dot, to_png
 from swarmctl.commands.topo.picture import DrawnLink, draw_topology
 from swarmctl.commands.tree.drawing import tree
 from swarmware.model.platform_kind import PlatformKind
@@ -15,9 +15,11 @@ from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, Neighb
 from swarmware.types.tree import Quality, TreeEntry
 
 
-def heard(platform: str, *, loss_in: float = 0.0, loss_out: float = 0.0, state: str = "up") -> NeighbourState:
+def heard(
+    platform: str, *, unit: str = "main", loss_in: float = 0.0, loss_out: float = 0.0, state: str = "up"
+) -> NeighbourState:
     return NeighbourState(
-        platform, "main", 1, PlatformKind.UAV, LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0,
+        platform, unit, 1, PlatformKind.UAV, LinkStatus(state), "127.0.0.1:1", 0, 0.0, 10.0,
         loss_in, loss_out, 0.2,
         256, 0, 0, 1, ConnectionStatus.CONNECTED, True,
     )  # fmt: skip
@@ -69,6 +71,18 @@ def test_a_half_open_link_is_dashed_and_one_that_is_down_is_none() -> None:
     dot = to_dot(["gcs", "uav1", "uav2"], found)
     assert '"gcs" -- "uav1" [label="0 %", style="dashed"];' in dot
     assert '"uav2";' in dot
+
+
+def test_computers_of_a_platform_are_nodes_of_their_own_and_one_between_platforms() -> None:
+    answers = {
+        "gcs": Neighbours((heard("uav1", loss_in=0.5), heard("uav1", unit="fc", loss_in=0.25))),
+        "uav1": Neighbours((heard("gcs", loss_in=0.5), heard("uav1", unit="fc"))),
+        "uav1.fc": Neighbours((heard("gcs", loss_in=0.25), heard("uav1"))),
+    }
+    found = edges(answers)
+    assert [(e.a, e.b) for e in found] == [("gcs", "uav1"), ("gcs", "uav1.fc"), ("uav1", "uav1.fc")]
+    (one,) = between_platforms(found)
+    assert (one.a, one.b, one.loss_ab_ratio) == ("gcs", "uav1", 0.25), "the better one of both"
 
 
 def test_edges_stand_in_the_order_of_numbers() -> None:

@@ -14,7 +14,7 @@ from swarmware.types.net import LinkStatus, Neighbours
 
 
 class TopologyEdge(msgspec.Struct, frozen=True):
-    """A link between two platforms."""
+    """A link between two nodes: platforms, or computers of them."""
 
     a: str
     b: str
@@ -27,10 +27,10 @@ class TopologyEdge(msgspec.Struct, frozen=True):
 
 
 def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
-    """Each pair of linked platforms once, in order of names."""
+    """Each pair of linked nodes once, in order of names; `answers` by the names of nodes."""
     received = {
-        (platform, one.platform): one
-        for platform, answer in answers.items()
+        (node, one.name): one
+        for node, answer in answers.items()
         for one in answer.neighbours
         if one.platform and one.state in {LinkStatus.UP, LinkStatus.RECEIVED, LinkStatus.HALF_OPEN}
     }
@@ -53,6 +53,21 @@ def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
     return out
 
 
+def between_platforms(found: list[TopologyEdge]) -> list[TopologyEdge]:
+    """One link for each pair of platforms, the best one of their computers; none inside a platform."""
+    best: dict[tuple[str, str], TopologyEdge] = {}
+    for edge in found:
+        a, b = names.platform_of(edge.a), names.platform_of(edge.b)
+        known = best.get((a, b))
+        if a != b and (known is None or _rank(edge) < _rank(known)):
+            best[a, b] = msgspec.structs.replace(edge, a=a, b=b)
+    return list(best.values())
+
+
+def _rank(edge: TopologyEdge) -> tuple[bool, float]:
+    return not edge.both, max(edge.loss_ab_ratio, edge.loss_ba_ratio)
+
+
 def to_dot(nodes: list[str], found: list[TopologyEdge]) -> str:
     """A Graphviz graph; a link that works one way only is dashed."""
     lines = ["graph swarm {", "  overlap=false; node [shape=ellipse];"]
@@ -65,9 +80,9 @@ def to_dot(nodes: list[str], found: list[TopologyEdge]) -> str:
 
 
 def kinds(asked: list[str], answers: Mapping[str, Neighbours]) -> dict[str, PlatformKind]:
-    """Kind of each platform, as its neighbours know it."""
-    known = {one.platform: one.kind for answer in answers.values() for one in answer.neighbours}
-    return {platform: known.get(platform, NO_KIND) for platform in asked}
+    """Kind of each node, as its neighbours know it."""
+    known = {one.name: one.kind for answer in answers.values() for one in answer.neighbours}
+    return {node: known.get(node, NO_KIND) for node in asked}
 
 
 def to_png(nodes: Mapping[str, PlatformKind], found: list[TopologyEdge], target: str) -> None:

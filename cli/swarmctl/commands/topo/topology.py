@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.topo.graph import TopologyEdge, edges, kinds, to_dot, to_png
+from swarmctl.commands.topo.graph import TopologyEdge, between_platforms, edges, kinds, to_dot, to_png
 from swarmctl.commands.topo.map_drawing import MapLink, draw_map
 from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.resources.live_view import LiveView
@@ -14,6 +14,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
+from swarmware.model.names import Address
 from swarmware.types import registry
 from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
@@ -36,7 +37,7 @@ class NodePosition(msgspec.Struct, frozen=True):
 
 
 class SwarmTopology(msgspec.Struct, frozen=True):
-    """Platforms and the links between them."""
+    """Nodes, the computers of platforms, and the links between them."""
 
     nodes: list[str]
     links: list[TopologyEdge]
@@ -51,7 +52,7 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
 
     Raises: Partial when a platform did not answer.
     """
-    asked = await session.selected()
+    asked = await _computers(session, await session.selected())
     answers, errors = await ask_all(session, asked, "sys/broker/links", Empty(), Neighbours)
     found = edges(answers)
     if png:
@@ -94,8 +95,10 @@ async def watch_topology(session: Session, count: int | None) -> None:
     async def draw() -> str:
         session.renew()
         asked = await session.selected()
-        answers, errors = await ask_all(session, asked, "sys/broker/links", Empty(), Neighbours)
-        found = SwarmTopology(asked, edges(answers), sorted(errors), await _positions(session, asked))
+        computers = await _computers(session, asked)
+        answers, errors = await ask_all(session, computers, "sys/broker/links", Empty(), Neighbours)
+        links = between_platforms(edges(answers))
+        found = SwarmTopology(asked, links, sorted(errors), await _positions(session, asked))
         if session.settings.structured:
             session.out.line(found)
             return ""
@@ -103,6 +106,16 @@ async def watch_topology(session: Session, count: int | None) -> None:
 
     await session.selected()
     await LiveView(session, draw).run(count)
+
+
+async def _computers(session: Session, platforms: list[str]) -> list[str]:
+    """The nodes of platforms: each itself, for its computer `main`, and its other computers."""
+    found = {name: {name} for name in platforms}
+    own = session.module.node.address
+    for address in (own, *(Address(one.platform, one.unit) for one in (await session.routes()).routes)):
+        if address.platform in found:
+            found[address.platform].add(str(address))
+    return [node for name in platforms for node in sorted(found[name], key=names.natural)]
 
 
 async def _positions(session: Session, platforms: list[str]) -> dict[str, NodePosition]:
