@@ -2,12 +2,24 @@
 
 import json
 import subprocess
+import time
 from collections.abc import Callable
 
 from swarmctl.session import labs
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]
+PATIENCE_S = 30.0
+
+
+def until_main_knows_the_others(ctl: Ctl) -> None:
+    """The computer with the mission knows what the others serve: a lab is up when its ground station is."""
+    end_s = time.monotonic() + PATIENCE_S
+    while True:
+        units = json.loads(ctl("app", "ls", "-n", "uav1", "--json").stdout)["units"]
+        if {"main", "nav", "fc"} <= {unit["table"]["unit"] for unit in units}:
+            return
+        assert time.monotonic() < end_s, units
 
 
 def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_takes_off_and_lands(
@@ -19,6 +31,7 @@ def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_tak
     clocks = {node.offset_s for node in labs.find().nodes}
     assert len(clocks) == len(names), "each computer has its own clock"
 
+    until_main_knows_the_others(ctl)
     (flown,) = json.loads(ctl("takeoff", "uav1", "--json").stdout)["vehicles"]
     assert flown["platform"] == "uav1"
     for path, unit in (("nav/pose", "nav"), ("nav/status", "fc"), ("mission/state", "main")):
