@@ -1,4 +1,4 @@
-"""Values that arrive from the other computers of a platform, counted while somebody measures them."""
+"""Values that arrive from the other computers of a platform, counted while a request measures them."""
 
 from collections.abc import Callable, Iterable
 
