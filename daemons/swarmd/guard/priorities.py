@@ -8,7 +8,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from swarmd.guard.core.priorities import DEMOTED, PROMOTED, Priority, PriorityCore, ServiceLoad, SetPriority
+from swarmd.guard.core.priorities import (
+    DEMOTED,
+    PROMOTED,
+    PriorityCore,
+    ProcessPriority,
+    ServiceLoad,
+    SetPriority,
+)
 from swarmware.runtime.processor import ProcessorUse
 from swarmware.types.system import AppStatus
 
@@ -32,16 +39,15 @@ class ProcessPriorities:
             what = "only cores" if len(self._cores) > 1 else "nothing"
             log.info("priorities: a niceness could not be taken back (LimitNICE=); %s is set by load", what)
 
-    def of(self, name: str) -> Priority:
+    def of(self, name: str) -> ProcessPriority:
         """The priority of a service."""
         return self._core.of(name)
 
     def sample(self, statuses: Iterable[tuple[str, AppStatus]], now_ns: int) -> None:
         """Take the heartbeats of the services, at most once a second."""
-        span_ns = now_ns - self._sampled_ns
-        if span_ns < PERIOD_NS:
+        if now_ns - self._sampled_ns < PERIOD_NS:
             return
-        used_s, first = self._use.take_s(), self._sampled_ns == 0
+        busy_ratio, first = self._use.percent() / 100, self._sampled_ns == 0
         self._sampled_ns = now_ns
         loads = [
             ServiceLoad(name, status.pid, status.cpu_percent, status.loop_lag_ms) for name, status in statuses
@@ -50,7 +56,7 @@ class ProcessPriorities:
             self._find(loads)
             return
         was_pressed = self._core.pressed
-        for action in self._core.on_loads(used_s / (span_ns / 1e9) / self._use.cores, loads, now_ns):
+        for action in self._core.on_loads(busy_ratio, loads, now_ns):
             self._set(action)
         if self._core.pressed != was_pressed:
             log.info("priorities: the processor is %s", "short" if self._core.pressed else "relaxed")
@@ -62,7 +68,7 @@ class ProcessPriorities:
                 nice = os.getpriority(os.PRIO_PROCESS, load.pid)
                 cores = tuple(sorted(os.sched_getaffinity(load.pid)))
                 if nice in (DEMOTED, PROMOTED) or cores == self._cores[1:]:
-                    found = Priority(nice, () if cores == self._cores else cores)
+                    found = ProcessPriority(nice, () if cores == self._cores else cores)
                     self._core.on_found(load.name, load.pid, found)
 
     def _set(self, action: SetPriority) -> None:

@@ -1,6 +1,7 @@
 """Measures the placement of the applications of this computer on request: load, and values of the others."""
 
 import asyncio
+import os
 from collections import Counter
 
 from swarmd.tree.core.input_meter import InputMeter
@@ -38,8 +39,8 @@ class PlacementMeasurement:
             own.platform,
             own.unit,
             round(span_s, 3),
-            processor.cores,
-            round(processor.take_s() / span_s * 100, 1),
+            os.cpu_count() or 1,
+            round(processor.percent() * (os.cpu_count() or 1), 1),
             self._applications(),
             self._inputs(meter),
         )

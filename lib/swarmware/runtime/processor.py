@@ -1,28 +1,32 @@
-"""Processor time of the whole computer, as the kernel counts it."""
+"""Use of the processors of the whole computer, as the kernel counts it."""
 
-import os
+from pathlib import Path
 from typing import Final
 
-STAT: Final = "/proc/stat"
-_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
+PROC: Final = Path("/proc")
+_IDLE: Final = slice(3, 5)
+"""Columns idle and iowait of the first line of /proc/stat. Source: proc_stat(5)."""
+_COUNTED: Final = 8
+"""Columns user to steal; the time of guests behind them is part of user and nice already."""
 
 
 class ProcessorUse:
-    """Use of all cores between two samples."""
+    """Use of all processors between two looks."""
 
-    def __init__(self) -> None:
-        self.cores = os.cpu_count() or 1
-        self._before_s = busy_s()
+    def __init__(self, proc: Path = PROC) -> None:
+        self._stat = proc / "stat"
+        self._busy, self._total = self._ticks()
 
-    def take_s(self) -> float:
-        """Processor time since the last call, of all cores."""
-        now_s = busy_s()
-        before_s, self._before_s = self._before_s, now_s
-        return max(0.0, now_s - before_s)
+    def percent(self) -> float:
+        """Use since the last look, 0 to 100; 0 within the same clock tick."""
+        busy, total = self._ticks()
+        used, passed = busy - self._busy, total - self._total
+        self._busy, self._total = busy, total
+        # iowait may go backwards, proc_stat(5)
+        return round(min(max(100 * used / passed, 0.0), 100.0), 1) if passed > 0 else 0.0
 
-
-def busy_s() -> float:
-    """Processor time of this computer since its start, of all cores, without idle time."""
-    with open(STAT, "rb") as file:  # noqa: PTH123  # read every second: no Path object
-        user, nice, system, _, _, *rest = (int(word) for word in file.readline().split()[1:9])
-    return (user + nice + system + sum(rest)) / _TICKS_PER_S
+    def _ticks(self) -> tuple[int, int]:
+        with self._stat.open("rb") as file:
+            counted = [int(field) for field in file.readline().split()[1 : _COUNTED + 1]]
+        total = sum(counted)
+        return total - sum(counted[_IDLE]), total

@@ -6,11 +6,11 @@ import psutil
 import pytest
 
 from swarmd.hal.drivers.computer import (
-    ProcessorUse,
     disk_free_bytes,
     memory_used_ratio,
     temperature_degc,
 )
+from swarmware.runtime.processor import ProcessorUse
 
 REST = "cpu0 1 1 1 1 1 1 1 1 1 1\nintr 4711\n"
 

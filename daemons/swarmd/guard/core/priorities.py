@@ -38,8 +38,8 @@ class ServiceLoad(NamedTuple):
     """Largest lateness of its event loop."""
 
 
-class Priority(NamedTuple):
-    """Priority of a process."""
+class ProcessPriority(NamedTuple):
+    """ProcessPriority of a process."""
 
     nice: int = 0
     cores: tuple[int, ...] = ()
@@ -51,7 +51,7 @@ class SetPriority(msgspec.Struct, frozen=True):
 
     name: str
     pid: int
-    priority: Priority
+    priority: ProcessPriority
 
 
 class _Process:
@@ -59,7 +59,7 @@ class _Process:
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
-        self.priority = Priority()
+        self.priority = ProcessPriority()
         self.heavy = 0
         """Samples in a row in which it was heavy."""
         self.late = 0
@@ -87,12 +87,12 @@ class PriorityCore:
         """Whether the processor is short."""
         return self._pressed
 
-    def of(self, name: str) -> Priority:
+    def of(self, name: str) -> ProcessPriority:
         """The priority of a service."""
         process = self._processes.get(name)
-        return Priority() if process is None else process.priority
+        return ProcessPriority() if process is None else process.priority
 
-    def on_found(self, name: str, pid: int, priority: Priority) -> None:
+    def on_found(self, name: str, pid: int, priority: ProcessPriority) -> None:
         """A process has a priority that a former guard has set."""
         process = self._processes[name] = _Process(pid)
         process.priority = priority
@@ -100,7 +100,7 @@ class PriorityCore:
     def on_refused(self, name: str) -> None:
         """The system refused a priority: it is not set again for this process."""
         if (process := self._processes.get(name)) is not None:
-            process.priority = Priority()
+            process.priority = ProcessPriority()
             process.heavy = process.late = -(1 << 62)
 
     def on_loads(self, busy_ratio: float, loads: Iterable[ServiceLoad], now_ns: int) -> list[SetPriority]:
@@ -134,15 +134,15 @@ class PriorityCore:
         if now_ns - self._since_ns >= (RELAXED_NS if self._pressed else PRESSED_NS):
             self._pressed, self._since_ns = not self._pressed, None
 
-    def _wanted(self, name: str, process: _Process) -> Priority:
+    def _wanted(self, name: str, process: _Process) -> ProcessPriority:
         if not self._pressed:
-            return Priority()
-        if process.priority != Priority():
+            return ProcessPriority()
+        if process.priority != ProcessPriority():
             return process.priority
         reversible = self._lowest_nice <= 0
         if process.heavy >= SAMPLES and name not in NEVER_DEMOTED:
             # the first core stays free of heavy processes
-            return Priority(DEMOTED if reversible else 0, self._cores[1:])
+            return ProcessPriority(DEMOTED if reversible else 0, self._cores[1:])
         if process.late >= SAMPLES and process.heavy <= 0 and reversible:
-            return Priority(max(PROMOTED, self._lowest_nice))
-        return Priority()
+            return ProcessPriority(max(PROMOTED, self._lowest_nice))
+        return ProcessPriority()

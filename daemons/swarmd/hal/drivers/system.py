@@ -5,9 +5,10 @@ from typing import Final
 
 from swarmd.hal.config import Config
 from swarmd.hal.driver import Device, Sensor, Site
-from swarmd.hal.drivers.computer import ProcessorUse, disk_free_bytes, memory_used_ratio, temperature_degc
+from swarmd.hal.drivers.computer import disk_free_bytes, memory_used_ratio, temperature_degc
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
+from swarmware.runtime.processor import ProcessorUse
 from swarmware.types.system import SystemLoad
 
 TEMPERATURE_EVERY: Final = 10
