@@ -14,6 +14,8 @@ PROC: Final = {
     "lib/swarmware/transport/shm/owner.py": "the boot id, which psutil does not have",
     "lib/swarmware/testing/leaks.py": "descriptors and children of a thread, not in psutil",
     "daemons/swarmd/hal/drivers/computer.py": "load of the computer, in each node: psutil costs a megabyte",
+    "lib/swarmware/runtime/processor.py": "use of all processors, in each node: psutil costs a megabyte",
+    "daemons/swarmd/guard/priorities.py": "the own capabilities, which psutil does not have",
     "daemons/swarmd/forkserver.py": "own threads and command line, before anything is imported",
     "daemons/swarmd/broker/links/zmq_socket.py": "the thread ids of libzmq, to set their priority",
     "cli/swarmlab/measure/host.py": "the model of the processor, which psutil does not have",
