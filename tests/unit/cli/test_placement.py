@@ -64,6 +64,12 @@ NAV = UnitPlacement("uav1", "nav", 3.0, 2, 30.0, (app("broker"), app("estimator"
             "with nav: communication takes 22 % of fc, accepted 20%",
         ),
         (unit(pose(), busy_percent=165.0), LINK, "separate", "fc: 82 % of its cores busy; at most 80%"),
+        (
+            unit(pose(), busy_percent=165.0, apps=(app("guidance", 2.0), app("hal", 3.0))),
+            LINK,
+            "separable",
+            "delays at most 9.0 ms",
+        ),
     ],
 )
 def test_the_delay_the_link_the_overhead_and_the_capacity_decide(

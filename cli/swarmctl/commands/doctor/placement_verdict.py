@@ -183,7 +183,8 @@ def _modules(
     heaviest = max(modules, key=lambda one: one.cpu_percent, default=None)
     for one in modules:
         found = _of_inputs(one, unit, load, links) if several else None
-        if found is None and load.over_capacity and one is heaviest and len(modules) > 1:
+        free = found is None or found[0] == "separable"
+        if free and load.over_capacity and one is heaviest and len(modules) > 1:
             text = f"{unit.unit}: {load.busy_percent:.0f} % of its cores busy; at most {CAPACITY_RATIO:.0%}"
             found = "separate", text
         verdict, reason = found or ("here", "no input of another computer")
@@ -193,7 +194,7 @@ def _modules(
 def _of_inputs(
     module: PlacedApplication, unit: UnitPlacement, load: UnitLoad, links: Sequence[LinkLoad]
 ) -> tuple[Verdict, str] | None:
-    """Verdict by the inputs from other computers; None: it has none, or its computer is over capacity."""
+    """Verdict by the inputs from other computers; None: it has none."""
     inputs = [one for one in unit.inputs if module.name in one.applications]
     if not inputs:
         return None
@@ -216,8 +217,6 @@ def _of_inputs(
             f"with {', '.join(sorted(senders))}: communication takes {share:.0f} % of {unit.unit},"
             f" accepted {COMMUNICATION_RATIO:.0%}"
         )
-    if load.over_capacity:
-        return None
     worst = max((one.delay_worst_ms for one in inputs if one.delay_worst_ms is not None), default=None)
     if worst is None:
         return "separable", "no value arrived in the window"
