@@ -28,6 +28,7 @@ from swarmctl.resources.listing import valued
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
+from swarmware.model.names import MAIN, Address
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.module.module import Module
@@ -61,7 +62,7 @@ class ScriptedSession(Session):
     def __init__(self, answers: Mapping[str, Any], **options: Any) -> None:
         self.stdout, self.stderr = io.StringIO(), io.StringIO()
         settings = CliSettings(**options)
-        module = SimpleNamespace(platform="gcs")
+        module = SimpleNamespace(platform="gcs", node=SimpleNamespace(address=Address("gcs", MAIN)))
         super().__init__(cast("Module", module), settings, Output(settings, self.stdout, self.stderr))
         self.answers = answers
         self.asked: list[str] = []

@@ -32,7 +32,7 @@ from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column, fitted_table
 from swarmctl.terminal.wrapping import atoms, fitted_text
-from swarmware.model.names import check_platform
+from swarmware.model.names import MAIN, Address, check_platform
 from swarmware.module.module import Module
 from swarmware.types import registry
 from swarmware.types.health import HealthState
@@ -113,7 +113,8 @@ class LongSession(Session):
     def __init__(self, **options: Any) -> None:
         self.stdout, self.stderr = Terminal(), Terminal()
         settings = CliSettings(**options)
-        module = SimpleNamespace(platform=FIRST, now_ns=lambda: 10**12)
+        node = SimpleNamespace(address=Address(FIRST, MAIN))
+        module = SimpleNamespace(platform=FIRST, now_ns=lambda: 10**12, node=node)
         super().__init__(cast("Module", module), settings, Output(settings, self.stdout, self.stderr))
 
     async def ask(
