@@ -145,6 +145,8 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     duplicates: int = 0
     dropped: int = 0
     """Frames that were dropped: the queue was full, or they were too old."""
+    repeated_bytes: int = 0
+    """Bytes of frames that were sent again in datagrams, because they or their acknowledgements were lost."""
 
 
 @register

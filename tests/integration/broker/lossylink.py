@@ -102,6 +102,7 @@ async def measure(root: Path, percent: int) -> dict[str, float]:
             "item_p99_s": deltas[int(0.99 * len(deltas))],
             "udp_bytes": traffic.udp_sent_bytes,
             "tcp_bytes": traffic.tcp_sent_bytes,
+            "repeated_bytes": sum(link.repeated_bytes for link in traffic.links),
         }
 
 

@@ -13,4 +13,6 @@ def test_over_a_lossy_link_everything_arrives_once_and_in_time(percent: int) -> 
     assert seen["twice"] == 0
     assert seen["p99_s"] < 2
     assert seen["item_p99_s"] < 3
+    loss = percent / 100
+    assert 0 < seen["repeated_bytes"] < 2 * loss / (1 - loss) * 1100 * seen["offered"]
     assert seen["tcp_bytes"] < 0.1 * seen["udp_bytes"], "frames travel in datagrams"

@@ -1,6 +1,7 @@
 """Frames to neighbours: over a connection where the link is clean, in datagrams where it loses packets."""
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -25,15 +26,18 @@ from swarmd.broker.links.frame_datagrams import FrameDatagrams, OnContent
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.zap import OnUnknownKey
 from swarmd.broker.links.zmq_links import LinkPeer, OnFrame, OnRoster, ZmqLinks
-from swarmware.errors import ConfigError
+from swarmware.errors import ConfigError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import ConnectionStatus
+from swarmware.types.net import ConnectionStatus, LinkTransport
 
 BY_CONNECTION: Final = frozenset({FrameKind.HELLO, FrameKind.ROSTER})
 """Frames that prove something by the connection that they come over."""
+
+
+log = logging.getLogger("swarm.broker")
 
 
 class FrameLinks:
@@ -160,8 +164,13 @@ class FrameLinks:
             yield
 
     def _on_packet(self, data: bytes, peer: LinkPeer) -> None:
-        now_ns = self._clock.now_ns()
-        self._driver.feed(self._core.on_packet(peer.hw, peer.session, data, now_ns))
+        try:
+            actions = self._core.on_packet(peer.hw, peer.session, data, self._clock.now_ns())
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            log.debug("packet of %s: %s", peer.platform, error)
+            return
+        self._driver.feed(actions)
 
     def on_qualities(self, qualities: Iterable[tuple[int, LinkQuality]]) -> None:
         """The quality of the links by neighbour, as beacons measured it in the last second."""
@@ -174,12 +183,16 @@ class FrameLinks:
         return self._core.on_gone(hw, self._clock.now_ns()) + self._connections.disconnect(hw)
 
     def update_counters(self) -> None:
-        """Brings the traffic counters of the connections up to date."""
+        """Brings the traffic counters of the links up to date."""
         count, counters = self._connections.count, self._counters
         count.sample_all()
         counters.tcp_sent_bytes = count.sent_bytes
         counters.tcp_received_bytes = count.received_bytes
         counters.refused.denied_connections = self._connections.denied
+        for link in self._core.links():
+            peer = self._find_peer(link.hw)
+            if peer is not None:
+                counters.link(peer.platform, LinkTransport.UDP).repeated_bytes = link.repeated_bytes
 
     def state(self, hw: int) -> ConnectionStatus:
         """How frames travel to a neighbour."""

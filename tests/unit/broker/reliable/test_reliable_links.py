@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable
 
+import pytest
+
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.reliable.packet import Packet, Piece, decode, encode
@@ -22,6 +24,7 @@ from swarmd.broker.core.reliable.reliable_links import (
     UseConnection,
     UseDatagrams,
 )
+from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame
 
@@ -157,7 +160,7 @@ def test_frames_of_a_lost_neighbour_are_returned_and_its_numbers_continue() -> N
     assert [piece.message for piece in packet.pieces] == [1]
 
 
-def test_garbage_and_acknowledgements_of_nothing_are_counted() -> None:
+def test_garbage_and_acknowledgements_of_nothing_are_refused() -> None:
     link = ReliableLink(UAV1, SESSION, 0, 0.0, 0)
     bad = [
         b"",
@@ -166,8 +169,9 @@ def test_garbage_and_acknowledgements_of_nothing_are_counted() -> None:
         encode(Packet(0, 0, None, (Piece(900_000, 1, 0, b"x"),))),
     ]
     for data in bad:
-        assert link.on_packet(data, 0) == []
-    assert link.malformed == len(bad)
+        with pytest.raises(WireError):
+            link.on_packet(data, 0)
+    assert link.deadline_ns() is None
 
 
 def test_frames_that_are_too_many_are_reported() -> None:

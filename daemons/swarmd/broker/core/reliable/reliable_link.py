@@ -74,8 +74,6 @@ class ReliableLink:
         """`rtt_ns`, `loss`: of the beacons, as a first guess; 0: not known."""
         self.hw = hw
         self.session = session
-        self.malformed = 0
-        """Packets that could not be decoded."""
         self.rate = RateControl(now_ns, loss)
         self._outgoing = OutgoingMessages()
         self._recovery = LossRecovery(rtt_ns)
@@ -110,14 +108,13 @@ class ReliableLink:
         return actions + self._send(now_ns)
 
     def on_packet(self, data: bytes, now_ns: int) -> list[LinkAction]:
-        """A packet of the neighbour, authenticated and not a replay."""
-        try:
-            packet = decode(data)
-            self._check(packet.acknowledgement)
-            frames = self._take_pieces(packet, now_ns)
-        except WireError:
-            self.malformed += 1
-            return []
+        """A packet of the neighbour, authenticated and not a replay.
+
+        Raises: WireError for a packet that no correct neighbour sends.
+        """
+        packet = decode(data)
+        self._check(packet.acknowledgement)
+        frames = self._take_pieces(packet, now_ns)
         actions: list[LinkAction] = [DeliverFrame(self.hw, frame) for frame in frames]
         if packet.acknowledgement is not None:
             self._on_acknowledgement(packet.acknowledgement, now_ns)

@@ -79,6 +79,10 @@ class ReliableLinks:
         """The reliable link of a neighbour, if there is one."""
         return self._links.get(hw)
 
+    def links(self) -> list[ReliableLink]:
+        """All reliable links."""
+        return list(self._links.values())
+
     def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
         """What beacons measure of the link to a neighbour, once a second while it is up."""
         self._qualities[hw] = quality
@@ -114,7 +118,10 @@ class ReliableLinks:
         return actions + list(link.on_frame(queued, now_ns))
 
     def on_packet(self, hw: int, session: int, data: bytes, now_ns: int) -> list[Action]:
-        """A packet of a neighbour's session, authenticated and not a replay."""
+        """A packet of a neighbour's session, authenticated and not a replay.
+
+        Raises: WireError for a packet that no correct neighbour sends.
+        """
         link, actions = self._current(hw, session, now_ns)
         choice = self._choices.get(hw)
         if choice is not None and not choice.by_datagram and choice.loss > CLEAN:
