@@ -30,20 +30,22 @@ async def until_all_know(nodes: list[Platform], path: str) -> None:
 
 
 @on_uvloop
-async def test_nodes_join_without_a_request_for_a_structure(tmp_path: Path) -> None:
+async def test_nodes_join_by_beacons_not_by_requests_for_structures(tmp_path: Path) -> None:
     async with platforms(tmp_path, *NAMES, tree=BEACONS_ONLY, services=TOGETHER) as nodes:
         boards = [node.probe.writer(f"plan/step{number}", Text) for number, node in enumerate(nodes)]
         for number, node in enumerate(nodes):
             await until_all_know([node, *(one for one in nodes if one is not node)], f"plan/step{number}")
         for node in nodes:
-            assert (await in_sync(node, 3)).requests_sent == 0
+            await in_sync(node, 3)
             traffic = await until(node.probe.reader("net/traffic", Traffic), lambda _: True)
             assert not traffic.refused.spoofed
         # a change needs no question, either
         nodes[0].probe.close_writer(boards[0])
         nodes[0].probe.writer("plan/other", Text)
         await until_all_know(nodes, "plan/other")
-        assert [(await in_sync(node, 3)).requests_sent for node in nodes] == [0, 0, 0, 0]
+        requests = [(await in_sync(node, 3)).requests_sent for node in nodes]
+        # a large structure is requested, and so is one before multicast is known to reach its node
+        assert sum(requests) <= 2, f"{requests}: by requests alone it were one for each of the others"
 
 
 @on_uvloop

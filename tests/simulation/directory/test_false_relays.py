@@ -88,7 +88,7 @@ class AirWithForger(Air):
         )
 
 
-@pytest.mark.parametrize("seed", seeds(2, 10))
+@pytest.mark.parametrize("seed", seeds(1, 10))
 @pytest.mark.parametrize("ahead_s", [0.0, 0.9, 60.0])
 def test_who_receives_the_origin_takes_no_invented_value_and_names_the_member(
     seed: int, ahead_s: float

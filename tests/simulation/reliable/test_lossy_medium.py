@@ -8,7 +8,7 @@ from tests.simulation.seeds import seeds
 
 from swarmware.model.frame import Frame, FrameKind
 
-LASTS_S: Final = 30
+LASTS_S: Final = 12
 STREAM_HZ: Final = 30
 ITEM_BYTES: Final = 1000
 
@@ -36,7 +36,7 @@ def test_a_stream_and_commands_arrive_whole_and_once(
     end_ns = pair.now_ns + LASTS_S * S
     pair.every(S // STREAM_HZ, end_ns, lambda: pair.send(ITEM_BYTES))
     pair.every(S // 5, end_ns, lambda: pair.send(100, FrameKind.MESSAGE))
-    pair.run(end_ns + 10 * S)
+    pair.run(end_ns + 6 * S)
     numbers = [frame.sequence for _, frame in pair.received[2]]
     assert len(numbers) == len(set(numbers)) == pair.sent
     assert pair.dropped == []
@@ -77,15 +77,15 @@ def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns
         there.rate_bit_s = bit_s
 
     start_ns = pair.now_ns
-    pair.every(10 * MS, start_ns + 45 * S, offer)
-    pair.at(start_ns + 15 * S, lambda: rate(0.5e6))
-    pair.at(start_ns + 30 * S, lambda: rate(5e6))
-    pair.run(start_ns + 45 * S)
+    pair.every(10 * MS, start_ns + 24 * S, offer)
+    pair.at(start_ns + 8 * S, lambda: rate(0.5e6))
+    pair.at(start_ns + 16 * S, lambda: rate(5e6))
+    pair.run(start_ns + 24 * S)
 
     def passed(first_s: int, last_s: int) -> float:
         """Share of the rate that carried items."""
         count = sum(first_s * S <= at_ns - start_ns < last_s * S for at_ns, _ in pair.received[2])
-        bit_s = 0.5e6 if first_s >= 15 and last_s <= 30 else 5e6
+        bit_s = 0.5e6 if first_s >= 8 and last_s <= 16 else 5e6
         return count * ITEM_BYTES * 8 / (last_s - first_s) / bit_s / (1 - loss)
 
     def queueing_ms(first_s: int, last_s: int) -> list[float]:
@@ -93,10 +93,10 @@ def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns
             wait_ns / MS for at_ns, wait_ns in there.queueing if first_s * S <= at_ns - start_ns < last_s * S
         )
 
-    for first_s, last_s in ((3, 15), (17, 30), (33, 45)):
+    for first_s, last_s in ((3, 8), (10, 16), (19, 24)):
         assert queueing_ms(first_s, last_s)[-1] < 150
         assert passed(first_s, last_s) > 0.75
-    assert queueing_ms(15, 17)[-1] < 700, "what was in flight at five megabits needs this long at half of one"
+    assert queueing_ms(8, 10)[-1] < 700, "what was in flight at five megabits needs this long at half of one"
 
 
 @pytest.mark.parametrize(("loss", "rate_bit_s"), [(0.0, 50e6), (0.2, 50e6), (0.3, 5e6)])
