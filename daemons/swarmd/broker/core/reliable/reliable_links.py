@@ -80,7 +80,7 @@ class ReliableLinks:
         return self._links.get(hw)
 
     def links(self) -> list[ReliableLink]:
-        """All reliable links."""
+        """The reliable links to all neighbours."""
         return list(self._links.values())
 
     def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
