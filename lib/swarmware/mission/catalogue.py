@@ -9,6 +9,8 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from swarmware.errors import InvalidInput, MissionError
+from swarmware.mission.condition import parse as parse_condition
+from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
 
 Points = tuple[tuple[float, ...], ...]
@@ -164,6 +166,31 @@ class Hold(Params, frozen=True):
         return self.s
 
 
+SENSOR_VALUE: Final = "sensor"
+"""Path under which the condition of a WaitForSensor names the value of the sensor."""
+
+
+class WaitForSensor(Params, frozen=True):
+    """Wait until a sensor delivers values."""
+
+    sensor: Annotated[str, msgspec.Meta(min_length=1, max_length=200)] = "sensor/**"
+    """Path of the sensor, or a pattern of several, of which one suffices: `sensor/gnss`, `sensor/*`."""
+    measures: Annotated[str, msgspec.Meta(max_length=64)] = ""
+    """What it measures: a type (`Barometer`) or a field of one (`temperature_degc`); empty: anything."""
+    until: Annotated[str, msgspec.Meta(max_length=500)] = ""
+    """Condition on the fields of its value: `satellites >= 6`; empty: any fresh value."""
+
+    def __post_init__(self) -> None:
+        """Check the pattern and the condition."""
+        if self.sensor.startswith("/"):
+            raise InvalidInput(f"sensor {self.sensor!r}: expected one of this platform, such as sensor/gnss")
+        Pattern(self.sensor)
+        if not self.until:
+            return
+        if others := parse_condition(self.until, SENSOR_VALUE).resources() - {SENSOR_VALUE}:
+            raise InvalidInput(f"until: {min(others)!r}: expected fields of the value of the sensor only")
+
+
 class BlockName(StrEnum):
     """Names of the built-in block types; packages add further ones."""
 
@@ -183,6 +210,7 @@ class BlockName(StrEnum):
     FORMATION = "Formation"
     LAND = "Land"
     HOLD = "Hold"
+    WAIT_FOR_SENSOR = "WaitForSensor"
 
 
 class BlockType(msgspec.Struct, frozen=True):
@@ -331,6 +359,12 @@ BLOCKS: Final = (
         kinds=VEHICLES,
         errors=("no_position", "no_navigator"),
         motion=True,
+    ),
+    BlockType(
+        BlockName.WAIT_FOR_SENSOR,
+        "Waits until a sensor delivers values, also one that is plugged in meanwhile.",
+        WaitForSensor,
+        timeout_s=60.0,
     ),
 )
 """Definitions of the built-in blocks."""

@@ -10,7 +10,7 @@ from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import flight, soundness, vocabulary
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
-from swarmware.mission.catalogue import Catalogue, built_in
+from swarmware.mission.catalogue import BlockName, Catalogue, built_in
 from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import Folder, read_folder
@@ -79,7 +79,8 @@ def _conditions(
     mission: MissionDefinition, text: str, file: str, kinds: tuple[PlatformKind, ...], own: str
 ) -> list[Finding]:
     """Findings of the conditions: checks their resources against the templates of the possible platforms."""
-    problems = vocabulary.shipped().check(mission, kinds, own) if mission.resources() else []
+    named = mission.resources() or any(b.type == BlockName.WAIT_FOR_SENSOR for b in mission.blocks.values())
+    problems = vocabulary.shipped().check(mission, kinds, own) if named else []
     if not problems:
         return []
     source = parse_source(text, file)

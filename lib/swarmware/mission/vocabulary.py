@@ -8,6 +8,7 @@ import msgspec
 import msgspec.inspect
 
 from swarmware.errors import NotFound
+from swarmware.mission.catalogue import WaitForSensor
 from swarmware.mission.condition import (
     Age,
     Both,
@@ -19,9 +20,11 @@ from swarmware.mission.condition import (
     Node,
     Not,
     Operand,
+    parse,
 )
 from swarmware.mission.finding import Severity
 from swarmware.mission.model import MissionDefinition
+from swarmware.mission.sensor_choice import SensorChoice
 from swarmware.model import template
 from swarmware.model.config import share_dir
 from swarmware.model.names import split
@@ -108,7 +111,46 @@ class Vocabulary:
         players = tuple(kinds)
         readers = [_TemplateReader(self._known, players, kind, own, self._types) for kind in players or ("",)]
         found = [problem for where in conditions for reader in readers for problem in reader.problems(*where)]
+        for block in mission.blocks.values():
+            if isinstance(block.params, WaitForSensor):
+                found += self._sensors(block.pointer, block.params, readers, players)
         return list(dict.fromkeys(found))
+
+    def _sensors(
+        self,
+        pointer: str,
+        params: WaitForSensor,
+        readers: "list[_TemplateReader]",
+        kinds: tuple[str, ...],
+    ) -> Iterator[Problem]:
+        """Warns of a sensor of no template; its condition must suit one of the sensors that are meant."""
+        choice = SensorChoice(params)
+        meant = [
+            path
+            for path, having in self._known.items()
+            for kind, resource in having.items()
+            if (not kinds or kind in {"", *kinds}) and resource.kind not in _VALUELESS
+            if choice.means(path, self._class(resource.type))
+        ]
+        if not meant:
+            near = similar(params.sensor, self._known)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            message = f"{choice} is in no template{hint} (an application may provide it)"
+            yield Problem(pointer, params.sensor, 0, "warning", message)
+        if not meant or not params.until:
+            return
+        conditions = [parse(params.until, path) for path in meant]
+        for reader in readers:
+            found = [list(reader.problems(f"{pointer}/until", condition)) for condition in conditions]
+            if all(found):
+                yield from found[0]
+
+    def _class(self, name: str) -> type[msgspec.Struct] | None:
+        """The type of that name; None: not installed."""
+        try:
+            return self._types(name)
+        except NotFound:
+            return None
 
     def examine(self, condition: ConditionExpression) -> list[Problem]:
         """Errors and warnings of one condition, for platforms of any kind."""

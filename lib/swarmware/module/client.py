@@ -201,6 +201,12 @@ class Client:
         self._readers.append(reader)
         return reader
 
+    def close_reader(self, reader: _Closes) -> None:
+        """Close one reader of this module before its end."""
+        if reader in self._readers:
+            self._readers.remove(reader)
+        reader.close()
+
     # -- boards, events, streams
 
     def reader(self, path: str, cls: type[T]) -> "BoardReader[T]":

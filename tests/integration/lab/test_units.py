@@ -48,6 +48,9 @@ def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_tak
     assert ["estimator" in one["info"]["services"] for one in rows] == [False, False, True]
     (alone,) = json.loads(ctl("node", "ls", "--units", "-n", "uav1.fc", "--json").stdout)["units"]
     assert alone["unit"] == "fc"
+    counts = [one["health"]["state"]["apps_alive"] for one in rows]
+    (whole_health,) = json.loads(ctl("health", "ls", "-n", "uav1", "--json").stdout)["platforms"]
+    assert whole_health["state"]["apps_alive"] > max(counts), "of all its computers"
     rules = json.loads(ctl("tree", "rule", "-n", "uav1.fc", "--json").stdout)
     assert rules["rules"] == []
     ctl("tree", "log", "-n", "uav1.fc", "--json")

@@ -101,6 +101,23 @@ async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_pat
     assert [(one.verdict, one.check) for one in well] == [("ok", "faults")]
 
 
+async def test_faults_of_the_other_computers_of_a_platform_are_shown_with_their_name(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    routes = (RouteState("uav1", 1, "uav1.fc", 256, 1, 1, 0, "fc"), RouteState("gcs", 1, "gcs", 256, 1, 1, 0))
+    fault = Fault("app/hal", "died", "error", Phase.CONFIRMED, 1, 2, 1, "exit code 9")
+    async with (
+        Module("broker", config_dir=config_dir) as broker,
+        Module("health", config_dir=config_dir) as m,
+    ):
+        broker.serve("sys/broker/routes", Empty, lambda *_: Routes(routes), reply=Routes)
+        m.serve("sys/health/faults", FaultQuery, lambda *_: FaultList("uav1", 3, (fault,)), reply=FaultList)
+        own, other = await examined(config_dir, "fault", "faults")
+    assert (own.verdict, own.text) == ("error", "uav1.main: app/hal: died: exit code 9")
+    assert own.advice == "swarmctl health faults -n uav1.main"
+    assert other.verdict == "error"
+    assert other.text.startswith("uav1.fc: ")
+
+
 async def test_a_monitor_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("health", config_dir=config_dir):

@@ -8,7 +8,7 @@ import struct
 import sys
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
@@ -30,6 +30,9 @@ from swarmware.transport.shm.reap import reap
 from swarmware.transport.shm.ring import RingReader
 from swarmware.types import registry
 from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Traffic
+
+if TYPE_CHECKING:
+    from swarmctl.commands.doctor.node_findings import ComputerFaults
 
 SOCKET_PATH_BYTES: Final = 107
 """Longest path of a Unix socket (sun_path without its zero)."""
@@ -329,16 +332,11 @@ def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
             "faults", "warning", f"the node cannot be joined: {error}", "run swarmctl as its user, or as root"
         )
         return
-    monitored = "health" in alive
-    for fault in present.faults:
-        text = f"{fault.check}: {fault.state}: {fault.what}"
-        yield CheckResult(
-            "fault", "error" if fault.level == "error" else "warning", text, "swarmctl health faults"
-        )
-    if monitored and present.silent:
-        yield CheckResult("faults", "error", present.silent, "swarmctl app ls shows whether `health` hangs")
-    elif monitored and not present.faults:
-        yield CheckResult("faults", "ok", "the node has found none")
+    own, *others = present.computers
+    if "health" in alive:
+        yield from _monitored(own, "swarmctl app ls shows whether `health` hangs")
+    for other in others:
+        yield from _monitored(other, "swarmctl node ls --units shows whether it answers")
     if present.unreached:
         text = f"members that this node does not reach: {', '.join(present.unreached)}"
         advice = (
@@ -358,6 +356,20 @@ def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
         yield CheckResult(
             "denied", "warning", f"{sum(one.count for one in more)} times in {len(more)} other cases"
         )
+
+
+def _monitored(computer: "ComputerFaults", silent: str) -> Iterator[CheckResult]:
+    """Faults of one computer of the platform, named where it has several; `silent`: advice without answer."""
+    of = f"{computer.computer}: " if computer.computer else ""
+    for fault in computer.faults:
+        verdict: Verdict = "error" if fault.level == "error" else "warning"
+        only = f" -n {computer.computer}" if of else ""
+        text = f"{of}{fault.check}: {fault.state}: {fault.what}"
+        yield CheckResult("fault", verdict, text, f"swarmctl health faults{only}")
+    if computer.silent:
+        yield CheckResult("faults", "error", f"{of}{computer.silent}", silent)
+    elif not computer.faults:
+        yield CheckResult("faults", "ok", f"{of}the node has found none")
 
 
 def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:

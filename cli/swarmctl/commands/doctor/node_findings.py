@@ -8,9 +8,11 @@ import msgspec
 
 from swarmctl.session.session import NAME
 from swarmware.errors import SwarmError
+from swarmware.model import names
+from swarmware.model.names import Address
 from swarmware.module.client import Client
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
-from swarmware.types.net import Denial, RosterState, Routes
+from swarmware.types.net import Denial, RosterState, Routes, RouteState
 from swarmware.types.rpc import Empty
 
 ANSWER_S: Final = 2.0
@@ -33,19 +35,28 @@ class DeniedRequests(msgspec.Struct, frozen=True):
     reason: str
 
 
+class ComputerFaults(msgspec.Struct, frozen=True):
+    """Findings of the monitor of one computer."""
+
+    computer: str
+    """Its name, such as `uav1.fc`; empty: the platform has only this one."""
+    faults: tuple[Fault, ...] = ()
+    """Confirmed faults that are not cleared."""
+    silent: str = ""
+    """Why the monitor did not answer; empty: it did."""
+
+
 class NodeFindings(msgspec.Struct, frozen=True):
     """Findings at a running node."""
 
-    faults: tuple[Fault, ...] = ()
-    """Confirmed faults that are not cleared."""
+    computers: tuple[ComputerFaults, ...]
+    """Of the own computer first, then of the others of the platform."""
     refusals: tuple[DeniedRequests, ...] = ()
     """Denied requests that are still in its shared memory; highest count first."""
     unreached: tuple[str, ...] = ()
     """Members of the swarm without a route."""
     members: int = 0
     """Other members of the swarm; 0: the node has no keys, or its broker does not answer."""
-    silent: str = ""
-    """Why the monitor did not answer; empty: it did."""
 
 
 def query_node(folder: Path) -> NodeFindings:
@@ -55,30 +66,45 @@ def query_node(folder: Path) -> NodeFindings:
 
 async def _look(folder: Path) -> NodeFindings:
     async with Client(NAME, config_dir=folder) as module:
-        others = await _members(module)
-        found = NodeFindings(
-            refusals=_refusals(module),
+        refusals = _refusals(module)
+        routes = await _routes(module)
+        others = _members(module, routes)
+        own = module.node.address
+        units = sorted(route.unit for route in routes or () if route.platform == own.platform)
+        computers = [own, *(Address(own.platform, unit) for unit in units)]
+        return NodeFindings(
+            tuple(await asyncio.gather(*(_faults(module, one, len(computers) > 1) for one in computers))),
+            refusals=refusals,
             unreached=tuple(name for name, reached in others.items() if not reached),
             members=len(others),
         )
-        try:
-            faults = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=ANSWER_S)
-        except SwarmError as error:
-            return msgspec.structs.replace(found, silent=str(error))
-        confirmed = tuple(fault for fault in faults.faults if fault.phase is Phase.CONFIRMED)
-        return msgspec.structs.replace(found, faults=confirmed)
 
 
-async def _members(module: Client) -> dict[str, bool]:
+async def _faults(module: Client, computer: Address, named: bool) -> ComputerFaults:
+    """The confirmed faults of one computer of the platform."""
+    name = computer.path if named else ""
+    path = names.join(computer.path, "sys/health/faults") if named else "sys/health/faults"
+    try:
+        found = await module.request(path, FaultQuery(), FaultList, timeout_s=ANSWER_S)
+    except SwarmError as error:
+        return ComputerFaults(name, silent=str(error))
+    return ComputerFaults(name, tuple(one for one in found.faults if one.phase is Phase.CONFIRMED))
+
+
+async def _routes(module: Client) -> tuple[RouteState, ...] | None:
+    """Routes of the node; None: its broker does not run, which the check of services reports."""
+    try:
+        return (await module.request("sys/broker/routes", Empty(), Routes, timeout_s=ANSWER_S)).routes
+    except SwarmError:
+        return None
+
+
+def _members(module: Client, routes: tuple[RouteState, ...] | None) -> dict[str, bool]:
     """The other members of the swarm, and whether each has a route; empty without a broker or keys."""
     roster = module.reader("net/roster", RosterState).value
-    if roster is None or roster.revoked_self:
+    if roster is None or roster.revoked_self or routes is None:
         return {}
-    try:
-        routes = await module.request("sys/broker/routes", Empty(), Routes, timeout_s=ANSWER_S)
-    except SwarmError:
-        return {}  # the check of services reports a broker that does not run
-    reached = {route.platform for route in routes.routes}
+    reached = {route.platform for route in routes}
     valid = [one.platform for one in roster.members if not one.revoked and one.platform != module.platform]
     return {name: name in reached for name in valid}
 

@@ -3,7 +3,8 @@
 import msgspec
 
 from swarmctl.commandline.nodes import names_one
-from swarmctl.resources.fanout import read_boards, warn_errors
+from swarmctl.resources.fanout import warn_errors
+from swarmctl.resources.platform_health import platform_health
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column
@@ -33,7 +34,7 @@ async def list_states(session: Session) -> None:
     Raises: Partial when a platform did not answer; the error itself when one was named.
     """
     asked = await session.selected()
-    states, errors = await read_boards(session, asked, "health/state", HealthState)
+    states, errors = await platform_health(session, asked)
     if session.platform in errors and names_one(session.settings.node):
         raise errors[session.platform]
     if session.settings.structured:

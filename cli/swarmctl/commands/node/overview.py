@@ -8,6 +8,7 @@ from swarmctl.commandline.nodes import names_one
 from swarmctl.commands.node.sync import NodeSync, synchronisation
 from swarmctl.resources.fanout import ask_all, read_boards, warn_errors
 from swarmctl.resources.last_words import last_words
+from swarmctl.resources.platform_health import platform_health
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column
@@ -62,7 +63,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
     ) = await asyncio.gather(
         asyncio.gather(
             ask_all(session, asked, "sys/node/info", Empty(), NodeInfo),
-            read_boards(session, asked, "health/state", HealthState),
+            platform_health(session, asked),
             read_boards(session, asked, "mission/state", MissionState),
             read_boards(session, asked, "vehicle/state", VehicleState),
             read_boards(session, asked, "nav/pose", Pose),

@@ -14,6 +14,7 @@ from swarmd.mission.blocks.motions import (
     ReturnBlock,
     TakeoffBlock,
 )
+from swarmd.mission.blocks.sensor import WaitForSensorBlock
 from swarmware.mission.installed import InstalledBlocks, installed_blocks
 from swarmware.mission.plugin import FunctionalBlock
 
@@ -28,6 +29,7 @@ BUILT_IN: Final[tuple[type, ...]] = (
     ReturnBlock,
     FormationBlock,
     HoldBlock,
+    WaitForSensorBlock,
 )
 
 
