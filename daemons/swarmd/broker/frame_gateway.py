@@ -385,9 +385,9 @@ class FrameGateway:
         """Brings the traffic counters of the connections up to date."""
         self.links.update_counters()
 
-    def _gave_up(self, peer: LinkPeer, waiting: list[QueuedFrame]) -> None:
+    def _gave_up(self, peer: LinkPeer, transport: LinkTransport, waiting: list[QueuedFrame]) -> None:
         for item in waiting:
-            self._counters.link(peer.platform, LinkTransport.TCP).dropped += 1
+            self._counters.link(peer.platform, transport).dropped += 1
             for channel, _ in self._accounts.channels(item.frame):
                 channel.dropped += 1
             self._refuse(item.frame, f"{peer.platform} does not take it")

@@ -19,7 +19,7 @@ from swarmd.broker.core.forwarding.frame_datagram import (
     encode_header,
     pack,
 )
-from swarmd.broker.links.pair_seal import PairEnd, PairSeal
+from swarmd.broker.links.pair_seal import PAIR_WINDOW, PairEnd, PairSeal
 from swarmware.errors import WireError
 from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode
 from swarmware.transport.security.keys import Keys
@@ -114,9 +114,18 @@ def test_what_one_seals_the_other_opens_once() -> None:
 def test_datagrams_may_overtake_each_other() -> None:
     pair = Pair()
     boxes = {number: pair.here.seal(number, CLEAR, bytes((number,))) for number in (1, 2, 3, 90)}
-    for number in (2, 1, 3, 90):
+    for number in (2, 1, 90, 3):
         assert pair.there.open(number, CLEAR, boxes[number]) == Opened(bytes((number,)), 10)
-    assert pair.there.open(4, CLEAR, pair.here.seal(4, CLEAR, b"late")) is Refusal.REPLAYED
+    for number in (3, 90):
+        assert pair.there.open(number, CLEAR, boxes[number]) is Refusal.REPLAYED
+
+
+def test_datagrams_to_other_neighbours_leave_a_late_one_valid_up_to_the_window() -> None:
+    pair = Pair()
+    newest = PAIR_WINDOW + 3
+    pair.there.open(newest, CLEAR, pair.here.seal(newest, CLEAR, b"now"))
+    assert pair.there.open(4, CLEAR, pair.here.seal(4, CLEAR, b"late")) == Opened(b"late", 10)
+    assert pair.there.open(3, CLEAR, pair.here.seal(3, CLEAR, b"too late")) is Refusal.REPLAYED
 
 
 @pytest.mark.parametrize("at", [0, 3, -1])

@@ -51,6 +51,7 @@ from swarmd.broker.core.topology.neighbour import (
     LISTING_NS,
     LISTINGS,
     LONG_WINDOW,
+    LOSSY_RATIO,
     MISSES_MAX,
     NOTICE_SLACK_NS,
     PERIODS,
@@ -75,6 +76,7 @@ from swarmd.broker.core.topology.routing_table import (
 )
 from swarmd.broker.core.topology.topology import CHANGING_NS, JUMPS
 from swarmd.broker.core.traffic import IP_UDP_BYTES
+from swarmd.broker.links.pair_seal import PAIR_WINDOW
 from swarmd.broker.links.zap import DOMAIN
 from swarmware.model import frame as wire
 from swarmware.model.access import Role
@@ -214,6 +216,8 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"{limits.link_timeout_s:g} s without a datagram, or after {PERIODS} periods of the sender",
         f"the loss of the last {LONG_WINDOW} datagrams",
         f"{FALSE_ALARM:g} divided by the number of neighbours; at most {MISSES_MAX}",
+        f", and then {LOSSY_RATIO:g} s at least",
+        f"in a replay window of {PAIR_WINDOW}",
         f"its next beacons, at most every {AGAIN_NS // MS} ms",
         f"at most {COST_MAX}",
         f"better by more than {HYSTERESIS}",

@@ -28,6 +28,8 @@ _FULL: Final = 255
 MEASURED: Final = 12
 """Datagrams of a neighbour after which the loss of both directions is known: before, a missing measurement
 looks like a loss."""
+NOTICED: Final = 2
+"""Losses among the first datagrams of a neighbour that show a lossy link before it is measured."""
 
 LINK_STATUS: Final = {
     LinkState.DOWN: LinkStatus.DOWN,
@@ -98,11 +100,13 @@ class NetReport:
 
     def link_qualities(self) -> list[tuple[int, LinkQuality]]:
         """Quality of the links that are up and measured, by hardware id of the neighbour."""
-        return [
-            (one.hw, LinkQuality(1 - min(one.quality, one.reported) / _FULL, one.rtt_ns))
-            for one in self._neighbours.all()
-            if one.state is LinkState.UP and one.expected >= MEASURED
-        ]
+        found: list[tuple[int, LinkQuality]] = []
+        for one in self._neighbours.up():
+            if one.expected >= MEASURED:
+                found.append((one.hw, LinkQuality(1 - min(one.quality, one.reported) / _FULL, one.rtt_ns)))
+            elif (lost := one.expected - one.window.bit_count()) >= NOTICED:
+                found.append((one.hw, LinkQuality(lost / one.expected, one.rtt_ns)))
+        return found
 
     def routes(self) -> Routes:
         """Table of all reachable nodes."""

@@ -57,12 +57,12 @@ class FrameLinks:
         on_roster: OnRoster,
         on_datagram: OnContent,
         on_unknown_key: OnUnknownKey,
-        on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
+        on_given_up: Callable[[LinkPeer, LinkTransport, list[QueuedFrame]], None],
         on_sent: Callable[[LinkPeer, int, Frame], None],
         on_begun: Callable[[LinkPeer, Frame], None],
     ) -> None:
         """`on_frame`, `on_datagram`: take a frame that came over a connection, or in datagrams; `on_sent`,
-        `on_begun`: count one that goes these ways.
+        `on_begun`: count one that goes these ways; `on_given_up`: refuse those that cannot.
 
         Raises: ConfigError when a port cannot be bound.
         """
@@ -81,7 +81,7 @@ class FrameLinks:
             on_frame=on_frame,
             on_roster=on_roster,
             on_unknown_key=on_unknown_key,
-            on_given_up=on_given_up,
+            on_given_up=self._drop_from_connection,
             on_sent=on_sent,
         )
         try:
@@ -146,7 +146,10 @@ class FrameLinks:
             return
         gone = self._connections.send(peer, data, frame)
         if gone:
-            self._on_given_up(peer, gone)
+            self._drop_from_connection(peer, gone)
+
+    def _drop_from_connection(self, peer: LinkPeer, gone: list[QueuedFrame]) -> None:
+        self._on_given_up(peer, LinkTransport.TCP, gone)
 
     def _by_datagram(self, peer: LinkPeer, frame: Frame) -> bool:
         return (
@@ -210,7 +213,7 @@ class FrameLinks:
             case FrameBegun():
                 self._on_begun(peer, action.queued.frame)
             case FramesDropped():
-                self._on_given_up(peer, action.frames)
+                self._on_given_up(peer, LinkTransport.UDP, action.frames)
             case UseConnection():
                 for queued in action.frames:
                     self.send(peer, queued.data, queued.frame)

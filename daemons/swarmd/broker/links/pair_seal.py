@@ -12,6 +12,9 @@ from swarmware.transport.sodium import KEY_BYTES, SealKey, curve_shared
 _PERSON: Final = b"swarmware pair 1"
 _ENDS: Final = struct.Struct("<IQIQ")
 _NONCE: Final = struct.Struct("<II4x")
+PAIR_WINDOW: Final = 1024
+"""Maximum reordering of datagrams: the sender's numbers are those of all its neighbours together, so between
+two datagrams to this one there may be many."""
 
 
 class PairEnd(msgspec.Struct, frozen=True):
@@ -35,7 +38,7 @@ class PairSeal:
         self.other = other
         self._own_hw = own.hw
         self._seal = _key(shared, own, other).seal
-        self._received = ReceivedSession(other.session, _key(shared, other, own), 0)
+        self._received = ReceivedSession(other.session, _key(shared, other, own), 0, PAIR_WINDOW)
 
     def seal(self, sequence: int, clear: bytes, body: bytes) -> bytes:
         """The body encrypted, with a tag over it and the clear header."""

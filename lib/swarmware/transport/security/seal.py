@@ -19,7 +19,6 @@ SENDER_LIMIT: Final = 4096
 EPOCHS: Final = 16
 """Key epochs that a datagram distinguishes: four bits."""
 
-_WINDOW_MASK: Final = (1 << REPLAY_WINDOW) - 1
 _SESSION = struct.Struct("<IQ")
 _NONCE = struct.Struct("<II4x")
 _TAGGED: Final = b"swarmware tick 1"
@@ -81,29 +80,31 @@ class Sealer:
 class ReceivedSession:
     """Opens the datagrams of one session of a sender, each once."""
 
-    __slots__ = ("_open", "_seen", "_top", "number")
+    __slots__ = ("_open", "_seen", "_top", "_window", "number")
 
-    def __init__(self, number: int, key: SealKey, sequence: int) -> None:
+    def __init__(self, number: int, key: SealKey, sequence: int, window: int = REPLAY_WINDOW) -> None:
         """`sequence`: of a datagram that was opened already; lower ones are taken within the window."""
         self.number = number
         self._open = key.open
         self._top = sequence
         self._seen = 1
+        self._window = window
 
     def rekeyed(self, key: SealKey) -> "ReceivedSession":
         """The same session under another key: it continues behind the newest datagram."""
-        return ReceivedSession(self.number, key, self._top)
+        return ReceivedSession(self.number, key, self._top, self._window)
 
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed."""
         ahead = sequence - self._top
-        if ahead <= 0 and (ahead <= -REPLAY_WINDOW or self._seen >> -ahead & 1):
+        window = self._window
+        if ahead <= 0 and (ahead <= -window or self._seen >> -ahead & 1):
             return Refusal.REPLAYED
         body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
         if body is None:
             return Refusal.FORGED
         if ahead > 0:
-            self._seen = (self._seen << ahead | 1) & _WINDOW_MASK if ahead < REPLAY_WINDOW else 1
+            self._seen = (self._seen << ahead | 1) & ((1 << window) - 1) if ahead < window else 1
             self._top = sequence
         else:
             self._seen |= 1 << -ahead

@@ -32,9 +32,7 @@ class Rounds:
         self.now_ns += rtt_ns
         for number in range(arrived):
             if used:
-                rate.in_flight += 10**9
-                rate.has_room(reserve=False)
-                rate.in_flight -= 10**9
+                rate.on_limited()
             rate.on_acknowledged(PACKET_BYTES)
             if number < SAMPLES_MIN:
                 rate.on_round_trip(rtt_ns, self.now_ns)
@@ -145,3 +143,10 @@ def test_silence_halves_the_window() -> None:
     for _ in range(9):
         rate.on_silence()
     assert rate.window == WINDOW_MIN
+
+
+def test_a_round_trip_that_is_known_from_beacons_shows_the_queue_at_once() -> None:
+    rate = RateControl(0, base_ns=RTT)
+    rate.on_round_trip(5 * RTT, 0)
+    assert rate.queueing_ns == 4 * RTT
+    assert RateControl(0).queueing_ns == 0

@@ -61,6 +61,31 @@ def test_a_clean_link_and_a_single_loss_stay_with_the_connection() -> None:
     assert not any(chosen(ReliableLinks(Config()), [0.0, 0.0625, 0.0, 0.0, 0.0625, 0.0]))
 
 
+def seconds_with(links: ReliableLinks, round_trips_ms: list[int], first_s: int = 0) -> list[bool]:
+    """Whether datagrams are used after each second with these round trips, without loss."""
+    found: list[bool] = []
+    for second, rtt_ms in enumerate(round_trips_ms, first_s):
+        links.on_quality(UAV1, LinkQuality(0.0, rtt_ms * 1_000_000), second * S)
+        found.append(links.uses_datagrams(UAV1))
+    return found
+
+
+def test_a_link_whose_queue_the_connection_fills_gets_datagrams() -> None:
+    assert seconds_with(ReliableLinks(Config()), [20, 30, 90, 110]) == [False, False, False, True]
+    assert not any(seconds_with(ReliableLinks(Config()), [20, 120, 20, 120, 20])), "one second proves nothing"
+    assert not any(seconds_with(ReliableLinks(Config()), [200, 0, 220, 200])), "a long way is no queue"
+
+
+def test_a_full_link_keeps_its_datagrams() -> None:
+    links = ReliableLinks(Config())
+    seconds_with(links, [20, 120, 120])
+    for number in range(100):
+        links.on_frame(UAV1, SESSION, queued(number, 1000), 3 * S)
+    assert all(seconds_with(links, [30] * 60, first_s=3))
+    links.on_gone(UAV1, 63 * S)
+    assert not seconds_with(links, [30] * 60, first_s=63)[-1]
+
+
 def test_a_link_without_loss_for_a_while_gets_its_connection_back() -> None:
     links = ReliableLinks(Config())
     chosen(links, [0.3])
@@ -153,7 +178,7 @@ def test_frames_of_a_lost_neighbour_are_returned_and_its_numbers_continue() -> N
     links.on_frame(UAV1, SESSION, queued(1), 0)
     assert [one.frame.sequence for one in links.on_gone(UAV1, S)] == [1]
     assert links.deadline_ns() is None
-    assert not links.uses_datagrams(UAV1)
+    assert links.uses_datagrams(UAV1), "when it returns, the link is as lossy as before"
     assert links.on_gone(UAV1 + 1, S) == []
     [packet] = packets(links.on_frame(UAV1, SESSION, queued(2), 2 * S))
     assert (packet.number, packet.floor) == (1, 1)

@@ -56,6 +56,11 @@ class OutgoingMessages:
         return len(self._queue) + len(self._messages)
 
     @property
+    def waiting(self) -> int:
+        """Frames that have not begun."""
+        return len(self._queue)
+
+    @property
     def floor(self) -> int:
         """All messages before this number have arrived."""
         return next(iter(self._messages), self._next_number)

@@ -35,13 +35,14 @@ BURST: Final = 4 * PACKET_BYTES
 class RateControl:
     """The congestion window of a link, and its pace."""
 
-    def __init__(self, now_ns: int, usual_loss: float = 0.0) -> None:
+    def __init__(self, now_ns: int, usual_loss: float = 0.0, base_ns: int | None = None) -> None:
+        """`base_ns`: round trip without a queue, as beacons measured it; None: not known."""
         self.window = float(WINDOW_FIRST)
         self.in_flight = 0
         self._usual_loss = usual_loss
         self._starting = True
         """The window doubles in each round until a queue is seen."""
-        self._base_ns: int | None = None
+        self._base_ns = base_ns
         self._former_base_ns: int | None = None
         self._base_since_ns = now_ns
         self._round_ns = now_ns
@@ -72,12 +73,11 @@ class RateControl:
 
     def has_room(self, reserve: bool) -> bool:
         """Whether another packet may be in flight; `reserve`: it carries commands, which go before others."""
-        if reserve:
-            return self.in_flight < 1.5 * self.window + BURST
-        if self.in_flight >= self.window:
-            self._is_used = True
-            return False
-        return True
+        return self.in_flight < (1.5 * self.window + BURST if reserve else self.window)
+
+    def on_limited(self) -> None:
+        """More would be sent, if the window were larger."""
+        self._is_used = True
 
     def wait_ns(self, smoothed_ns: int, now_ns: int) -> int:
         """Time until the pace allows the next packet; 0: now."""

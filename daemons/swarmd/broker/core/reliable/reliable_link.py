@@ -34,6 +34,9 @@ BLOCKED: Final = 12
 """Probes in a row without an acknowledgement after which the neighbour does not get the datagrams: they are
 blocked on the way, or it does not know them."""
 
+FULL: Final = 8
+"""Frames that wait to begin, from which on the rate of the link is the limit."""
+
 
 class SendPacket(msgspec.Struct, frozen=True, gc=False):
     """Action: seal this packet and send it to the neighbour, if this is its present session."""
@@ -70,11 +73,13 @@ LinkAction = SendPacket | DeliverFrame | FrameBegun | FramesDropped
 class ReliableLink:
     """Sends frames as pieces in packets until they arrive, and puts those of the neighbour together."""
 
-    def __init__(self, hw: int, session: int, rtt_ns: int, loss: float, now_ns: int) -> None:
-        """`rtt_ns`, `loss`: of the beacons, as a first guess; 0: not known."""
+    def __init__(
+        self, hw: int, session: int, rtt_ns: int, loss: float, now_ns: int, base_ns: int | None = None
+    ) -> None:
+        """`rtt_ns`, `loss`, `base_ns`: of the beacons, as a first guess; 0 or None: not known."""
         self.hw = hw
         self.session = session
-        self.rate = RateControl(now_ns, loss)
+        self.rate = RateControl(now_ns, loss, base_ns)
         self._outgoing = OutgoingMessages()
         self._recovery = LossRecovery(rtt_ns)
         self._received = ReceivedPackets()
@@ -90,6 +95,11 @@ class ReliableLink:
     def is_blocked(self) -> bool:
         """Whether its datagrams do not reach the neighbour, although its beacons arrive."""
         return self._recovery.probes >= BLOCKED or self._next_number >= NUMBER_MAX - ROOM
+
+    @property
+    def is_full(self) -> bool:
+        """Whether frames wait because the link is slower than they come."""
+        return self._outgoing.waiting > FULL
 
     @property
     def repeated_bytes(self) -> int:
@@ -179,7 +189,11 @@ class ReliableLink:
             ranks: tuple[Priority, ...] = ()
             if outgoing.has(COMMANDS) and rate.has_room(reserve=True):
                 ranks = COMMANDS
-            if outgoing.has(ALL) and rate.has_room(reserve=False):
+            if not outgoing.has(ALL):
+                break
+            if not rate.has_room(reserve=False):
+                rate.on_limited()
+            else:
                 wait_ns = rate.wait_ns(self._recovery.smoothed_ns, now_ns)
                 if not wait_ns:
                     ranks = ALL

@@ -1,7 +1,8 @@
 """The reliable links of a node: which neighbours get their frames in datagrams, and their sessions.
 
-TCP recovers slowly from loss without congestion: at 30 % a connection stops for seconds. So frames
-travel over TCP where a link is clean, and in datagrams where its beacons are lost.
+TCP recovers slowly from loss without congestion: at 30 % a connection stops for seconds. And it fills the
+queue of a slow link, in which beacons and commands wait. So frames travel over TCP where a link is clean and
+fast enough, and in datagrams where its beacons are lost or late.
 """
 
 from typing import Final
@@ -17,6 +18,12 @@ LOSSY: Final = 0.05
 CLEAN: Final = 0.01
 """Smoothed loss below which they travel over TCP again, after `CLEAN_NS`."""
 CLEAN_NS: Final = 20_000_000_000
+QUEUE_NS: Final = 60_000_000
+"""Round trip of the beacons above its minimum that shows a queue, in `QUEUED` seconds in a row: twice what
+the window of a reliable link fills."""
+QUEUED: Final = 2
+BASE_RISE: Final = 64
+"""Part of its excess by which the minimum of the round trip follows each second: delays may have grown."""
 WEIGHT: Final = 0.4
 """Weight of the newest second's loss: at 30 % the first second is enough, a single loss is not."""
 OUTAGE: Final = 0.7
@@ -56,9 +63,24 @@ Action = LinkAction | UseConnection | UseDatagrams
 class _Choice(msgspec.Struct):
     loss: float = 0.0
     """Smoothed."""
+    base_ns: int | None = None
+    """Minimum of the round trip."""
+    queued: int = 0
+    """Seconds in a row with a queue."""
     by_datagram: bool = False
     clean_since_ns: int | None = None
     blocked_until_ns: int = 0
+
+    def on_round_trip(self, rtt_ns: int) -> None:
+        """The smoothed round trip of the last beacons; 0: not measured."""
+        if not rtt_ns:
+            return
+        base_ns = self.base_ns
+        if base_ns is None or rtt_ns <= base_ns:
+            self.base_ns = rtt_ns
+        elif not self.by_datagram:
+            self.base_ns = base_ns + (rtt_ns - base_ns) // BASE_RISE
+        self.queued = self.queued + 1 if rtt_ns - (self.base_ns or 0) > QUEUE_NS else 0
 
 
 class ReliableLinks:
@@ -88,6 +110,7 @@ class ReliableLinks:
         self._qualities[hw] = quality
         choice = self._choices.setdefault(hw, _Choice())
         choice.loss += WEIGHT * (quality.loss - choice.loss)
+        choice.on_round_trip(quality.rtt_ns)
         link = self._links.get(hw)
         if link is not None:
             link.rate.on_link_loss(choice.loss)
@@ -95,21 +118,25 @@ class ReliableLinks:
                 choice.by_datagram, choice.blocked_until_ns = False, now_ns + BLOCKED_NS
                 return [UseConnection(hw, link.clear(now_ns))]
         if choice.by_datagram:
-            if choice.loss > CLEAN or self._carrier is FrameCarrier.UDP:
+            if (
+                choice.loss > CLEAN
+                or self._carrier is FrameCarrier.UDP
+                or (link is not None and link.is_full)
+            ):
                 choice.clean_since_ns = None
             elif choice.clean_since_ns is None:
                 choice.clean_since_ns = now_ns
             elif now_ns - choice.clean_since_ns >= CLEAN_NS:
                 choice.by_datagram = False
             return []
-        if choice.loss < LOSSY and self._carrier is not FrameCarrier.UDP:
+        if choice.loss < LOSSY and choice.queued < QUEUED and self._carrier is not FrameCarrier.UDP:
             return []
         return self._choose_datagrams(hw, choice, now_ns)
 
     def _choose_datagrams(self, hw: int, choice: _Choice, now_ns: int) -> list[Action]:
         if self._carrier is FrameCarrier.TCP or now_ns < choice.blocked_until_ns:
             return []
-        choice.by_datagram, choice.clean_since_ns = True, None
+        choice.by_datagram, choice.clean_since_ns, choice.queued = True, None, 0
         return [UseDatagrams(hw)]
 
     def on_frame(self, hw: int, session: int, queued: QueuedFrame, now_ns: int) -> list[Action]:
@@ -134,7 +161,9 @@ class ReliableLinks:
         if former is not None and former.session == session:
             return former, []
         quality = self._qualities.get(hw, UNKNOWN)
-        link = self._links[hw] = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns)
+        choice = self._choices.get(hw)
+        base_ns = None if choice is None else choice.base_ns
+        link = self._links[hw] = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns, base_ns)
         actions: list[Action] = []
         for queued in [] if former is None else former.clear(now_ns):
             actions += link.on_frame(queued, now_ns)
@@ -156,8 +185,12 @@ class ReliableLinks:
         return min((one for one in instants if one is not None), default=None)
 
     def on_gone(self, hw: int, now_ns: int) -> list[QueuedFrame]:
-        """A neighbour is lost; returns the frames that have not arrived."""
-        self._choices.pop(hw, None)
+        """A neighbour is lost; returns the frames that have not arrived.
+
+        If its link lost packets, it begins with datagrams when it returns.
+        """
+        if not self.uses_datagrams(hw):
+            self._choices.pop(hw, None)
         self._qualities.pop(hw, None)
         link = self._links.get(hw)
         return [] if link is None else link.clear(now_ns)

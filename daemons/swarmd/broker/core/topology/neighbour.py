@@ -34,10 +34,12 @@ _LOSS_MIN: Final = 0.0075
 """Assumed loss of a link that has lost nothing yet: one datagram in two windows."""
 MISSES_MAX: Final = 8
 """Limit of consecutive losses; `notice_ns`, the wait of a restarted node, depends on it."""
+LOSSY_RATIO: Final = 1.3
+"""Link timeouts of silence that take a link down whose loss allows `MISSES_MAX`: 13 beacons at 10 Hz."""
 NOTICE_SLACK_NS: Final = 250_000_000
 """Margin for the delay of a datagram and of a timer."""
-_BAD: Final = 0.5
-"""A link with more loss is taken down early, so that routes do not wait for it."""
+_BAD, _BAD_OF = 0.65, 32
+"""A link with more loss of at least this many datagrams is taken down early: routes do not wait for it."""
 FIRST_PERIOD_NS: Final = 500_000_000
 _PERIOD_MAX_NS: Final = 10_000_000_000
 LISTING_NS: Final = 3_000_000_000
@@ -179,8 +181,8 @@ class Neighbour:
             return 2
         if self.window == _LONG_MASK:
             return _misses(_LOSS_MIN, neighbours)
-        lost = min(LONG_WINDOW, self.expected) - self.window.bit_count()
-        long_loss = lost / max(WINDOW, min(LONG_WINDOW, self.expected))
+        expected = min(LONG_WINDOW, self.expected)
+        long_loss = (expected - self.window.bit_count()) / max(_BAD_OF, expected)
         if long_loss >= _BAD:
             return 2
         lately = min(WINDOW, self.expected) - (self.window & _WINDOW_MASK).bit_count()
@@ -199,7 +201,7 @@ def notice_ns(period_ns: int, timeout_ns: int) -> int:
     """
     periods_ns = round((MISSES_MAX + PERIODS - 2) * period_ns)
     first_ns = round(PERIODS * FIRST_PERIOD_NS)
-    return max(timeout_ns, first_ns, periods_ns) + NOTICE_SLACK_NS
+    return max(round(LOSSY_RATIO * timeout_ns), first_ns, periods_ns) + NOTICE_SLACK_NS
 
 
 class NeighbourTable:
@@ -245,8 +247,6 @@ class NeighbourTable:
         """Number of nodes in range, which share the channel."""
         return self._active
 
-    # input
-
     def on_header(
         self,
         header: Header,
@@ -274,8 +274,10 @@ class NeighbourTable:
         neighbour.received += 1
         self._count(neighbour, header)
         neighbour.missed = 0
-        half_periods = 2 * neighbour.misses(len(self._all)) + _HALVES
-        neighbour.deadline_ns = rx_ns + max(self._timeout_ns, half_periods * neighbour.period_ns // 2)
+        misses = neighbour.misses(len(self._all))
+        timeout_ns = self._timeout_ns if misses < MISSES_MAX else round(LOSSY_RATIO * self._timeout_ns)
+        periods_ns = (2 * misses + _HALVES) * neighbour.period_ns // 2
+        neighbour.deadline_ns = rx_ns + max(timeout_ns, periods_ns)
         return neighbour
 
     def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
@@ -388,8 +390,6 @@ class NeighbourTable:
         """Instant by which `advance` must be called; None: no deadline."""
         return min((n.deadline_ns for n in self._all.values() if n.state is not LinkState.DOWN), default=None)
 
-    # output
-
     def sent(self, sequence: int, tx_ns: int) -> None:
         """Records the send time of a datagram, for the echoes that answer it."""
         self._sent[sequence & 0xFF] = (sequence, tx_ns)
@@ -455,8 +455,6 @@ class NeighbourTable:
         """Common nodes that receive every neighbour in turn: routes to them need no advertisement."""
         self.common(now_ns)
         return self._linked
-
-    # loss measurement
 
     def _count(self, neighbour: Neighbour, header: Header) -> None:
         ahead = header.sequence - neighbour.top

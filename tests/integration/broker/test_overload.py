@@ -1,0 +1,15 @@
+"""Beacons and commands on a link that is offered ten times its rate."""
+
+import pytest
+from tests.integration.broker.namespace import figures_of
+
+
+@pytest.mark.root
+def test_beacons_and_commands_pass_ten_times_overload_of_a_slow_link() -> None:
+    seen = figures_of("overload.py", "8", tools=("ip", "tc"))
+    assert seen["offered_bit_s"] >= 10e6
+    assert seen["by_datagram"], "its queue is seen, although nothing is lost"
+    assert seen["command_p99_ms"] < 2 * 300, "over TCP half of the commands took 233 ms, and more at 8 s"
+    assert seen["beacon_p99_ms"] < 2 * 300
+    assert seen["dropped"] > 0, "what is dropped counts where it was dropped"
+    assert seen["sent_bit_s"] > 0.6e6, "the link is used"
