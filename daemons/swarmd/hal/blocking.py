@@ -20,17 +20,32 @@ class DeviceThread:
     """A thread that calls functions of one device, one after the other.
 
     A device that hangs delays neither the event loop nor the end of the process, which does not wait for it.
+    `on_idle` is called after each `idle_s` without another call.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(
+        self, name: str, *, idle_s: float | None = None, on_idle: Callable[[], None] | None = None
+    ) -> None:
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._idle_s = idle_s
+        self._on_idle = on_idle
         threading.Thread(target=self._work, name=f"hal-{name}", daemon=True).start()
 
     def _work(self) -> None:
-        while (call := self._calls.get()) is not None:
+        while (call := self._next()) is not None:
             # the errors of others are passed on; those of the last call have no receiver any more
             with suppress(SwarmError, OSError):
                 call()
+
+    def _next(self) -> Callable[[], None] | None:
+        try:
+            return self._calls.get(timeout=self._idle_s)
+        except queue.Empty:
+            return self._on_idle
+
+    def post(self, function: Callable[[], None]) -> None:
+        """Call a function in the thread without waiting for it; an error of it is dropped."""
+        self._calls.put(function)
 
     async def run(self, function: Callable[[], R]) -> R:
         """Call a function in the thread; returns its result, or raises its error."""

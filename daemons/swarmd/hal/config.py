@@ -276,6 +276,56 @@ class ServoDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Outputs that are driven."""
 
 
+class MotorPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One motor controller that follows the width of pulses."""
+
+    channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
+    """Number of the channel of the chip."""
+    stop_us: PulseWidth = 1000.0
+    """Width at which the motor stands."""
+    full_us: PulseWidth = 2000.0
+    """Width at which it has its full power."""
+
+    def width_us(self, output: float) -> float:
+        """Width of the pulses for an output from 0 to 1."""
+        return self.stop_us + min(max(output, 0.0), 1.0) * (self.full_us - self.stop_us)
+
+
+class ServoPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One servo of an airframe."""
+
+    channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
+    """Number of the channel of the chip."""
+    center_us: PulseWidth = 1500.0
+    """Width of the pulses in its centre."""
+    range_us: Annotated[float, msgspec.Meta(ge=-1500, le=1500)] = 500.0
+    """Change of the width to its end; negative: the other direction."""
+
+    def width_us(self, output: float) -> float:
+        """Width of the pulses for an output from -1 to 1."""
+        return self.center_us + min(max(output, -1.0), 1.0) * self.range_us
+
+
+class PwmFlightDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `pwm_flight`: an airframe whose motors and servos follow pulses, flown by the flight controller.
+
+    Its inertial unit has a driver of its own, with `path` as here and the rate of control of the airframe.
+    """
+
+    device: str = "/sys/class/pwm/pwmchip0"
+    """Folder of the chip."""
+    pulses_hz: Annotated[float, msgspec.Meta(ge=10, le=490)] = 400.0
+    """Pulses a second of all outputs: 400 for motor controllers, 50 for analogue servos."""
+    imu: str = "sensor/imu_raw"
+    """Board of the samples of the inertial unit; their mean is published in `sensor/imu`."""
+    imu_hz: Rate = 20.0
+    """Rate of `sensor/imu`."""
+    motors: tuple[MotorPulse, ...] = ()
+    """Motors in the order of the airframe."""
+    servos: tuple[ServoPulse, ...] = ()
+    """Servos in the order of the airframe: of a helicopter lateral, longitudinal, collective, pedal."""
+
+
 class VescMotor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One motor behind a VESC controller."""
 
@@ -347,6 +397,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     bmp280: Bmp280Driver = Bmp280Driver()
     invensense: InvensenseDriver = InvensenseDriver()
     servo: ServoDriver = ServoDriver()
+    pwm_flight: PwmFlightDriver = PwmFlightDriver()
     vesc: VescDriver = VescDriver()
     recognise: tuple[RecognitionRule, ...] = ()
     """Rules for devices that are plugged in; the first that fits decides."""

@@ -8,6 +8,7 @@ from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import ChassisConfig
 from swarmd.hal.core.flight.control_law import ControlLaw
 from swarmd.hal.core.flight.flight_core import FlightCore
+from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.errors import Denied
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -47,6 +48,11 @@ class FlightController(Chassis):
         self._height: BoardReader[Float] | None = None
         self._taken_height: Float | None = None
         self._mean: BoardWriter[Imu] | None = None
+
+    @property
+    def flight_state(self) -> FlightState:
+        """The estimated state at the newest inertial sample."""
+        return self._flight.state()
 
     @abstractmethod
     def send_outputs(self, outputs: ActuatorOutputs, stamp_ns: int) -> None:

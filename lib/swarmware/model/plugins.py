@@ -21,6 +21,7 @@ OWN_DRIVERS: Final = (
     "crsf",
     "invensense",
     "nmea",
+    "pwm_flight",
     "recording",
     "replay",
     "serial_chassis",

@@ -17,7 +17,7 @@ from swarmware.geometry.world import World
 from swarmware.model.airframe_file import load_airframe
 from swarmware.model.config import load
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types.chassis import ChassisAction, ChassisOrder
+from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder
 from swarmware.types.vehicle import Collision, Goal, NavState, NavStatus, Setpoint
 
 SHARE = Path(__file__).parents[3] / "share/swarm"
@@ -59,6 +59,7 @@ class Flight:
         self.status = NavStatus(0, NavState.IDLE)
         self.collisions: list[Collision] = []
         self.number = 0
+        self.setpoint = Setpoint(0.0)
 
     @property
     def time_s(self) -> float:
@@ -107,12 +108,17 @@ class Flight:
                 self.navigator.on_imu(imu, now_ns)
             done = self.navigator.step(now_ns)
             self.status = done.status or self.status
-            self.core.on_setpoint(done.setpoint)
+            self.setpoint = done.setpoint
         if self.commands is not None:
-            self.core.on_setpoint(self.commands(self.time_s))
+            self.setpoint = self.commands(self.time_s)
+        self.core.on_setpoint(self.setpoint)
         outputs = self.core.step(now_ns + LATE_NS)
         if outputs is not None:
-            self.simulation.on_command(outputs, now_ns + LATE_NS)
+            self.carry(outputs, now_ns + LATE_NS)
+
+    def carry(self, outputs: ActuatorOutputs, now_ns: int) -> None:
+        """Takes the outputs to the actuators."""
+        self.simulation.on_command(outputs, now_ns)
 
     def run(self, duration_s: float, each: Callable[["Flight"], None] | None = None) -> None:
         end_ns = self.now_ns + round(duration_s * 1e9)

@@ -46,6 +46,15 @@ class ControlLaw(Protocol):
         ...
 
 
+class HoverLaw(ControlLaw, Protocol):
+    """Control law of an airframe that hovers."""
+
+    @property
+    def lift_ratio(self) -> float:
+        """Lift over the weight that it commanded last."""
+        ...
+
+
 def changed(gains: G, by_name: dict[str, float]) -> G:
     """The gains with some of them changed.
 

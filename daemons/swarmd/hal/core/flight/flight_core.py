@@ -3,7 +3,7 @@
 from typing import Final
 
 from swarmd.hal.core.flight.attitude_filter import AttitudeFilter
-from swarmd.hal.core.flight.control_law import ControlLaw
+from swarmd.hal.core.flight.control_law import ControlLaw, HoverLaw
 from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmd.hal.core.flight.helicopter_controller import HelicopterController
@@ -11,6 +11,7 @@ from swarmd.hal.core.flight.imu_mean import ImuMean
 from swarmd.hal.core.flight.motion_filter import MotionFilter
 from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmware.model.airframe import Airframe, MultirotorAirframe
+from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import GnssFix, Imu, Setpoint
@@ -119,8 +120,11 @@ class FlightCore:
 
 def control_law(airframe: Airframe) -> ControlLaw:
     """The cascade of control loops of an airframe, with the gains of its file."""
+    return FixedWingController(airframe) if isinstance(airframe, FixedWingAirframe) else hover_law(airframe)
+
+
+def hover_law(airframe: MultirotorAirframe | HelicopterAirframe) -> HoverLaw:
+    """The cascade of an airframe that hovers."""
     if isinstance(airframe, MultirotorAirframe):
         return MultirotorController(airframe)
-    if isinstance(airframe, HelicopterAirframe):
-        return HelicopterController(airframe)
-    return FixedWingController(airframe)
+    return HelicopterController(airframe)

@@ -30,7 +30,7 @@ _LIFT_MIN, _LIFT_MAX = 0.4, 1.7
 class HelicopterController:
     """Cascade of a helicopter: that of a multirotor, with a rotor that tilts instead of a mixer."""
 
-    __slots__ = ("_airframe", "_climb", "_gains", "_rate", "_velocity", "_whole")
+    __slots__ = ("_airframe", "_climb", "_gains", "_rate", "_velocity", "_whole", "lift_ratio")
 
     follows_nose: Final = False
 
@@ -42,6 +42,8 @@ class HelicopterController:
         self._climb = ClimbLoop()
         self._whole = True
         """Whether no servo was at its end."""
+        self.lift_ratio = 0.0
+        """Lift over the weight that it commanded last."""
 
     @property
     def gains(self) -> dict[str, float]:
@@ -65,12 +67,14 @@ class HelicopterController:
         if landed:
             self.reset()
             if wanted.vz_m_s < _LIFT_M_S:
+                self.lift_ratio = 0.0
                 return _GROUND
         airframe, gains, limits = self._airframe, self._gains, self._airframe.limits
         roll, pitch = self._velocity.tilt_rad(gains, limits, (wanted.vx_m_s, wanted.vy_m_s), state, dt_s)
         climb = self._climb.acceleration_m_s2(gains, limits, wanted.vz_m_s, state, dt_s)
         upright = max(_TILT_MIN, math.cos(state.roll_rad) * math.cos(state.pitch_rad))
         lift = min(max((GRAVITY_M_S2 + climb) / upright, _LIFT_MIN * GRAVITY_M_S2), _LIFT_MAX * GRAVITY_M_S2)
+        self.lift_ratio = lift * upright / GRAVITY_M_S2
         collective = airframe.collective(airframe.body.mass_kg * lift)
         yaw_rate = min(max(wanted.wz_rad_s, -limits.turn_max_rad_s), limits.turn_max_rad_s)
         rates = body_rates(state, roll, pitch, yaw_rate, gains.attitude_kp_1_s, limits.rate_max_rad_s)

@@ -29,7 +29,17 @@ _TILT_MIN: Final = 0.5
 class MultirotorController:
     """Cascade of a multirotor with any number of rotors; all that differs is in the file of its airframe."""
 
-    __slots__ = ("_airframe", "_climb", "_gains", "_idle", "_mixer", "_rate", "_velocity", "_whole")
+    __slots__ = (
+        "_airframe",
+        "_climb",
+        "_gains",
+        "_idle",
+        "_mixer",
+        "_rate",
+        "_velocity",
+        "_whole",
+        "lift_ratio",
+    )
 
     follows_nose: Final = False
 
@@ -43,6 +53,8 @@ class MultirotorController:
         self._idle = ActuatorOutputs((IDLE,) * len(airframe.rotors))
         self._whole = True
         """Whether the motors produced all that was commanded last."""
+        self.lift_ratio = 0.0
+        """Lift over the weight that it commanded last."""
 
     @property
     def gains(self) -> dict[str, float]:
@@ -68,6 +80,7 @@ class MultirotorController:
             self._velocity.reset()
             if wanted.vz_m_s < _LIFT_M_S:
                 self._climb.reset()
+                self.lift_ratio = 0.0
                 return self._idle
         airframe, gains, limits = self._airframe, self._gains, self._airframe.limits
         roll, pitch = self._velocity.tilt_rad(gains, limits, (wanted.vx_m_s, wanted.vy_m_s), state, dt_s)
@@ -79,6 +92,7 @@ class MultirotorController:
         full_n = airframe.motor.thrust_max_n * len(airframe.rotors)
         thrust = airframe.body.mass_kg * lift / upright
         thrust = max(_THRUST_MIN_RATIO * full_n, min(_THRUST_MAX_RATIO * full_n, thrust))
+        self.lift_ratio = thrust * upright / airframe.hover_thrust_n
         motors, self._whole = self._mixer.outputs(thrust, moment)
         return ActuatorOutputs(motors)
 

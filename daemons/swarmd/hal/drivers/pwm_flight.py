@@ -1,0 +1,177 @@
+"""Driver of an airframe whose motors and servos follow pulses: the flight controller on its actuators."""
+
+import logging
+from collections.abc import Sequence
+from typing import Final
+
+from swarmd.hal.blocking import DeviceThread
+from swarmd.hal.buses.pwm import PwmChannel
+from swarmd.hal.config import ChassisConfig, Config, MotorPulse, PwmFlightDriver, ServoPulse
+from swarmd.hal.core.flight.control_law import HoverLaw
+from swarmd.hal.core.flight.flight_core import hover_law
+from swarmd.hal.core.flight.motor_phase import FlightSample, MotorSwitch
+from swarmd.hal.driver import Device, Site
+from swarmd.hal.flight_controller import FlightController
+from swarmware.errors import ConfigError
+from swarmware.model.airframe import Airframe, MultirotorAirframe
+from swarmware.model.fixed_wing_airframe import FixedWingAirframe
+from swarmware.module.module import Module
+from swarmware.types.chassis import ActuatorOutputs, ChassisOrder, ChassisReport
+from swarmware.types.vehicle import Setpoint
+
+log = logging.getLogger("swarm.hal")
+
+_IDLE_S: Final = 0.5
+"""Time without a call after which the thread of the device stops the motors: the event loop hangs."""
+_REPORT_NS: Final = 500_000_000
+"""Period of the report without a change: a chassis that is silent for 3 s counts as lost."""
+_HELICOPTER: Final = (1, 4)
+"""Motors, and servos: lateral and longitudinal cyclic, collective, pedal."""
+
+
+class PwmFlight(FlightController):
+    """Flight controller whose motors follow the width of pulses of the PWM of Linux.
+
+    The pulses of a killed process continue until the guard has started `hal` again, which stops them.
+    """
+
+    def __init__(
+        self, config: ChassisConfig, settings: PwmFlightDriver, law: HoverLaw, control_hz: float
+    ) -> None:
+        super().__init__("pwm_flight", config, law, control_hz, settings.imu, settings.imu_hz)
+        self._settings = settings
+        self._law = law
+        self._switch = MotorSwitch()
+        self._setpoint = Setpoint(0.0)
+        self._outputs = ActuatorOutputs()
+        self._reported: tuple[ChassisReport, int] | None = None
+        """The report that was made last, and when."""
+        self._thread: DeviceThread | None = None
+        self._channels: list[PwmChannel] = []
+        self._widths_us: Sequence[float] = ()
+        """What the channels have now."""
+
+    async def open(self, module: Module) -> None:
+        """Opens the channels, whose motors stop; the vehicle is disarmed.
+
+        Raises: DeviceError, DeviceGone.
+        """
+        self._switch, self._outputs, self._reported = MotorSwitch(), ActuatorOutputs(), None
+        self._thread = DeviceThread(self.name, idle_s=_IDLE_S, on_idle=self._stop)
+        await self._thread.run(self._connect)
+        await super().open(module)
+        self._report(module.now_ns())
+
+    def _connect(self) -> None:
+        settings = self._settings
+        numbers = [one.channel for one in settings.motors] + [one.channel for one in settings.servos]
+        for number in numbers:
+            self._channels.append(PwmChannel(settings.device, number, 1 / settings.pulses_hz))
+        self._stop()
+
+    async def write(self, now_ns: int) -> bool:
+        """Runs the cascade for the newest inertial sample, and sets the pulses.
+
+        Raises: DeviceError when a channel fails.
+        """
+        stepped = await super().write(now_ns)
+        if self._switch.on_timer(now_ns):
+            log.warning("driver %s: no inertial samples: the motors are stopped", self.name)
+        self._report(now_ns)
+        widths = self._widths(self._switch.outputs(self._outputs))
+        if self._thread is not None:
+            await self._thread.run(lambda: self._carry(widths))
+        return stepped
+
+    def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        """Takes the set-point that the cascade follows."""
+        self._setpoint = setpoint
+        super().send_setpoint(setpoint, stamp_ns)
+
+    def send_outputs(self, outputs: ActuatorOutputs, stamp_ns: int) -> None:
+        """Takes the outputs of one step; `write` sets the pulses."""
+        self._outputs = outputs
+        sample = FlightSample(self.flight_state, self._law.lift_ratio, self._setpoint.vz_m_s)
+        self._switch.on_step(sample, stamp_ns)
+
+    def carry_order(self, order: ChassisOrder) -> None:
+        """Executes the order; motors that it stops stop at once."""
+        module, thread = self.module, self._thread
+        if module is None or thread is None:
+            return
+        report = self._switch.on_order(order, module.now_ns())
+        if not report.armed:
+            thread.post(self._stop)
+        self.on_report(report, module.now_ns())
+
+    def _report(self, now_ns: int) -> None:
+        report = self._switch.report
+        if self._reported is None or self._reported[0] != report or now_ns - self._reported[1] >= _REPORT_NS:
+            self._reported = (report, now_ns)
+            self.on_report(report, now_ns)
+
+    def _widths(self, outputs: ActuatorOutputs) -> list[float]:
+        """Widths of the pulses in µs; without outputs motors are stopped, and servos in their centre."""
+        motors, servos = self._settings.motors, self._settings.servos
+        found = [one.width_us(value) for one, value in zip(motors, outputs.motors, strict=False)]
+        found += [one.width_us(0.0) for one in motors[len(found) :]]
+        found += [one.width_us(value) for one, value in zip(servos, outputs.servos, strict=False)]
+        return found + [one.width_us(0.0) for one in servos[len(found) - len(motors) :]]
+
+    def _stop(self) -> None:
+        """Stops the motors, in the thread of the device."""
+        self._carry(self._widths(ActuatorOutputs()))
+
+    def _carry(self, widths_us: Sequence[float]) -> None:
+        """Sets the pulses that changed, in the thread of the device."""
+        if widths_us == self._widths_us:
+            return
+        self._widths_us = ()
+        for channel, width_us in zip(self._channels, widths_us, strict=True):
+            channel.set_pulse(width_us)
+        self._widths_us = widths_us
+
+    def _disconnect(self) -> None:
+        channels, self._channels = self._channels, []
+        try:
+            for channel, width_us in zip(channels, self._widths(ActuatorOutputs()), strict=False):
+                channel.set_pulse(width_us)
+        finally:
+            self._widths_us = ()
+            for channel in channels:
+                channel.close()
+
+    async def close(self) -> None:
+        """Stops the motors, and closes the channels."""
+        await super().close()
+        if self._thread is not None:
+            self._thread.close(self._disconnect)
+            self._thread = None
+
+
+def make(config: Config, site: Site) -> list[Device]:
+    """Creates the driver of the airframe.
+
+    Raises: ConfigError when the platform has none, or not as many outputs as it.
+    """
+    airframe, settings = site.airframe, config.pwm_flight
+    if airframe is None:
+        raise ConfigError("driver pwm_flight: no airframe; expected `airframe` in node.toml")
+    if isinstance(airframe, FixedWingAirframe):
+        raise ConfigError(
+            "driver pwm_flight: a fixed wing; expected an airframe that hovers: nothing here shows that an"
+            " aircraft has landed"
+        )
+    _check_outputs(airframe, settings.motors, settings.servos)
+    return [PwmFlight(config.chassis, settings, hover_law(airframe), airframe.control_hz)]
+
+
+def _check_outputs(airframe: Airframe, motors: Sequence[MotorPulse], servos: Sequence[ServoPulse]) -> None:
+    """Check the number of outputs. Raises: ConfigError."""
+    wanted = (len(airframe.rotors), 0) if isinstance(airframe, MultirotorAirframe) else _HELICOPTER
+    for name, given, expected in zip(("motors", "servos"), (motors, servos), wanted, strict=True):
+        if len(given) != expected:
+            raise ConfigError(
+                f"services/hal.toml: key pwm_flight.{name}: {len(given)} given; expected {expected}, in the"
+                " order of the airframe"
+            )

@@ -1,0 +1,175 @@
+"""The flight controller on motors behind pulses: arming, kill, lost samples, a hanging loop, settings."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.unit.hal.flight.frames import SHARE, airframe
+from tests.unit.hal.test_servo import chip, number
+
+from swarmd.hal.config import Config, MotorPulse, PwmFlightDriver, ServoPulse
+from swarmd.hal.driver import DeviceGone, Site
+from swarmd.hal.drivers.pwm_flight import PwmFlight, make
+from swarmware.errors import ConfigError, Denied
+from swarmware.geometry.geodesy import GRAVITY_M_S2
+from swarmware.model.airframe_file import load_airframe
+from swarmware.model.platform_kind import PlatformKind
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.chassis import ChassisAction
+from swarmware.types.control import Drive
+from swarmware.types.vehicle import Imu
+
+STILL = Imu(0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY_M_S2, 0.0)
+SITE = Site(PlatformKind.UAV, "", airframe())
+MOTORS = tuple(MotorPulse(channel=index) for index in range(4))
+STOP, IDLE = [1000] * 4, [1060] * 4
+MS = 1_000_000
+
+
+def driver(device: Path) -> PwmFlight:
+    (made,) = make(Config(pwm_flight=PwmFlightDriver(device=str(device), motors=MOTORS)), SITE)
+    assert isinstance(made, PwmFlight)
+    return made
+
+
+class Rig:
+    """The driver on a chip of files, its inertial unit, and the commands that control lets through."""
+
+    def __init__(self, driver: PwmFlight, module: Module, other: Module, folder: Path) -> None:
+        self.driver, self.module, self.folder = driver, module, folder
+        self.imu: BoardWriter[Imu] = other.writer("sensor/imu_raw", Imu)
+        self.drives: BoardWriter[Drive] = other.writer("act/drive", Drive)
+
+    @property
+    def widths_us(self) -> list[int]:
+        """Width of the pulses of each motor."""
+        return [number(self.folder / f"pwm{index}", "duty_cycle") // 1000 for index in range(4)]
+
+    @property
+    def armed(self) -> bool:
+        assert self.driver.state is not None
+        return self.driver.state.armed
+
+    async def step(self, count: int = 1) -> None:
+        """Serves so many samples of a unit at rest."""
+        for _ in range(count):
+            self.imu.write(STILL)
+            await self.driver.write(self.module.now_ns())
+
+    async def arm(self) -> None:
+        await self.step(3)
+        await self.driver.execute(ChassisAction.ARM)
+        await self.step()
+        assert self.widths_us == IDLE
+
+    async def until_stopped(self) -> None:
+        await asyncio.to_thread(self.spin_until_stopped)
+
+    def spin_until_stopped(self) -> None:
+        end_s = time.monotonic() + 10.0
+        while self.widths_us != STOP:
+            assert time.monotonic() < end_s
+
+
+@asynccontextmanager
+async def rig(root: Path) -> AsyncIterator[Rig]:
+    folder = chip(root, 4)
+    one = driver(folder)
+    async with tmp_node(root) as node, Module("hal", node=node) as module, Module("test", node=node) as other:
+        await one.open(module)
+        try:
+            yield Rig(one, module, other, folder)
+        finally:
+            await one.close()
+
+
+async def test_the_motors_stand_until_the_vehicle_is_armed_then_turn_and_lift_it(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        assert r.widths_us == STOP
+        assert [number(r.folder / f"pwm{index}", "period") for index in range(4)] == [2_500_000] * 4
+        with pytest.raises(Denied, match="no inertial samples"):
+            await r.driver.execute(ChassisAction.ARM)
+        await r.step(3)
+        assert r.widths_us == STOP
+        await r.arm()
+        r.drives.write(Drive(0.0, 0.0, 1.0))
+        await r.step(2)
+        assert all(1400 < width < 2000 for width in r.widths_us)
+        await r.driver.execute(ChassisAction.DISARM)
+        await r.step()
+        assert not r.armed
+        assert r.widths_us == STOP
+
+
+async def test_a_kill_stops_the_motors_before_the_next_sample(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        await r.arm()
+        assert not (await r.driver.execute(ChassisAction.KILL)).armed
+        await r.until_stopped()
+
+
+async def test_without_inertial_samples_the_motors_stop_and_the_vehicle_is_disarmed(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        await r.arm()
+        now_ns = r.module.now_ns()
+        await r.driver.write(now_ns + 300 * MS)
+        assert "the attitude is not known" in r.driver.failsafe(now_ns + 300 * MS)
+        assert r.widths_us == IDLE
+        await r.driver.write(now_ns + 900 * MS)
+        assert r.widths_us == STOP
+        assert not r.armed
+
+
+async def test_the_motors_stop_when_the_event_loop_hangs_and_when_the_driver_ends(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        await r.arm()
+        r.spin_until_stopped()  # nothing else runs on this loop meanwhile
+        await r.step()
+        assert r.widths_us == IDLE
+        await r.driver.close()
+        await r.until_stopped()
+
+
+async def test_opened_again_it_is_disarmed_and_a_chip_that_is_missing_is_waited_for(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        await r.arm()
+        await r.driver.close()
+        await r.driver.open(r.module)
+        assert not r.armed
+        lost = driver(tmp_path / "none")
+        with pytest.raises(DeviceGone, match="no such device"):
+            await lost.open(r.module)
+        await lost.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "expected"),
+    [
+        ("", PwmFlightDriver(), "no airframe; expected `airframe` in node.toml"),
+        ("quad_1k5", PwmFlightDriver(motors=MOTORS[:3]), r"pwm_flight\.motors: 3 given; expected 4"),
+        ("hexa_14k", PwmFlightDriver(motors=MOTORS), r"pwm_flight\.motors: 4 given; expected 6"),
+        ("helicopter", PwmFlightDriver(motors=MOTORS[:1]), r"pwm_flight\.servos: 0 given; expected 4"),
+        ("fixed_wing", PwmFlightDriver(), "expected an airframe that hovers"),
+    ],
+)
+def test_outputs_that_do_not_fit_the_airframe_are_refused(
+    name: str, settings: PwmFlightDriver, expected: str
+) -> None:
+    site = Site(PlatformKind.UAV, "", load_airframe(SHARE, name) if name else None)
+    with pytest.raises(ConfigError, match=expected):
+        make(Config(pwm_flight=settings), site)
+
+
+def test_the_widths_of_servos_are_about_their_centres_and_those_of_motors_above_their_stop() -> None:
+    left = ServoPulse(channel=0, center_us=1520.0, range_us=-400.0)
+    assert [left.width_us(value) for value in (-2.0, 0.0, 0.5)] == [1920.0, 1520.0, 1320.0]
+    motor = MotorPulse(channel=0, stop_us=1100.0, full_us=1900.0)
+    assert [motor.width_us(value) for value in (-1.0, 0.0, 0.5, 3.0)] == [1100.0, 1100.0, 1500.0, 1900.0]
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"channel": 0, "stop_us": -1.0}, MotorPulse)
