@@ -40,6 +40,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         "name": "Name of the lab; default: the experiment's.",
         "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",
         "units": "Run the services of each vehicle, or of those named (a,b), on three computers.",
+        "airframe": "Airframe of the air vehicles, or of those named: helicopter, uav1=fixed_wing.",
         "mongodb": "Forward all logs to this database as well.",
     }
     options = (
@@ -56,6 +57,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
             "--per-daemon", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["per_daemon"]
         ),
         click.option("--units", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["units"]),
+        click.option("--airframe", multiple=True, metavar="[NAMES=]AIRFRAME", help=about["airframe"]),
         click.option("--mongodb", "mongodb_uri", default="", metavar="URI", help=about["mongodb"]),
     )
 

@@ -110,6 +110,10 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     nodes: tuple[LabNode, ...]
     unit_delay_ms: tuple[float, ...] = ()
     """Shortest and longest simulated delay between the computers of a vehicle; empty: none."""
+    world: str = ""
+    """World of the vehicles; empty: that of the experiment."""
+    airframes: dict[str, str] = {}
+    """Airframes by air vehicle; of others motion is simulated without one."""
 
     def node(self, platform: str) -> LabNode:
         """The node of that platform.

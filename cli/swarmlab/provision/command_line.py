@@ -21,6 +21,8 @@ def run_command(spec: LabSpec, duration_s: float, out_dir: Path) -> str:
         words += ["--per-daemon", spec.per_daemon]
     if spec.units is not None:
         words += ["--units", spec.units]
+    for airframe in spec.airframe:
+        words += ["--airframe", airframe]
     if spec.mongodb_uri:
         words += ["--mongodb", without_password(spec.mongodb_uri)]
     return shlex.join([*words, "--duration", f"{duration_s:g}", "--out", str(out_dir)])

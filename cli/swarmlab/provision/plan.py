@@ -111,6 +111,19 @@ def distributed(spec: str | None, who: tuple[PlannedNode, ...]) -> frozenset[str
     return _named("--units", spec, known)
 
 
+def airframes(specs: Sequence[str], who: tuple[PlannedNode, ...]) -> dict[str, str]:
+    """Airframe by air vehicle, from `AIRFRAME` (of all) or `NAMES=AIRFRAME`; the later one counts.
+
+    Raises: InvalidInput when a name is not an air vehicle of the lab.
+    """
+    known = {member.platform for member in who if member.kind is PlatformKind.UAV}
+    found: dict[str, str] = {}
+    for spec in specs:
+        names, _, airframe = spec.rpartition("=")
+        found |= dict.fromkeys(_named("--airframe", names, known), airframe)
+    return found
+
+
 def start_order(platforms: Sequence[str], seed: int) -> list[str]:
     """Platforms in a random order: no node may depend on the order of starts (S0.37)."""
     names = list(platforms)

@@ -21,6 +21,8 @@ from swarmlab.radio.files import find_radio, load_radio
 from swarmlab.radio.namespace import check_rights
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
 from swarmware.model import paths
+from swarmware.model.airframe_file import load_airframe
+from swarmware.model.config import share_dir
 from swarmware.model.names import MAIN, Address
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.security.root import make_swarm
@@ -54,6 +56,8 @@ OF_UNIT: Final = {
 """
 RADIUS_M: Final = {"ugv": 0.35, "usv": 0.45, "uav": 0.3}
 """Radius of the sphere around a vehicle: configured in the simulation, used by the report."""
+AIRFIELD: Final = "airfield"
+"""World of a lab with an aircraft, which cannot stop and needs much space."""
 LIDAR: Final = "ugv1"
 """Vehicle with a lidar, which replays the packets of a real one."""
 TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "usv": "usv", "uav": "multirotor"}
@@ -78,6 +82,8 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     """None: a computer for each vehicle; `all` or names: three computers for those."""
     unit_delay_ms: tuple[float, ...] = ()
     """Shortest and longest simulated delay between the computers of a vehicle."""
+    airframe: tuple[str, ...] = ()
+    """Airframes of air vehicles: `helicopter` for all, `uav1,uav2=fixed_wing` for those."""
     mongodb_uri: str = ""
 
 
@@ -93,6 +99,9 @@ def make(spec: LabSpec) -> LabState:
     who = plan.members(spec.nodes, spec.seed, spec.usv)
     separate = plan.per_daemon(spec.per_daemon, who)
     distributed = plan.distributed(spec.units, who)
+    airframes = plan.airframes(spec.airframe, who)
+    models = {name: load_airframe(share_dir(), name) for name in set(airframes.values())}
+    circles = any(model.type == "fixed_wing" for model in models.values())
     folder = _claim(spec)
     try:
         nodes = [
@@ -117,6 +126,8 @@ def make(spec: LabSpec) -> LabState:
             mongodb_database=f"swarm_{folder.name}" if spec.mongodb_uri else "",
             nodes=tuple(nodes),
             unit_delay_ms=spec.unit_delay_ms,
+            world=AIRFIELD if circles else "",
+            airframes=airframes,
         )
         labs.save(lab)
         keys = folder / "keys"
@@ -256,7 +267,8 @@ def _write(lab: LabState, node: LabNode, keys: Path) -> None:
             "data_dir": str(node.data_dir),
             "keys_dir": str(node.keys_dir),
             "clock": {"offset_s": node.offset_s, "drift_ppm": node.drift_ppm},
-        },
+        }
+        | ({"airframe": airframe} if (airframe := lab.airframes.get(address.platform)) else {}),
     )
     for name, settings in _services(lab, node).items():
         _toml(paths.service_config(node.config_dir, name), settings)
@@ -286,12 +298,14 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
         settings["broker"]["unit_delay_ms"] = list(lab.unit_delay_ms)
     if node.kind != PlatformKind.GCS:
         settings["sim"] = {
-            "world": lab.experiment,
+            "world": lab.world or lab.experiment,
             "seed": lab.seed,
             "ground": {"radius_m": RADIUS_M["ugv"]},
             "surface": {"radius_m": RADIUS_M["usv"]},
             "multirotor": {"radius_m": RADIUS_M["uav"]},
         }
+        if lab.world:
+            settings["navigator"] = {"world": lab.world}
     if node.platform == LIDAR:
         settings["hal"] = {"drivers": ["sim", "system", "replay"]}
     if lab.mongodb_uri:

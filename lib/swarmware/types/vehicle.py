@@ -383,6 +383,8 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Text for operators."""
     error: NavError = NavError.NONE
     """Error that determines how the motion of a mission ends."""
+    circle_m: Finite = 0.0
+    """Radius of the circle on which a vehicle that cannot stop keeps a place; 0: it stops there."""
 
 
 @register

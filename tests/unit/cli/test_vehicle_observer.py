@@ -11,7 +11,9 @@ from swarmctl.vehicles.observer import (
     ManoeuvreProgress,
     VehicleResult,
     VehicleSnapshot,
+    arrived_at,
     raise_failures,
+    risen_to,
 )
 from swarmctl.vehicles.selection import stations_left
 from swarmware.errors import NoAnswer, Partial, SwarmError
@@ -138,6 +140,36 @@ def test_a_vehicle_is_described_as_it_is_seen() -> None:
     assert sight(kind="ugv").words() == "stopped 0.0 m disarmed"
     assert sight(vehicle=None).words() == "unknown"
     assert math.isinf(sight(pose=None).speed_m_s)
+
+
+def on_circle(state: NavState, x_m: float, y_m: float, z_m: float) -> VehicleSnapshot:
+    """An aircraft that keeps its places on circles of 90 m, at 22 m/s."""
+    pose = msgspec.structs.replace(Pose.planar(x_m, y_m, z_m), vx_m_s=22.0)
+    return sight(vehicle=UP, nav=NavStatus(3, state, circle_m=90.0), pose=pose)
+
+
+def test_an_aircraft_that_cannot_stop_has_arrived_on_the_circle_around_its_place() -> None:
+    there = arrived_at(100.0, 0.0, 40.0)
+    assert there(on_circle(NavState.ARRIVED, 190.0, 0.0, 42.0))
+    assert there(on_circle(NavState.ARRIVED, 100.0, -85.0, 38.0))
+    assert not there(on_circle(NavState.MOVING, 190.0, 0.0, 40.0)), "it passes by"
+    assert not there(on_circle(NavState.ARRIVED, 100.0, 0.0, 40.0))
+    assert not there(on_circle(NavState.ARRIVED, 190.0, 0.0, 55.0))
+    risen = risen_to(40.0)
+    assert risen(on_circle(NavState.ARRIVED, 0.0, 0.0, 38.0))
+    assert not risen(on_circle(NavState.ARRIVED, 0.0, 0.0, 35.0))
+    assert not risen(on_circle(NavState.MOVING, 0.0, 0.0, 41.0))
+    assert BUILT_IN["hold"](on_circle(NavState.HOLDING, 0.0, 0.0, 40.0))
+    assert on_circle(NavState.HOLDING, 0.0, 0.0, 40.0).words() == "circling 40.0 m armed"
+    assert on_circle(NavState.MOVING, 0.0, 0.0, 40.0).words() == "flying 40.0 m armed"
+
+
+def test_an_aircraft_has_returned_when_it_lies_beside_its_circle() -> None:
+    landed = sight(nav=NavStatus(3, NavState.ARRIVED, circle_m=90.0), pose=Pose.planar(200.0, 0.0))
+    home = msgspec.structs.replace(landed, home=Pose.planar(0.0, 0.0))
+    assert BUILT_IN["return"](home)
+    assert not BUILT_IN["return"](msgspec.structs.replace(home, home=Pose.planar(-300.0, 0.0)))
+    assert not BUILT_IN["return"](msgspec.structs.replace(home, nav=HOLDING))
 
 
 def seen(platform: str, ok: bool, reached: bool = True, text: str = "") -> VehicleResult:

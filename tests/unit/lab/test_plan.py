@@ -56,6 +56,16 @@ def test_a_process_for_each_service_on_any_of_the_nodes() -> None:
         plan.per_daemon("uav1,usv9", who)
 
 
+def test_airframes_are_given_to_all_air_vehicles_or_to_some() -> None:
+    who = plan.members(4, 1)
+    assert plan.airframes((), who) == {}
+    assert plan.airframes(("helicopter",), who) == {"uav1": "helicopter", "uav2": "helicopter"}
+    both = plan.airframes(("quad_1k5", "uav2=fixed_wing"), who)
+    assert both == {"uav1": "quad_1k5", "uav2": "fixed_wing"}
+    with pytest.raises(InvalidInput, match="--airframe ugv1: no such node; expected some of uav1, uav2"):
+        plan.airframes(("ugv1=helicopter",), who)
+
+
 def test_only_vehicles_are_distributed_over_computers() -> None:
     who = plan.members(4, 1)
     assert plan.distributed(None, who) == frozenset()

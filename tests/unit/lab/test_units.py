@@ -1,12 +1,14 @@
 """A vehicle of a lab on three computers: each has its services, and all have the keys of the platform."""
 
 import tempfile
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from swarmlab.provision import provisioning
 from swarmlab.provision.provisioning import VEHICLE, LabSpec
+from swarmware.errors import ConfigError
 from swarmware.model import document
 from swarmware.model.config import NodeConfig, load_node
 
@@ -41,3 +43,43 @@ def test_the_services_of_a_distributed_vehicle_are_those_of_a_whole_one_each_on_
         assert "unit_delay_ms = [" in broker
     finally:
         provisioning.remove(lab)
+
+
+def test_an_airframe_is_that_of_its_vehicle_and_an_aircraft_brings_its_world(
+    monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    folder = tempfile.TemporaryDirectory()
+    request.addfinalizer(folder.cleanup)
+    monkeypatch.setenv("SWARMCTL_LABS", folder.name)
+
+    def world(services: Path, name: str) -> str:
+        path = services / name
+        return str(tomllib.loads(path.read_text()).get("world", "")) if path.exists() else ""
+
+    def made(*airframe: str) -> dict[str, tuple[str, str, str]]:
+        """Airframe of each vehicle, and the worlds of its simulation and of its navigator."""
+        lab = provisioning.make(LabSpec(experiment="formation", nodes=4, seed=1, airframe=airframe))
+        try:
+            return {
+                node.platform: (
+                    load_node(node.config_dir).airframe,
+                    world(node.config_dir / "services", "sim.toml"),
+                    world(node.config_dir / "services", "navigator.toml"),
+                )
+                for node in lab.nodes
+                if node.platform != "gcs"
+            }
+        finally:
+            provisioning.remove(lab)
+
+    plain = ("", "formation", "")
+    assert made("uav1=helicopter") == {
+        "ugv1": plain,
+        "uav1": ("helicopter", "formation", ""),
+        "uav2": plain,
+    }
+    field = ("airfield", "airfield")
+    everywhere = made("uav1=quad_1k5", "uav2=fixed_wing")
+    assert everywhere == {"ugv1": ("", *field), "uav1": ("quad_1k5", *field), "uav2": ("fixed_wing", *field)}
+    with pytest.raises(ConfigError, match="no airframe 'zeppelin'; expected one of"):
+        provisioning.make(LabSpec(experiment="formation", nodes=4, seed=1, airframe=("zeppelin",)))

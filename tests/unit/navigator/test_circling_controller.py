@@ -171,8 +171,17 @@ def test_it_has_arrived_on_the_circle_around_its_goal() -> None:
     state, _, distance, _ = pilot.see(0.0, 0.0)
     assert state is NavState.MOVING
     assert distance == pytest.approx(500.0 - RADIUS, abs=1.0)
+    assert pilot.status.circle_m == RADIUS, "it tells who waits for it that it cannot stop"
     assert pilot.see(500.0, RADIUS + 5.0)[0] is NavState.ARRIVED
     assert pilot.see(500.0, RADIUS + 50.0)[0] is NavState.MOVING
+
+
+def test_it_has_climbed_when_the_height_is_right() -> None:
+    pilot = Pilot()
+    pilot.see(0.0, 0.0, 20.0)
+    pilot.goal(GoalKind.TAKEOFF, z_m=40.0, speed_m_s=3.0)
+    assert pilot.see(0.0, 0.0, 36.0)[0] is NavState.MOVING
+    assert pilot.see(0.0, 0.0, 39.0)[0] is NavState.ARRIVED
 
 
 def test_it_holds_while_it_circles() -> None:

@@ -30,6 +30,8 @@ _ARM_GRACE_S: Final = 1.0
 _EXTRAPOLATE_S: Final = 1.0
 """Longest extrapolation of the pose of another platform."""
 _STILL_M_S: Final = 0.1
+_CIRCLING_HEIGHT_M: Final = 2.0
+"""Error of the height within which a vehicle that circles has climbed to its altitude."""
 _SCAN_AGE_S: Final = 0.5
 _ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
 """Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
@@ -237,7 +239,8 @@ class Guidance:
             (anchor.x_m, anchor.y_m),
             climb_m_s=goal.speed_m_s,
         )
-        return self._reached(target, distance, distance, self._arrive_m, blockable=True)
+        arrive = self._config.arrive_m if self._controller.circle_m == 0.0 else _CIRCLING_HEIGHT_M
+        return self._reached(target, distance, distance, arrive, blockable=True)
 
     def _go(self, goal: Goal, pose: Pose) -> _Plan:
         target = Target(goal.x_m, goal.y_m, goal.z_m, goal.yaw_rad, goal.speed_m_s, (goal.x_m, goal.y_m))
@@ -355,6 +358,7 @@ class Guidance:
             round(plan.error_m, 3),
             plan.note,
             plan.error,
+            self._controller.circle_m,
         )
         changed = _published_at_once(status) != _published_at_once(self._status)
         if not changed and now_ns - self._status_ns < 0.99e9 / self._config.status_hz:
