@@ -118,10 +118,10 @@ def test_on_the_ground_it_stays_there_until_a_climb_is_commanded() -> None:
 
 def test_without_inertial_samples_the_motors_stop_after_half_a_second() -> None:
     flight = risen("quad_1k5", 4)
-    assert not flight.switch.on_timer(flight.now_ns + 400_000_000)
-    assert flight.switch.on_timer(flight.now_ns + 600_000_000)
+    assert not flight.switch.stop_if_blind(flight.now_ns + 400_000_000)
+    assert flight.switch.stop_if_blind(flight.now_ns + 600_000_000)
     assert flight.switch.phase is MotorPhase.FALLING
-    assert not flight.switch.on_timer(flight.now_ns + 900_000_000), "it is said once"
+    assert not flight.switch.stop_if_blind(flight.now_ns + 900_000_000), "it is said once"
     assert flight.switch.outputs(ActuatorOutputs((0.5,), (0.2,))) == ActuatorOutputs((), (0.2,))
 
 

@@ -75,7 +75,7 @@ class PwmFlight(FlightController):
         Raises: DeviceError when a channel fails.
         """
         stepped = await super().write(now_ns)
-        if self._switch.on_timer(now_ns):
+        if self._switch.stop_if_blind(now_ns):
             log.warning("driver %s: no inertial samples: the motors are stopped", self.name)
         self._report(now_ns)
         widths = self._widths(self._switch.outputs(self._outputs))

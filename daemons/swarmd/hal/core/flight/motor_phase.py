@@ -95,7 +95,7 @@ class MotorSwitch:
 
     @property
     def phase(self) -> MotorPhase:
-        """The phase now."""
+        """The phase of motors and flight."""
         return self._phase
 
     @property
@@ -171,7 +171,7 @@ class MotorSwitch:
                 return MotorEvent.RESTED, FALL_NS
         return None, 0
 
-    def on_timer(self, now_ns: int) -> bool:
+    def stop_if_blind(self, now_ns: int) -> bool:
         """Stops the motors when inertial samples are missing for too long; whether it did."""
         if self._phase not in _ARMED or now_ns - self._sample_ns <= SILENCE_NS:
             return False
