@@ -6,6 +6,7 @@ from typing import Final
 
 from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import Config
+from swarmd.hal.core.line_load import crowded
 from swarmd.hal.driver import Device, Factory, Site
 from swarmware.errors import ConfigError, NotFound
 from swarmware.model.plugins import DRIVER_GROUP, OWN_DRIVERS, entry_points
@@ -48,9 +49,15 @@ def make_all(config: Config, site: Site) -> list[Device]:
 def check_names(devices: Sequence[Device], present: Sequence[Device]) -> None:
     """Checks drivers beside those that are present.
 
-    Raises: ConfigError when two have the same name, or both are chassis.
+    Raises: ConfigError when two have the same name or the same line, or both are chassis.
     """
     both = [*present, *devices]
+    uses = [(device.name, use) for device in both for use in device.line_uses]
+    if (found := crowded(uses)) is not None:
+        line, one, other = found
+        raise ConfigError(
+            f"services/hal.toml: device {line}: both {one} and {other} need it; expected a line for each"
+        )
     names = [device.name for device in both]
     if doubles := sorted({name for name in names if names.count(name) > 1}):
         raise ConfigError(f"services/hal.toml: key drivers: {doubles[0]} is listed twice, expected once")

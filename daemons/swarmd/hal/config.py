@@ -108,8 +108,8 @@ class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     device: str = "/dev/ttyUSB0"
     """Device file of the line."""
-    baud: int = 9600
-    """Rate of the line."""
+    baud: int = 38_400
+    """Rate of the line; 9600 carries fewer than five fixes a second."""
     rate_hz: Rate = 10.0
     """Rate of fixes that is expected; each is published when it arrives."""
     path: str = "sensor/gnss"
@@ -383,6 +383,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Failed reads in a row after which the device is reopened."""
     report_hz: Rate = 1.0
     """Rate of `hal/drivers`."""
+    line_bit_s: dict[str, Annotated[float, msgspec.Meta(gt=0, le=1e10)]] = {}
+    """Bits a second that lines and buses carry, by device; of others those of their standard."""
     chassis: ChassisConfig = ChassisConfig()
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from swarmd.hal.config import Config
+from swarmd.hal.core.line_load import LineUse
 from swarmware.errors import SwarmError
 from swarmware.model.airframe import Airframe
 from swarmware.model.platform_kind import PlatformKind
@@ -31,6 +32,8 @@ class Device(ABC):
     """Unique on the platform: `system`, `sim.gnss`."""
     period_s: float
     """Period of the driver, matched to the update rate of the device (S2.5); each call may change it."""
+    line_uses: tuple[LineUse, ...] = ()
+    """What it asks of lines and buses (S1.17)."""
 
     async def open(self, module: Module) -> None:  # noqa: B027  # some devices need no opening
         """Opens the device and the writers of its resources."""

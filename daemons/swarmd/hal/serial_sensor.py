@@ -5,11 +5,16 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Final, Generic, Protocol, TypeVar
 
+import msgspec
+
 from swarmd.hal.buses.serial_line import SerialLine
+from swarmd.hal.core.line_load import serial_use
 from swarmd.hal.driver import DeviceError, Sensor
 from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 
 T = TypeVar("T")
+M = TypeVar("M", bound=msgspec.Struct)
 T_co = TypeVar("T_co", covariant=True)
 
 _NAMED: Final = 2
@@ -37,10 +42,18 @@ class SerialSensor(Sensor, Generic[T]):
     silent_s = 5.0
 
     def __init__(
-        self, name: str, device: str, baud: int, rate_hz: float, decoder: Callable[[], SensorDecoder[T]]
+        self,
+        name: str,
+        device: str,
+        baud: int,
+        rate_hz: float,
+        decoder: Callable[[], SensorDecoder[T]],
+        bytes_s: float,
     ) -> None:
+        """`bytes_s`: what the sensor sends a second."""
         self.name = name
         self.period_s = 1 / rate_hz
+        self.line_uses = (serial_use(device, baud, bytes_s),)
         self._device = device
         self._baud = baud
         self._make_decoder = decoder
@@ -94,3 +107,54 @@ class SerialSensor(Sensor, Generic[T]):
         if self._line is not None:
             self._line.close()
             self._line = None
+
+
+class BoardSettings(Protocol):
+    """What a sensor with one board needs of its settings."""
+
+    @property
+    def device(self) -> str: ...
+    @property
+    def baud(self) -> int: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def path(self) -> str: ...
+
+
+class SerialBoard(SerialSensor[M], Generic[M]):
+    """Base of the drivers whose measurements are the values of one board."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: BoardSettings,
+        cls: type[M],
+        decoder: Callable[[], SensorDecoder[M]],
+        message_bytes: int,
+    ) -> None:
+        """`message_bytes`: what the sensor sends for each measurement."""
+        rate_hz = settings.rate_hz
+        super().__init__(name, settings.device, settings.baud, rate_hz, decoder, message_bytes * rate_hz)
+        self._settings = settings
+        self._cls = cls
+        self._writer: BoardWriter[M] | None = None
+
+    async def open(self, module: Module) -> None:
+        """Opens the line and the board. Raises: DeviceGone, DeviceError."""
+        await super().open(module)
+        self._writer = module.writer(self._settings.path, self._cls, rate_hz=self._settings.rate_hz)
+
+    def publish(self, value: M, now_ns: int) -> bool:
+        """Writes the board of the sensor."""
+        if self._writer is None:
+            return False
+        self._writer.write(value, now_ns)
+        return True
+
+    async def close(self) -> None:
+        """Closes the line and the board."""
+        await super().close()
+        if self.module is not None and self._writer is not None:
+            self.module.close_writer(self._writer)
+            self._writer = None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from swarmd.hal import config as settings
 from swarmd.hal.catalogue import check_names, find, make_all
 from swarmd.hal.chassis import Chassis
+from swarmd.hal.core.line_load import is_over, line_loads
 from swarmd.hal.core.recognition import Recognition
 from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import Actuator, Device, DeviceError, DeviceGone, Sensor, Site
@@ -19,7 +20,7 @@ from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
-from swarmware.types.vehicle import DriverState, DriverTable
+from swarmware.types.vehicle import DriverState, DriverTable, LineLoad
 
 if TYPE_CHECKING:
     from swarmd.hal.precise_timer import PreciseTimer
@@ -58,6 +59,7 @@ class Hal(Service):
         self._site = Site(node.kind, str(node.share_path / "data"), airframe)
         self._devices = make_all(config, self._site)
         self._schedules: dict[str, Schedule] = {}
+        self._lines: tuple[LineLoad, ...] = ()
         self._recognition = Recognition(config.recognise)
         self._plugged = Wakeup()
         """Notified when device files appear."""
@@ -92,6 +94,27 @@ class Hal(Service):
                 actuator=isinstance(device, Actuator),
             )
             group.create_task(self._keep(device, schedule), name=f"driver:{device.name}")
+        self._check_lines()
+
+    def _check_lines(self) -> None:
+        """Computes the load of the lines of all drivers, and reports one that is over its capacity."""
+        uses = [(device.name, use) for device in self._devices for use in device.line_uses]
+        self._lines = line_loads(uses, self.config.line_bit_s)
+        for line in self._lines:
+            if not is_over(line):
+                continue
+            detail = (
+                f"{line.device}: {', '.join(line.drivers)} ask {line.asked_bit_s / 1e3:.1f} kbit/s of"
+                f" {line.capacity_bit_s / 1e3:.1f}"
+            )
+            log.warning("line %s", detail)
+            self.health.report(
+                "line",
+                "overloaded",
+                level="warn",
+                detail=detail,
+                description="Lines and buses carry what the drivers ask",
+            )
 
     def _recognise(self, group: asyncio.TaskGroup, patterns: set[str]) -> None:
         """Starts the drivers of devices that were plugged in, and lets drivers that wait try at once."""
@@ -197,7 +220,8 @@ class Hal(Service):
         writer = self.module.writer("hal/drivers", DriverTable, rate_hz=self.config.report_hz)
         async for _ in self.module.every(1 / self.config.report_hz):
             now_ns = self.module.now_ns()
-            writer.write(DriverTable(tuple(schedule.report(now_ns) for schedule in self._schedules.values())))
+            rows = tuple(schedule.report(now_ns) for schedule in self._schedules.values())
+            writer.write(DriverTable(rows, self._lines))
 
 
 def _precise_timer() -> "PreciseTimer":

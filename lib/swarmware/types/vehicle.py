@@ -433,7 +433,21 @@ class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class LineLoad(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What drivers ask of one line or bus to their devices, by their settings."""
+
+    device: str
+    """Device file or interface: `/dev/i2c-1`, `can0`."""
+    drivers: tuple[str, ...]
+    asked_bit_s: float
+    capacity_bit_s: float
+    """What it carries, configured or as usual for its kind; 0: not known."""
+
+
+@register
 class DriverTable(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The drivers of a platform (board `hal/drivers`)."""
 
     drivers: tuple[DriverStatus, ...] = ()
+    lines: tuple[LineLoad, ...] = ()
+    """Lines and buses that they use."""

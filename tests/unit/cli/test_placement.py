@@ -4,6 +4,7 @@ import pytest
 
 from swarmctl.commands.doctor.placement_verdict import acceptable_ms, judge
 from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
+from swarmware.types.vehicle import LineLoad
 
 LINK = 12_500_000.0
 """100 Mbit/s."""
@@ -121,3 +122,13 @@ def test_the_bytes_between_two_computers_have_their_headers_and_a_silent_one_is_
     assert (link.sender, link.receiver) == ("nav", "fc")
     assert link.bytes_s == pytest.approx(2 * 20 * (60 + 108))
     assert report.silent == ["main"]
+
+
+def test_a_line_over_its_capacity_is_an_objection() -> None:
+    full = LineLoad("/dev/i2c-1", ("bmp280", "invensense"), 153_000.0, 100_000.0)
+    nearly = LineLoad("/dev/ttyS0", ("nmea",), 79_000.0, 100_000.0)
+    unknown = LineLoad("can0", ("vesc",), 79_000.0, 0.0)
+    report = judge("uav1", [NAV], LINK, lines=[full, nearly, unknown])
+    assert [line.over_capacity for line in report.lines] == [True, False, False]
+    assert report.objections
+    assert not judge("uav1", [NAV], LINK, lines=[nearly]).objections

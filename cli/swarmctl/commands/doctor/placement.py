@@ -6,12 +6,14 @@ from typing import Final
 import msgspec
 
 from swarmctl.commands.doctor.placement_verdict import PlacementReport, judge
+from swarmctl.resources.fanout import read_boards
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
 from swarmware.types.placement import PlacementRequest, UnitPlacement
+from swarmware.types.vehicle import DriverTable
 
 WINDOW_S: Final = 3.0
 """Time of the measurement: some values also of resources with 1 Hz."""
@@ -73,9 +75,14 @@ async def _measured(
         except SwarmError:
             return None
 
-    answers = await asyncio.gather(*(one(unit) for unit in units))
+    (boards, _), answers = await asyncio.gather(
+        read_boards(session, [platform], "hal/drivers", DriverTable),
+        asyncio.gather(*(one(unit) for unit in units)),
+    )
     silent = [unit for unit, answer in zip(units, answers, strict=True) if answer is None]
-    return judge(platform, [answer for answer in answers if answer is not None], link_bytes_s, silent)
+    lines = boards[platform].lines if platform in boards else ()
+    found = [answer for answer in answers if answer is not None]
+    return judge(platform, found, link_bytes_s, silent, lines)
 
 
 def _show(session: Session, reports: list[PlacementReport]) -> None:
@@ -130,6 +137,30 @@ def _show(session: Session, reports: list[PlacementReport]) -> None:
                 Column("DELAY"),
             ],
             inputs,
+        )
+    lines: list[tuple[Cell, ...]] = [
+        (
+            report.platform,
+            line.device,
+            " ".join(line.drivers),
+            f"{line.asked_bit_s / 1e3:.1f}",
+            f"{line.capacity_bit_s / 1e3:.1f}" if line.capacity_bit_s else None,
+            "over" if line.over_capacity else "ok",
+        )
+        for report in reports
+        for line in report.lines
+    ]
+    if lines:
+        out.table(
+            [
+                Column("PLATFORM"),
+                Column("LINE"),
+                Column("DRIVERS", wraps=True),
+                Column("ASKED kbit/s", right=True),
+                Column("CARRIES kbit/s", right=True),
+                Column("CAPACITY"),
+            ],
+            lines,
         )
     verdicts: list[tuple[Cell, ...]] = [
         (f"{report.platform}.{one.unit}", one.application, one.verdict, one.reason)

@@ -7,6 +7,7 @@ from typing import Final, Literal
 import msgspec
 
 from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
+from swarmware.types.vehicle import LineLoad
 
 CAPACITY_RATIO: Final = 0.8
 """Share of a computer's cores above which values wait for the processor: in an M/M/1 queue at 80 % the mean
@@ -68,6 +69,17 @@ class UnitLoad(msgspec.Struct, frozen=True):
     over_capacity: bool
 
 
+class LineVerdict(msgspec.Struct, frozen=True):
+    """Whether a line or bus carries what the drivers ask of it."""
+
+    device: str
+    drivers: tuple[str, ...]
+    asked_bit_s: float
+    capacity_bit_s: float
+    """0: not known."""
+    over_capacity: bool
+
+
 class ModuleVerdict(msgspec.Struct, frozen=True):
     """Verdict on the place of one application."""
 
@@ -90,15 +102,22 @@ class PlacementReport(msgspec.Struct, frozen=True):
     modules: list[ModuleVerdict]
     silent: list[str]
     """Computers that did not answer."""
+    lines: list[LineVerdict] = []
+    """Lines and buses to the devices of the platform."""
 
     @property
     def objections(self) -> bool:
-        """Whether an application should be placed elsewhere."""
-        return any(module.verdict in {"together", "separate"} for module in self.modules)
+        """Whether an application or a device should be placed elsewhere."""
+        moved = any(module.verdict in {"together", "separate"} for module in self.modules)
+        return moved or any(line.over_capacity for line in self.lines)
 
 
 def judge(
-    platform: str, measured: Sequence[UnitPlacement], link_bytes_s: float, silent: Iterable[str] = ()
+    platform: str,
+    measured: Sequence[UnitPlacement],
+    link_bytes_s: float,
+    silent: Iterable[str] = (),
+    lines: Iterable[LineLoad] = (),
 ) -> PlacementReport:
     """The verdicts; `link_bytes_s`: capacity of a link between two computers of the platform."""
     inputs = [_input(unit, one) for unit in measured for one in unit.inputs]
@@ -110,7 +129,15 @@ def judge(
         for verdict in _modules(unit, load, links, len(measured) > 1)
     ]
     window_s = max((unit.window_s for unit in measured), default=0.0)
-    return PlacementReport(platform, window_s, units, inputs, links, modules, sorted(silent))
+    judged = [_line(line) for line in lines]
+    return PlacementReport(platform, window_s, units, inputs, links, modules, sorted(silent), judged)
+
+
+def _line(line: LineLoad) -> LineVerdict:
+    limit = CAPACITY_RATIO * line.capacity_bit_s
+    return LineVerdict(
+        line.device, line.drivers, line.asked_bit_s, line.capacity_bit_s, 0 < limit < line.asked_bit_s
+    )
 
 
 def acceptable_ms(one: RemoteInput) -> float | None:

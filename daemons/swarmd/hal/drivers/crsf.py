@@ -1,5 +1,7 @@
 """Driver of a radio-control receiver on a serial line (CRSF): switch and sticks of the safety pilot."""
 
+from typing import Final
+
 from swarmd.hal.config import Config, CrsfDriver
 from swarmd.hal.core.safety_pilot import SafetyPilot
 from swarmd.hal.driver import Device, Site
@@ -9,6 +11,11 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.control import SafetySwitch
 from swarmware.types.vehicle import Setpoint, VehicleMode
+
+FRAME_BYTES: Final = 26
+"""Frame of the channels: address, size, type, 22 bytes, CRC."""
+FRAMES_HZ: Final = 500.0
+"""The fastest packet rate of ExpressLRS at 2.4 GHz."""
 
 
 class CrsfReceiver(SerialSensor[RcChannels | RcLink]):
@@ -21,7 +28,7 @@ class CrsfReceiver(SerialSensor[RcChannels | RcLink]):
     silent_s = 1.0
 
     def __init__(self, config: CrsfDriver) -> None:
-        super().__init__("crsf", config.device, BAUD, config.rate_hz, CrsfDecoder)
+        super().__init__("crsf", config.device, BAUD, config.rate_hz, CrsfDecoder, FRAME_BYTES * FRAMES_HZ)
         self._config = config
         self._pilot = SafetyPilot(config)
         self._position: VehicleMode | None = None

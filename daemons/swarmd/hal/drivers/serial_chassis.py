@@ -5,6 +5,7 @@ from typing import Final
 from swarmd.hal.buses.serial_line import SerialLine
 from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import Config
+from swarmd.hal.core.line_load import serial_use
 from swarmd.hal.driver import Device, Site
 from swarmware.devices.chassis_frames import FrameDecoder, Telemetry, order_frame, setpoint_frame, telemetry
 from swarmware.errors import WireError
@@ -23,6 +24,8 @@ class SerialChassis(Chassis):
     def __init__(self, config: Config) -> None:
         super().__init__("serial_chassis", config.chassis)
         self._serial = config.serial_chassis
+        bytes_s = len(setpoint_frame(Setpoint(0.0))) * config.chassis.rate_hz
+        self.line_uses = (serial_use(self._serial.device, self._serial.baud, bytes_s),)
         self._line: SerialLine | None = None
         self._decoder = FrameDecoder()
         self._battery: BoardWriter[BatteryState] | None = None

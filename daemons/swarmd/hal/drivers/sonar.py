@@ -1,6 +1,7 @@
 """Driver of MaxBotix sonars on a serial line."""
 
 from functools import partial
+from typing import Final
 
 from swarmd.hal.config import Config, SonarDriver
 from swarmd.hal.core.median import MedianFilter
@@ -11,6 +12,9 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
 
+READING_BYTES: Final = 6
+"""`R1234` and its end, of the models with millimetres; the others send one digit less."""
+
 
 class SerialSonar(SerialSensor[float]):
     """Publishes the height above the ground, with outlier rejection; nothing when it is out of range."""
@@ -19,7 +23,8 @@ class SerialSonar(SerialSensor[float]):
 
     def __init__(self, config: SonarDriver) -> None:
         decoder = partial(SonarDecoder, config.unit)
-        super().__init__("sonar", config.device, config.baud, config.rate_hz, decoder)
+        bytes_s = READING_BYTES * config.rate_hz
+        super().__init__("sonar", config.device, config.baud, config.rate_hz, decoder, bytes_s)
         self._config = config
         self._filter = MedianFilter(config.window)
         self._writer: BoardWriter[Float] | None = None

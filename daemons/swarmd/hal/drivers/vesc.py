@@ -5,6 +5,7 @@ from typing import Final
 
 from swarmd.hal.buses.can import CanBus, CanFrame
 from swarmd.hal.config import Config, VescDriver
+from swarmd.hal.core.line_load import can_use
 from swarmd.hal.core.vesc import VescState, command
 from swarmd.hal.driver import Actuator, Device, DeviceError, Site
 from swarmd.hal.outputs import OutputBoards
@@ -16,6 +17,10 @@ from swarmware.types.vehicle import MotorControllerState
 _SILENT_NS: Final = 1_000_000_000
 """Time without a status after which a controller counts as failed; it sends 10 to 50 a second."""
 _STATE_HZ: Final = 10.0
+_COMMAND_BYTES: Final = 4
+_STATUS_BYTES: Final = 8
+_STATUS_HZ: Final = 50.0
+"""Bytes of a command and of a status, which a controller sends at most so often."""
 
 
 class VescMotors(Actuator):
@@ -25,6 +30,8 @@ class VescMotors(Actuator):
 
     def __init__(self, config: VescDriver) -> None:
         self.period_s = 1 / config.rate_hz
+        frames = [(_COMMAND_BYTES, config.rate_hz), (_STATUS_BYTES, _STATUS_HZ)] * len(config.motors)
+        self.line_uses = (can_use(config.device, frames),)
         self._config = config
         self._bus: CanBus | None = None
         self._boards: OutputBoards | None = None

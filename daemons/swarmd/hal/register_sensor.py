@@ -1,0 +1,100 @@
+"""Sensors with numbered registers on I2C or SPI: each measurement is read in a thread and published."""
+
+from abc import abstractmethod
+from typing import Generic, Protocol, TypeVar
+
+import msgspec
+
+from swarmd.hal.blocking import BlockingSensor
+from swarmd.hal.buses.registers import RegisterBus, open_registers
+from swarmd.hal.config import RegisterBusName
+from swarmd.hal.core.line_load import register_use
+from swarmd.hal.driver import DeviceError
+from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+class RegisterSettings(Protocol):
+    """What such a driver needs of its settings."""
+
+    @property
+    def bus(self) -> RegisterBusName: ...
+    @property
+    def device(self) -> str: ...
+    @property
+    def address(self) -> int: ...
+    @property
+    def speed_hz(self) -> int: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def path(self) -> str: ...
+
+
+class RegisterSensor(BlockingSensor[T], Generic[T]):
+    """Base of the drivers of such chips, which differ in how they are started and read.
+
+    `reads`: number of registers of each read of a measurement.
+    """
+
+    def __init__(self, name: str, settings: RegisterSettings, cls: type[T], reads: tuple[int, ...]) -> None:
+        self.name = name
+        self.period_s = 1 / settings.rate_hz
+        self.line_uses = (
+            register_use(settings.bus, settings.device, settings.speed_hz, reads, settings.rate_hz),
+        )
+        self._settings = settings
+        self._cls = cls
+        self._bus: RegisterBus | None = None
+        self._module: Module | None = None
+        self._writer: BoardWriter[T] | None = None
+
+    async def open(self, module: Module) -> None:
+        """Opens the bus and the board."""
+        await super().open(module)
+        self._module = module
+        self._writer = module.writer(
+            self._settings.path, self._cls, rate_hz=self._settings.rate_hz, link="request"
+        )
+
+    def connect(self) -> None:
+        """Opens the bus and starts the chip. Raises: DeviceError when it is another one."""
+        settings = self._settings
+        self._bus = open_registers(settings.bus, settings.device, settings.address, settings.speed_hz)
+        self.begin(self._bus)
+
+    @abstractmethod
+    def begin(self, bus: RegisterBus) -> None:
+        """Finds the chip and starts it. Raises: DeviceError when it is another one, or not writable."""
+
+    def measure(self) -> T:
+        """Reads one measurement. Raises: DeviceError when there is none."""
+        if self._bus is None:
+            raise DeviceError(f"{self._settings.device}: not open")
+        return self.measured(self._bus)
+
+    @abstractmethod
+    def measured(self, bus: RegisterBus) -> T:
+        """One measurement. Raises: DeviceError."""
+
+    def publish(self, value: T, now_ns: int) -> bool:
+        """Writes the board of the sensor."""
+        if self._writer is None:
+            return False
+        self._writer.write(value, now_ns)
+        return True
+
+    def disconnect(self) -> None:
+        """Closes the bus in its thread."""
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+
+    async def close(self) -> None:
+        """Closes the board, and the bus."""
+        await super().close()
+        if self._module is not None and self._writer is not None:
+            self._module.close_writer(self._writer)
+            self._writer = None
