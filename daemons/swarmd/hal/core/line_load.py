@@ -38,7 +38,7 @@ def serial_use(device: str, baud: int, bytes_s: float) -> LineUse:
 
 
 def register_use(bus: str, device: str, speed_hz: int, reads: Iterable[int], rate_hz: float) -> LineUse:
-    """Reads of so many registers each, so often a second, on I2C or SPI."""
+    """Reads of a number of registers each, at a rate, on I2C or SPI."""
     counts = list(reads)
     if bus == "i2c":
         return LineUse(

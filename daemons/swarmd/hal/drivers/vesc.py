@@ -20,7 +20,7 @@ _STATE_HZ: Final = 10.0
 _COMMAND_BYTES: Final = 4
 _STATUS_BYTES: Final = 8
 _STATUS_HZ: Final = 50.0
-"""Bytes of a command and of a status, which a controller sends at most so often."""
+"""Bytes of a command and of a status, and the greatest rate of the latter."""
 
 
 class VescMotors(Actuator):
