@@ -1,8 +1,17 @@
-"""The seeds of a simulation: `make test` runs the first ones, `make simulations` all of them."""
+"""The seeds and cases of a simulation: `make test` runs the first ones, `make simulations` all of them."""
 
 import os
+from collections.abc import Sequence
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 def seeds(few: int, every: int) -> range:
     """The first `few` seeds, or with SWARM_SEEDS=all `every` one."""
     return range(every if os.environ.get("SWARM_SEEDS") == "all" else few)
+
+
+def cases(few: Sequence[T], others: Sequence[T]) -> list[T]:
+    """The cases of `few`, or with SWARM_SEEDS=all also those of `others`."""
+    return [*few, *others] if os.environ.get("SWARM_SEEDS") == "all" else list(few)

@@ -19,7 +19,7 @@ from swarmd.broker.core.broker import FormerState
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.former_session import FormerSession
 
-SEEDS: Final = seeds(3, 6)
+SEEDS: Final = seeds(2, 6)
 NODES: Final = 25
 LOSS: Final = 1 / 6
 AWAY_S: Final = (0.02, 0.2, 0.6, 1.5, 3.0)

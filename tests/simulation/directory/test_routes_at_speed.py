@@ -32,7 +32,7 @@ def fly(swarm: Swarm, seconds: int) -> tuple[float, float]:
 
 @pytest.mark.parametrize(
     ("seeds", "nodes", "seconds", "budget_bytes_s"),
-    [(range(1, 5), 16, 10, 300), (range(1, 4), 50, 8, 600), (range(1, 2), 100, 4, 750)],
+    [(range(1, 5), 16, 10, 300), (range(1, 3), 50, 8, 600), (range(1, 2), 100, 4, 750)],
 )
 def test_swarms_at_10_m_s_have_their_routes(
     seeds: range, nodes: int, seconds: int, budget_bytes_s: int
@@ -42,7 +42,7 @@ def test_swarms_at_10_m_s_have_their_routes(
     assert max(bytes_s for _, bytes_s in flights) <= budget_bytes_s, flights
 
 
-@pytest.mark.parametrize(("seeds", "nodes", "seconds"), [(range(1, 5), 16, 15), (range(1, 3), 50, 8)])
+@pytest.mark.parametrize(("seeds", "nodes", "seconds"), [(range(1, 5), 16, 15), (range(1, 2), 50, 8)])
 def test_idle_swarms_at_10_m_s_have_nearly_all_their_routes(seeds: range, nodes: int, seconds: int) -> None:
     flights = [fly(Swarm(seed, nodes, speed_m_s=10.0, subscribed=False), seconds) for seed in seeds]
     assert sum(routed for routed, _ in flights) / len(flights) >= 0.99, flights

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from tests.simulation.formation.flight import COURSE, ROOT, SPEED_M_S, Flight, Result
+from tests.simulation.seeds import cases
 
 from swarmware.geometry.course import Course
 
@@ -27,7 +28,7 @@ def test_what_is_flown_here_is_the_shipped_mission() -> None:
 
 @pytest.mark.parametrize(
     ("nodes", "seed"),
-    [(3, 1), (4, 2), (5, 3), (6, 4), (7, 5), (8, 6), (10, 7), (13, 8), (16, 9), (16, 10), (10, 304)],
+    cases([(3, 1), (4, 2), (7, 5), (16, 9), (10, 304)], [(5, 3), (6, 4), (8, 6), (10, 7), (13, 8), (16, 10)]),
 )
 def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
     flight = Flight(nodes, seed)
@@ -38,17 +39,17 @@ def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("nodes", [9, 11, 12, 14, 15])
+@pytest.mark.parametrize("nodes", cases([12], [9, 11, 14, 15]))
 def test_it_does_so_with_every_other_number_of_nodes(nodes: int) -> None:
     check(Flight(nodes, 101).fly())
 
 
-@pytest.mark.parametrize("seed", [21, 22])
+@pytest.mark.parametrize("seed", cases([21], [22]))
 def test_with_a_bad_radio_the_formation_is_kept_less_exactly(seed: int) -> None:
     check(Flight(10, seed, loss_ratio=0.4, delay_ns=200_000_000).fly(), mean_m=0.8, worst_m=3.0)
 
 
-@pytest.mark.parametrize("seed", [31, 32])
+@pytest.mark.parametrize("seed", cases([31], [32]))
 def test_on_computers_that_stall_for_half_a_second_nobody_is_hurt(seed: int) -> None:
     flight = Flight(10, seed)
     for vehicle in flight.vehicles:
