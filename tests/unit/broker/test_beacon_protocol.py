@@ -52,7 +52,8 @@ class Node:
         )
 
     def compose(self, now_ns: int) -> OutgoingBeacon:
-        return self.protocol.compose(now_ns + self.clock_ns)
+        self.newest = self.protocol.compose(now_ns + self.clock_ns)
+        return self.newest
 
     def transmit(self, now_ns: int, *others: "Node") -> list[ReceivedBeacon]:
         """One beacon, encoded and decoded as on the wire."""
@@ -338,6 +339,31 @@ def test_names_and_trees_go_over_the_next_hop(one: Node, other: Node) -> None:
     assert member is not None
     assert (member.platform, member.tree_version) == ("uav1", 5)
     assert far.protocol.topology.routing.next_hop(one.hw) == other.hw
+
+
+def test_names_are_repeated_for_a_new_neighbour_unless_others_connect_it_already(
+    one: Node, other: Node
+) -> None:
+    relay, far, first, new = Node("uav3"), Node("uav4"), Node("uav5"), Node("uav6")
+    meet(relay, far)
+    for at_ns in range(400 * MS, 1200 * MS, PERIOD):  # a line: far, relay, one, and other next to the relay
+        for node, near in ((far, (relay,)), (relay, (far, one, other)), (one, (relay,)), (other, (relay,))):
+            node.protocol.advance(at_ns + node.clock_ns)
+            node.transmit(at_ns, *near)
+    assert one.protocol.topology.routing.next_hop(other.hw) == relay.hw
+
+    def repeated(neighbour: Node, from_ns: int) -> set[str]:
+        names = set[str]()
+        for at_ns in range(from_ns, from_ns + 4 * PERIOD, PERIOD):
+            neighbour.transmit(at_ns, one)
+            one.transmit(at_ns, neighbour)
+            names |= {row.name for row in one.newest.beacon.members}
+        assert is_up(one, neighbour)
+        return names
+
+    assert repeated(first, 1200 * MS) >= {"uav4"}
+    assert repeated(other, 1600 * MS) == set()
+    assert repeated(new, 2000 * MS) >= {"uav4"}
 
 
 def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None:

@@ -229,6 +229,8 @@ class BeaconProtocol:
                 self.counters.refused.malformed += 1
                 return None
             first_hello = known is None or known.hello is None or restarted
+        # a neighbour to which others had a route shares their names already
+        names_needed = first_hello and (restarted or self.topology.routing.next_hop(hw) in (hw, 0))
         update = self.topology.on_beacon(header, beacon, restarted, address, rx_ns)
         if update is None:
             self.counters.refused.no_room += 1
@@ -245,7 +247,7 @@ class BeaconProtocol:
                 routing.next_hop(row.hw) in (hw, 0) or self.nodes.get(row.hw) is None
             ):
                 self.nodes.on_row(row, rx_ns)
-        if first_hello:
+        if names_needed:
             self.nodes.announce_again()
         values = self._take_values(neighbour, header, beacon, rx_ns) if beacon.values or beacon.relays else []
         contradictions, self.relay_cache.contradictions = self.relay_cache.contradictions, []
