@@ -40,6 +40,8 @@ NOTICE_SLACK_NS: Final = 250_000_000
 """Margin for the delay of a datagram and of a timer."""
 _BAD, _BAD_OF = 0.65, 32
 """A link with more loss of at least this many datagrams is taken down early: routes do not wait for it."""
+_ERRORS: Final = 1.5
+"""Standard errors by which a measured loss may be too low."""
 FIRST_PERIOD_NS: Final = 500_000_000
 _PERIOD_MAX_NS: Final = 10_000_000_000
 LISTING_NS: Final = 3_000_000_000
@@ -185,8 +187,9 @@ class Neighbour:
         long_loss = (expected - self.window.bit_count()) / max(_BAD_OF, expected)
         if long_loss >= _BAD:
             return 2
-        lately = min(WINDOW, self.expected) - (self.window & _WINDOW_MASK).bit_count()
-        return _misses(min(max(long_loss, lately / WINDOW, _LOSS_MIN), _BAD), neighbours)
+        # of the long window alone, and its error: a link whose loss rose lately may be leaving its range
+        error = _ERRORS * math.sqrt(long_loss * (1.0 - long_loss) / LONG_WINDOW)
+        return _misses(max(long_loss + error, _LOSS_MIN), neighbours)
 
     def hears_until_ns(self, hw: int) -> int:
         """Until when its listing of a node is valid."""
