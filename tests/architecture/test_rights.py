@@ -59,6 +59,7 @@ SERVED = {
     "sys/mission/task": OPERATOR,
     "sys/vehicle/arm": OPERATOR,
     "sys/vehicle/calibrate": OPERATOR,
+    "sys/vehicle/calibrate_sensor": OPERATOR,
     "sys/vehicle/drive": OPERATOR,
     "sys/vehicle/gains": OPERATOR,
     "sys/vehicle/kill": OPERATOR,

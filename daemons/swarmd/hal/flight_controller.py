@@ -102,7 +102,11 @@ class FlightController(Chassis):
             self._taken_height = found
             flight.on_height(found.value)
         if imu is not None and (sample := imu.value) is not None:
-            flight.on_imu(sample, imu.local_stamp_ns or now_ns)
+            flight.on_imu(self.corrected(sample), imu.local_stamp_ns or now_ns)
+
+    def corrected(self, imu: Imu) -> Imu:
+        """The sample as its driver has published it: corrected there."""
+        return imu
 
     def _publish_imu(self, now_ns: int) -> None:
         # half a period of control early: the instants of both rates are not the same

@@ -14,8 +14,11 @@ from swarmd.hal.core.recognition import Recognition
 from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import Actuator, Device, DeviceError, DeviceGone, Sensor, Site
 from swarmd.hal.hotplug import FolderWatch, configured, nodes
+from swarmd.hal.imu_source import ImuSource
 from swarmd.hal.motors import Motors
+from swarmd.hal.sensor_calibration import SensorCalibrations
 from swarmware.errors import SwarmError
+from swarmware.model import paths
 from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.runtime.instant import stage_phase_ns, until
@@ -58,6 +61,9 @@ class Hal(Service):
             airframe = load_airframe(node.share_path, node.airframe)
         self._site = Site(node.kind, str(node.share_path / "data"), airframe)
         self._devices = make_all(config, self._site)
+        self._calibrations = SensorCalibrations(
+            module, lambda: self._devices, paths.imu_calibration(node.data_path)
+        )
         self._schedules: dict[str, Schedule] = {}
         self._lines: tuple[LineLoad, ...] = ()
         self._recognition = Recognition(config.recognise)
@@ -71,6 +77,8 @@ class Hal(Service):
         try:
             async with asyncio.TaskGroup() as group:
                 self._start(group, self._devices)
+                if any(isinstance(device, ImuSource) for device in self._devices):
+                    self._calibrations.serve()
                 group.create_task(self._report(), name="hal:report")
                 if patterns:
                     folders = [pattern.rpartition("/")[0] or "/" for pattern in patterns]
@@ -82,6 +90,7 @@ class Hal(Service):
 
     def _start(self, group: asyncio.TaskGroup, devices: Sequence[Device]) -> None:
         """Starts the tasks of drivers."""
+        self._calibrations.apply()
         processes = self.module.node.config.processes
         for device in devices:
             if isinstance(device, Chassis):

@@ -84,6 +84,11 @@ def airframe(share_dir: Path, name: str) -> Path:
     return share_dir / "airframes" / f"{name}.toml"
 
 
+def imu_calibration(data_dir: Path) -> Path:
+    """File with the corrections of the inertial units, by driver."""
+    return data_dir / "imu-calibration.json"
+
+
 def drain_record(data_dir: Path) -> Path:
     """File that states who drained the platform; absent: it is not drained."""
     return data_dir / "drained.json"

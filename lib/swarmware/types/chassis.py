@@ -69,3 +69,43 @@ class CalibrationRequest(msgspec.Struct, frozen=True, array_like=True, gc=False)
 
     platform: str
     """Name of the vehicle; a request with another name is refused."""
+
+
+class SensorCalibrationKind(OpenEnum):
+    """Part of an inertial unit that is calibrated."""
+
+    GYRO = "gyro"
+    """Bias of the gyro, at rest."""
+    ACCELEROMETER = "accelerometer"
+    """Offset and scale, by one request in each of six attitudes."""
+    LEVEL = "level"
+    """Mounting of the unit in a vehicle that stands level."""
+    COMPASS = "compass"
+    """Error of the heading, by the true one."""
+    RESET = "reset"
+    """Remove all corrections."""
+
+
+@register
+class SensorCalibration(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Calibrate the inertial unit of a vehicle at rest (`sys/vehicle/calibrate_sensor`)."""
+
+    platform: str
+    """Name of the vehicle; a request with another name is refused."""
+    kind: SensorCalibrationKind
+    heading_rad: Finite | None = None
+    """True heading, 0 is east, counter-clockwise; for the compass."""
+    driver: str = ""
+    """Driver of the unit; empty: the first one."""
+
+
+@register
+class SensorCalibrated(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of `sys/vehicle/calibrate_sensor`."""
+
+    driver: str
+    kind: SensorCalibrationKind
+    text: str
+    """What was found, for operators."""
+    missing: tuple[str, ...] = ()
+    """Attitudes of the vehicle that are still to be taken; until then nothing is corrected."""

@@ -3,10 +3,11 @@
 import pytest
 from tests.unit.cli.test_commands import COPY, ScriptedSession
 
-from swarmctl.commands.hal.calibration import calibrate_motors
+from swarmctl.commands.hal.calibration import calibrate_motors, calibrate_sensor
 from swarmctl.commands.hal.drivers import list_drivers
 from swarmware.errors import Denied, NoAnswer, Partial
 from swarmware.types import registry
+from swarmware.types.chassis import SensorCalibrated, SensorCalibrationKind
 from swarmware.types.tree import Quality, TreeValue
 from swarmware.types.vehicle import DriverState, DriverStatus, DriverTable, VehicleState
 
@@ -61,3 +62,17 @@ async def test_a_calibration_is_confirmed_by_the_vehicle_or_its_refusal_is_shown
     )
     with pytest.raises(Denied, match="disarmed"):
         await calibrate_motors(ScriptedSession({path: Denied("expected a disarmed vehicle")}), "uav1")
+
+
+async def test_an_inertial_unit_is_calibrated_and_what_is_missing_is_named() -> None:
+    path = "/uav1/sys/vehicle/calibrate_sensor"
+    taken = SensorCalibrated("sim.imu", SensorCalibrationKind.ACCELEROMETER, "level taken", ("nose up",))
+    session = ScriptedSession({path: taken})
+    await calibrate_sensor(session, "uav1", "accelerometer", None, "")
+    assert "uav1: sim.imu: level taken" in session.stdout.getvalue()
+    assert "still missing: nose up" in session.stderr.getvalue()
+    done = SensorCalibrated("sim.imu", SensorCalibrationKind.COMPASS, "heading corrected by 3.0°")
+    document = ScriptedSession({path: done}, output="json")
+    await calibrate_sensor(document, "uav1", "compass", 90.0, "")
+    assert document.document["sensor"]["text"] == "heading corrected by 3.0°"
+    assert document.document["vehicle"] is None

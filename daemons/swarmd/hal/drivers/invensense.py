@@ -4,13 +4,14 @@ from swarmd.hal.buses.registers import RegisterBus
 from swarmd.hal.config import Config, InvensenseDriver
 from swarmd.hal.core import invensense
 from swarmd.hal.driver import Device, DeviceError, Site
+from swarmd.hal.imu_source import ImuSource
 from swarmd.hal.register_sensor import RegisterSensor
 from swarmware.errors import ConfigError, WireError
 from swarmware.module.module import Module
 from swarmware.types.vehicle import Imu
 
 
-class InvensenseImu(RegisterSensor[Imu]):
+class InvensenseImu(ImuSource, RegisterSensor[Imu]):
     """Publishes body rates and specific force at the rate of the driver."""
 
     def __init__(self, config: InvensenseDriver) -> None:
@@ -49,7 +50,7 @@ class InvensenseImu(RegisterSensor[Imu]):
 
     def publish(self, value: Imu, now_ns: int) -> bool:
         """Writes the board of the unit; not before the gyroscope is stable."""
-        return now_ns >= self._settled_ns and super().publish(value, now_ns)
+        return now_ns >= self._settled_ns and super().publish(self.corrected(value), now_ns)
 
 
 def make(config: Config, site: Site) -> list[Device]:

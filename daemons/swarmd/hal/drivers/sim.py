@@ -8,6 +8,7 @@ from swarmd.hal.config import Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Device, Sensor, Site
 from swarmd.hal.drivers.sim_chassis import SimChassis
+from swarmd.hal.imu_source import ImuSource
 from swarmware.model import paths
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
@@ -81,8 +82,12 @@ class SimSensor(Sensor, Generic[T]):
         if value is None or reader.sequence == self._sequence:
             return False
         self._sequence = reader.sequence
-        writer.write(value, reader.local_stamp_ns)
+        writer.write(self.passed(value), reader.local_stamp_ns)
         return True
+
+    def passed(self, value: T) -> T:
+        """What is published for a value of the simulation."""
+        return value
 
     async def close(self) -> None:
         """Closes readers and writer."""
@@ -92,6 +97,14 @@ class SimSensor(Sensor, Generic[T]):
         if self._module is not None and self._writer is not None:
             self._module.close_writer(self._writer)
         self._reader = self._writer = None
+
+
+class SimImu(ImuSource, SimSensor[Imu]):
+    """The simulated inertial unit, corrected like a real one."""
+
+    def passed(self, value: Imu) -> Imu:
+        """The corrected sample."""
+        return self.corrected(value)
 
 
 class SimSonar(Sensor):
@@ -158,7 +171,7 @@ def make(config: Config, site: Site) -> list[Device]:
         found.append(_flight(config, site.airframe))
     else:
         found += [
-            SimSensor("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
+            SimImu("imu", "sensor/imu", Imu, rates.imu_hz, rest_hz),
             SimChassis(config.chassis),
         ]
     if site.kind == PlatformKind.UAV:

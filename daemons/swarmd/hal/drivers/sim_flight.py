@@ -4,12 +4,13 @@ from swarmd.hal.config import ChassisConfig
 from swarmd.hal.core.flight.control_law import ControlLaw
 from swarmd.hal.drivers.sim_port import SimPort
 from swarmd.hal.flight_controller import FlightController
+from swarmd.hal.imu_source import ImuSource
 from swarmware.model import paths
 from swarmware.module.module import Module
 from swarmware.types.chassis import ActuatorOutputs, ChassisOrder
 
 
-class SimFlight(FlightController):
+class SimFlight(ImuSource, FlightController):
     """Flight controller whose inertial unit and motors are simulated."""
 
     def __init__(
