@@ -30,6 +30,15 @@ class ClockConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Relative rate error of the clock."""
 
 
+class RealtimeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Services whose processes have real-time scheduling, where the computer permits it."""
+
+    policy: Literal["fifo", "rr"] = "fifo"
+    """SCHED_FIFO, or SCHED_RR, in which equal priorities share a core in turn."""
+    services: dict[str, Annotated[int, msgspec.Meta(ge=1, le=99)]] = {}
+    """Priorities by service: 99 is the highest, the threads of the kernel for devices have 50."""
+
+
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Configuration of a node: platform, services and folders (node.toml)."""
 
@@ -74,6 +83,7 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Lowest level of the messages in the process log."""
     clock: ClockConfig = ClockConfig()
+    realtime: RealtimeConfig = RealtimeConfig()
 
     def __post_init__(self) -> None:
         """Check constraints between fields; msgspec converts ValueError to its ValidationError."""
@@ -96,6 +106,10 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             other = seen.setdefault(segment(name), name)
             if other != name:
                 raise InvalidInput(f"services: {other!r} and {name!r} have the same resource paths")
+        if strange := sorted(self.realtime.services.keys() - set(self.services)):
+            raise InvalidInput(
+                f"key realtime.services: {strange[0]!r} is not one of the services of this node"
+            )
         if len(set(self.services)) != len(self.services):
             raise InvalidInput("services: a name is listed twice, expected once")
 

@@ -15,6 +15,7 @@ from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
+from swarmware.service.realtime import give_realtime
 from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
 from swarmware.types.system import AppState
@@ -92,6 +93,8 @@ class ServiceHost:
         self._ending: set[asyncio.Task[None]] = set()
         self._started: dict[str, asyncio.Event] = {name: asyncio.Event() for name in self._prepared}
         self._reporters: dict[str, Reporter] = {}
+        self._no_realtime = ""
+        """Why the declared real-time scheduling was not given; empty: it was, or none is declared."""
 
     @property
     def names(self) -> list[str]:
@@ -110,6 +113,9 @@ class ServiceHost:
 
     async def run(self) -> None:
         """Run until cancelled. Raises: ServiceEnded, or what a single service raised."""
+        self._no_realtime = give_realtime(self.node.config.realtime, self.names)
+        if self._no_realtime:
+            log.warning("real-time scheduling: %s", self._no_realtime)
         async with asyncio.TaskGroup() as group:
             for item in self._prepared.values():
                 group.create_task(self._keep(item), name=f"keep:{item.name}")
@@ -214,6 +220,14 @@ class ServiceHost:
             service = item.cls(module, overridden(item.config, live, self.node.config.data_path))
             reporter = self._reporters[item.name] = Reporter.open(module, restarts, failures)
             self._running[item.name] = service
+            if self._no_realtime and item.name in self.node.config.realtime.services:
+                service.health.report(
+                    "realtime",
+                    "refused",
+                    level="warn",
+                    detail=self._no_realtime,
+                    description="The service has the real-time scheduling that node.toml declares",
+                )
             task = asyncio.create_task(service.run(), name=f"run:{item.name}")
             self._tasks[item.name] = task
             try:

@@ -19,6 +19,7 @@ from swarmware.service import host as host_module
 from swarmware.service.host import PreparedService, ServiceEnded, ServiceHost
 from swarmware.service.service import NoSettings, Service
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.health import CheckReports
 from swarmware.types.scalar import Float, Int
 from swarmware.types.system import AppStatus
 
@@ -301,3 +302,21 @@ async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_i
                 await asyncio.sleep(0)
         assert not host.halted("steady")
         await over(running)
+
+
+class Hal(Steady):
+    name = "hal"
+
+
+async def test_a_service_without_its_real_time_scheduling_runs_and_has_a_fault(tmp_path: Path) -> None:
+    async with (
+        tmp_node(tmp_path, services={"hal": {}}, realtime={"services": {"hal": 50}}) as node,
+        Module("t", node=node) as m,
+    ):
+        host = ServiceHost(node, [PreparedService(Hal, NoSettings()), PreparedService(Other, NoSettings())])
+        task = asyncio.create_task(host.run())
+        reports = await m.reader("health/checks/hal", CheckReports).changed(20.0)
+        (found,) = reports.reports
+        assert (found.check, found.state) == ("hal/realtime", "refused")
+        task.cancel()
+        await asyncio.wait([task])

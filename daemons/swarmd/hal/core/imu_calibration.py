@@ -22,7 +22,7 @@ TILT_MAX_RAD: Final = 0.35
 """A unit that is mounted steeper has its axes in the wrong order."""
 OFFSET_MAX_M_S2: Final = 2.0
 SCALE_ERROR_MAX: Final = 0.1
-"""More is no error of the chip but of its range or its mounting."""
+"""A larger one comes from a wrong range or mounting, not from the chip."""
 FACE_RATIO: Final = 0.85
 """Part of gravity along an axis that counts as upright: 32° from it."""
 FACES: Final = {
@@ -70,7 +70,7 @@ class ImuCorrector:
         self._mounting: Matrix = matrix(from_euler(self.correction.roll_rad, self.correction.pitch_rad, 0.0))
 
     def apply(self, imu: Imu) -> Imu:
-        """The corrected sample."""
+        """The sample with the correction applied."""
         if self._trivial:
             return imu
         one = self.correction

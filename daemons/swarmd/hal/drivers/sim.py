@@ -103,7 +103,7 @@ class SimImu(ImuSource, SimSensor[Imu]):
     """The simulated inertial unit, corrected like a real one."""
 
     def passed(self, value: Imu) -> Imu:
-        """The corrected sample."""
+        """The sample with the correction applied."""
         return self.corrected(value)
 
 

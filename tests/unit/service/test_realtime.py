@@ -1,0 +1,81 @@
+"""Real-time scheduling of declared services: given to a process of its own, or a reason why not."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from unittest.mock import patch
+
+import pytest
+
+from swarmware.errors import ConfigError
+from swarmware.model.config import NodeConfig, RealtimeConfig, parse
+from swarmware.service.realtime import give_realtime
+
+HAL = RealtimeConfig(services={"hal": 50, "control": 45})
+PROGRAM = """
+import os, sys, threading
+from swarmware.model.config import RealtimeConfig
+from swarmware.service.realtime import give_realtime
+reason = give_realtime(RealtimeConfig(policy=sys.argv[1], services={"hal": 30, "control": 20}), ["hal"])
+found = []
+thread = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
+thread.start()
+thread.join()
+print(os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, found[0], bool(reason))
+"""
+
+
+@pytest.mark.parametrize(("policy", "number"), [("fifo", os.SCHED_FIFO), ("rr", os.SCHED_RR)])
+def test_a_process_of_its_own_gets_the_policy_and_its_threads_as_well(policy: str, number: int) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, policy], capture_output=True, text=True, check=True, timeout=60
+    )
+    found, priority, of_thread, refused = done.stdout.split()
+    if refused == "True":
+        pytest.skip("this user may not use real-time scheduling")
+    assert (int(found), int(priority), int(of_thread)) == (number, 30, number)
+
+
+def test_nothing_is_changed_where_nothing_is_declared() -> None:
+    with patch("os.sched_setscheduler") as call:
+        assert give_realtime(RealtimeConfig(), ["hal"]) == ""
+        assert give_realtime(HAL, ["logger", "tree"]) == ""
+        call.assert_not_called()
+
+
+def test_a_service_that_shares_its_process_with_others_is_not_given_it() -> None:
+    with patch("os.sched_setscheduler") as call:
+        reason = give_realtime(HAL, ["hal", "logger"])
+        call.assert_not_called()
+    assert reason.startswith("hal shares its process with logger; expected a process of its own")
+    with patch("os.sched_setscheduler") as call:
+        assert give_realtime(HAL, ["hal", "control"]) == ""
+        (_, _, param), _ = call.call_args
+        assert param.sched_priority == 50
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [
+        (PermissionError(1, "Operation not permitted"), "fifo 50 is not permitted; expected LimitRTPRIO=50"),
+        (OSError(22, "Invalid argument"), "fifo 50: Invalid argument; expected a kernel"),
+    ],
+)
+def test_a_refusal_of_the_system_is_stated_with_what_was_expected(error: OSError, expected: str) -> None:
+    with patch("os.sched_setscheduler", side_effect=error):
+        assert give_realtime(HAL, ["hal"]).startswith(expected)
+
+
+def test_only_services_of_the_node_and_priorities_of_the_kernel_are_accepted() -> None:
+    good = 'services = ["hal"]\n[realtime]\nservices = { hal = 99 }\n'
+    assert parse(good, NodeConfig, "node.toml").realtime.services == {"hal": 99}
+    with pytest.raises(ConfigError, match=r"realtime\.services: 'hall' is not one of the services"):
+        parse(good.replace("{ hal", "{ hall"), NodeConfig, "node.toml")
+    with pytest.raises(ConfigError, match=r"realtime\.services"):
+        parse(good.replace("99", "100"), NodeConfig, "node.toml")
+
+
+def test_the_unit_of_systemd_permits_it_with_a_limit() -> None:
+    text = (Path(__file__).parents[3] / "share/swarm/systemd/realtime.conf").read_text()
+    assert {"RestrictRealtime=no", "LimitRTPRIO=60", "LimitRTTIME=500ms"} <= set(text.splitlines())
