@@ -9,11 +9,13 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action, ReportImpersonation
+from swarmd.broker.core.action import Action
 from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.admission.roster_exchange import RosterExchange
+from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Header
+from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.topology.node_table import is_named
@@ -24,7 +26,7 @@ from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.roster import RosterChange
-from swarmware.transport.security.seal import Opener, Refusal, Sealer
+from swarmware.transport.security.seal import Opened, Opener, Refusal, Sealer
 from swarmware.types.net import UNACCEPTED
 
 UNRETURNED_MAX: Final = 20
@@ -149,13 +151,17 @@ class BeaconTransport:
                 self._session if outgoing.with_session else None,
             )
         )
+        signatures = self._core.signatures
+        if signatures is not None and outgoing.is_signed:
+            body = bytearray(signatures.signed(sequence, clear, body, tx_ns))
         data = clear + self._sealer.seal(sequence, clear, bytes(body))
         if self._udp.has_group and (self._unreturned < UNRETURNED_MAX or sequence % PROBE_EVERY == 0):
             self._to_group(data)
-        for address in self._core.unicast_addresses(self._seeds.values(), tx_ns):
+        for address in self._core.targets.unicast_addresses(self._seeds.values(), tx_ns):
             if self._udp.send(data, address):
                 self._counters.datagram_sent(len(data), f"{address[0]}:{address[1]}")
-        self._core.on_sent(sequence, len(data), tx_ns)
+        digest = 0 if signatures is None else datagram_digest(data)
+        self._core.on_sent(sequence, len(data), tx_ns, digest)
 
     def _to_group(self, data: bytes) -> None:
         if self._udp.send_to_all(data):
@@ -191,14 +197,9 @@ class BeaconTransport:
             return
         try:
             header, start = codec.decode_header(data)
-            opener = self._opener(header.epoch, rx_mono_ns)
-            opened = (
-                Refusal.EPOCH
-                if opener is None
-                else opener.open(
-                    header.epoch, sender_hw, header.session, header.sequence, data[:start], data[start:]
-                )
-            )
+            now_ns = self._clock.from_mono_ns(rx_mono_ns)
+            digest = 0 if self._core.sources is None else datagram_digest(data)
+            opened, is_new = self._open(header, data, start, digest, now_ns)
             if isinstance(opened, Refusal):
                 is_late = opened is Refusal.EPOCH and self._take_late(header, data, start, address)
                 if opened is not Refusal.REPLAYED and not is_late:
@@ -214,8 +215,9 @@ class BeaconTransport:
             return
         header.session = opened.session
         try:
+            datagram = SealedDatagram(data[:start], opened.body, digest, address[0], is_new)
             is_accepted, actions = self._core.on_datagram(
-                header, beacon, address, by_multicast, len(data), self._clock.from_mono_ns(rx_mono_ns)
+                header, beacon, address, by_multicast, len(data), now_ns, datagram
             )
             if is_accepted:
                 self._limiter.good(address)
@@ -226,13 +228,32 @@ class BeaconTransport:
             self._counters.refused.failed += 1
             self.log_fault("a datagram could not be processed")
 
-    def _opener(self, mark: int, rx_mono_ns: int) -> Opener | None:
+    def _open(
+        self, header: Header, data: bytes, start: int, digest: int, now_ns: int
+    ) -> tuple[Opened | Refusal, bool]:
+        """The content of a datagram, and whether the replay window has taken its number."""
+        opener, sources = self._opener(header.epoch, now_ns), self._core.sources
+        if opener is None:
+            return Refusal.EPOCH, False
+        sealed = (
+            header.epoch,
+            header.sender_hw,
+            header.session,
+            header.sequence,
+            data[:start],
+            data[start:],
+        )
+        if sources is not None and sources.is_ahead(header, now_ns):
+            return opener.peek(*sealed), False
+        opened = opener.open(*sealed)
+        if opened is Refusal.REPLAYED and sources is not None and sources.is_other(header, digest):
+            return opener.peek(*sealed), False
+        return opened, True
+
+    def _opener(self, mark: int, now_ns: int) -> Opener | None:
         """The opener of an accepted key epoch."""
         exchange = self._core.exchange
-        if (
-            exchange is not None
-            and exchange.epochs.opening(mark, self._clock.from_mono_ns(rx_mono_ns)) is None
-        ):
+        if exchange is not None and exchange.epochs.opening(mark, now_ns) is None:
             return None
         return self._openers.get(mark)
 
@@ -286,10 +307,16 @@ class BeaconTransport:
         for opener in self._openers.values():
             opener.adopt(hw, session)
 
+    def resume(self, hw: int, session: int, sequence: int) -> None:
+        """Begins the replay windows of a session again behind this number."""
+        for opener in self._openers.values():
+            opener.resume(hw, session, sequence)
+
     def _is_own(self, data: bytes, address: Address, rx_mono_ns: int) -> bool:
         """Whether a datagram is an own one that was looped back; one without a session counts as own.
 
-        One with a number that was not used yet, and a valid seal, is of a member that has forged it.
+        One with a number that was not used yet, or was used for another one, is of a member that has forged
+        it, when its seal is valid.
         """
         try:
             header, start = codec.decode_header(data)
@@ -297,23 +324,25 @@ class BeaconTransport:
             return True
         if header.session not in (None, self._session):
             return False
-        if header.sequence <= self._sequence or not self._limiter.may_open(
-            address, self._hardware, rx_mono_ns
+        signatures, sequence = self._core.signatures, header.sequence
+        if sequence <= self._sequence and (
+            signatures is None or not signatures.is_other(sequence, datagram_digest(data))
         ):
             return True
-        opener = self._opener(header.epoch, rx_mono_ns)
+        if not self._limiter.may_open(address, self._hardware, rx_mono_ns):
+            return True
+        opener = self._opener(header.epoch, self._clock.from_mono_ns(rx_mono_ns))
         opened = (
             Refusal.EPOCH
             if opener is None
             else opener.open(
-                header.epoch, self._hardware, self._session, header.sequence, data[:start], data[start:]
+                header.epoch, self._hardware, self._session, sequence, data[:start], data[start:]
             )
         )
         if isinstance(opened, Refusal):
             self._limiter.bad(address)
         else:
-            self._counters.refused.impersonated += 1
-            self._feed((ReportImpersonation(address[0]),))
+            self._feed(self._core.on_impersonation(address[0], self._clock.from_mono_ns(rx_mono_ns)))
         return True
 
     def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:

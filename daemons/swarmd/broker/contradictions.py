@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from swarmd.broker.core.action import ReportImpersonation
 from swarmd.broker.core.admission.access_filter import UNKNOWN
 from swarmd.broker.core.boards.claims import Contradiction
 from swarmd.broker.core.broker import BrokerCore
@@ -17,7 +18,7 @@ RELAY: Final = "relay"
 """Verb of a denial: the platform relayed a value that the beacons of its origin contradict."""
 
 BEACON: Final = "beacon"
-"""Verb of a denial: a member sealed a beacon in the name of this node."""
+"""Verb of a denial: a member sealed a beacon in the name of another one."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -45,11 +46,21 @@ class ContradictionReports:
             name = UNKNOWN if role is None else role.name.lower()
             self._report(Denial(relay, name, RELAY, path, 1, reason), now_ns)
 
-    def on_impersonation(self, host: str, now_ns: int) -> None:
-        """Reports the address of a member that sealed a beacon in the name of this node."""
-        own = self._core.identity.platform
-        reason = f"a beacon in the name of {own} that {own} never sent: sealed by a member, from {host}"
-        self._report(Denial(host, UNKNOWN, BEACON, "", 1, reason), now_ns)
+    def on_impersonation(self, found: ReportImpersonation, now_ns: int) -> None:
+        """Reports the addresses of a member that sealed a beacon in the name of another one."""
+        victim = self._core.nodes.platform(found.hw)
+        if found.hw == self._core.identity.hw:
+            victim = self._core.identity.platform
+        hosts = " or ".join(map(self._place, found.hosts))
+        reason = (
+            f"a beacon in the name of {victim} that {victim} never sent: sealed by a member, from {hosts}"
+        )
+        self._report(Denial(found.hosts[0], UNKNOWN, BEACON, "", 1, reason), now_ns)
+
+    def _place(self, host: str) -> str:
+        """An address, with the platform where it has only one."""
+        platforms = self._core.targets.platforms_at(host)
+        return f"{host}, the address of {platforms.pop()}" if len(platforms) == 1 else host
 
     def _report(self, denial: Denial, now_ns: int) -> None:
         report = self._reports.report(denial, now_ns)

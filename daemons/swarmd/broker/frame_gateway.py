@@ -8,10 +8,11 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.admission.roster_exchange import RosterAction, SendRoster
-from swarmd.broker.core.broker import BrokerCore, LinkTarget
+from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.forwarding.end_to_end import EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.topology.link_targets import LinkTarget
 from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.frame_delivery import FrameDelivery
 from swarmd.broker.links.frame_links import FrameLinks
@@ -170,7 +171,7 @@ class FrameGateway:
 
     def send_roster(self, message: SendRoster) -> None:
         """Sends a message about the roster to a neighbour, or to another node whose address is known."""
-        hw, target = message.hw, self._core.link_target(message.hw)
+        hw, target = message.hw, self._core.targets.find(message.hw)
         curve = message.curve_public or self._keys.curve_of(message.platform)
         if not curve:
             return
@@ -360,7 +361,7 @@ class FrameGateway:
             channel.sent(payload_bytes)
 
     def _peer(self, hw: int) -> LinkPeer | None:
-        target = self._core.link_target(hw)
+        target = self._core.targets.find(hw)
         if target is None:
             return None
         known = self._peers.get(hw)

@@ -10,6 +10,7 @@ from swarmd.broker.contradictions import ContradictionReports
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
+    ContinueSequence,
     KeepMirrors,
     PollInputs,
     ProveSession,
@@ -54,7 +55,14 @@ from swarmware.types.net import (
 )
 from swarmware.types.rpc import Empty
 
-OF_DATAGRAMS: Final = (AdoptSession, LinkChanged, ProveSession, WriteMirrors, WriteStructure)
+OF_DATAGRAMS: Final = (
+    AdoptSession,
+    ContinueSequence,
+    LinkChanged,
+    ProveSession,
+    WriteMirrors,
+    WriteStructure,
+)
 """Actions that a received datagram causes: an exception in one of them ends this action, never the broker."""
 
 log = logging.getLogger("swarm.broker")
@@ -171,6 +179,8 @@ class BrokerShell:
                 self._mirrors.keep_only(action.wants)
             case AdoptSession():
                 self._transport.adopt(action.hw, action.session)
+            case ContinueSequence():
+                self._transport.resume(action.hw, action.session, action.sequence)
             case ProveSession():
                 self._gateway.prove(action.hw, action.session)
             case WriteLimits():
@@ -188,7 +198,7 @@ class BrokerShell:
             case ReportContradictions():
                 self._contradictions.on_contradictions(action.found, self._clock.now_ns())
             case ReportImpersonation():
-                self._contradictions.on_impersonation(action.host, self._clock.now_ns())
+                self._contradictions.on_impersonation(action, self._clock.now_ns())
 
     def _read_inputs(self, boards: bool) -> None:
         self._transport.receive()

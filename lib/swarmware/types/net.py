@@ -206,12 +206,14 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     denied: int = 0
     """Messages and requests whose sender's role may not send them."""
     unproven: int = 0
-    """Datagrams whose session was not confirmed by an answer, or after a restart by a proof, yet."""
+    """Datagrams whose session was not confirmed by an answer, or after a restart by a proof, yet, or whose
+    sender has signed none for too long."""
     flooded: int = 0
     """Datagrams dropped before their seal was checked: of unknown senders, or from addresses with too many
     invalid ones; not counted as received."""
     unsigned: int = 0
-    """Frames that another member forwarded without a signature of their sender."""
+    """Frames that another member forwarded without a signature of their sender, and beacons without one while
+    a member seals some in the name of their sender."""
     revoked: int = 0
     """Datagrams, frames and connections of platforms that were revoked; not counted as received."""
     rosters: int = 0
@@ -224,7 +226,7 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     contradicted: int = 0
     """Relayed values of boards that the beacons of their origin contradict: a member has made them up."""
     impersonated: int = 0
-    """Beacons that a member has sealed in the name of this node."""
+    """Beacons that a member has sealed in the name of another one: of this node, or of one in range."""
 
 
 CERTAINLY_HOSTILE: Final = (

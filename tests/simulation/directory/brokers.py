@@ -8,11 +8,14 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action, PollInputs, PublishTables, SendBeacon, WriteMirrors
 from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
+from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
+from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock
@@ -20,6 +23,7 @@ from swarmware.model.names import hardware_id
 from swarmware.runtime.driver import CoreDriver
 from swarmware.testing.virtual import VirtualSwarm
 from swarmware.transport.security.keys import Keys
+from swarmware.transport.sodium import KEY_BYTES, SigningKey
 from swarmware.types.net import BoardSubscription
 
 SEAL_BYTES: Final = 16
@@ -57,6 +61,33 @@ def header_of(data: bytes) -> Header:
     return header
 
 
+def clear_and_body(data: bytes) -> tuple[bytes, bytes]:
+    """Clear header and body of a datagram."""
+    _, start = codec.decode_header(data[_SESSION.size :])
+    return data[_SESSION.size : _SESSION.size + start], data[_SESSION.size + start :]
+
+
+@lru_cache(maxsize=256)
+def signing_key(name: str) -> SigningKey:
+    """The key of a simulated node."""
+    return SigningKey(name.encode().ljust(KEY_BYTES))
+
+
+class SimulatedKeys:
+    """Signing keys of a node, whose roster has every name."""
+
+    is_open = False
+
+    def __init__(self, name: str) -> None:
+        self._key = signing_key(name)
+
+    def sign(self, data: bytes) -> bytes:
+        return self._key.sign(data)
+
+    def sign_public_of(self, platform: str) -> bytes | None:
+        return signing_key(platform).public if platform else None
+
+
 class BrokerNode:
     """One node: a broker core, its driver, and what its actions said."""
 
@@ -73,6 +104,7 @@ class BrokerNode:
         on_value: Callable[["BrokerNode", BoardSubscription, RemoteValue], None] = lambda *_: None,
         on_tables: Callable[["BrokerNode"], None] = lambda _: None,
         keys: Keys | None = None,
+        signing: SigningKeys | None = None,
         on_roster: Callable[["BrokerNode", SendRoster], None] = lambda *_: None,
     ) -> None:
         """`write_boards`: puts the values of the own boards before a beacon; `on_tables`: the tables of
@@ -91,6 +123,7 @@ class BrokerNode:
             now_ns=clock.now_ns(),
             chance=air.random.random,
             exchange=None if keys is None else RosterExchange(keys, self.hw, air.random.random),
+            signing=signing,
         )
         if keys is not None:
             self.core.set_ports(TCP_PORT, 0)
@@ -146,8 +179,13 @@ class BrokerNode:
         mark = 0 if exchange is None else exchange.epochs.sealing.mark
         header = Header(mark, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
         data = datagram(self.core.session, header, outgoing.beacon)
+        signatures = self.core.signatures
+        if signatures is not None and outgoing.is_signed:
+            clear, body = clear_and_body(data)
+            data = data[: -len(body)] + signatures.signed(outgoing.sequence, clear, body, now_ns)
+            assert len(data) - len(clear) - _SESSION.size <= BODY_LIMIT
         size = wire_bytes(data)
-        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns)
+        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns, datagram_digest(data))
         self.sent += 1
         self.sent_bytes += size
         beacon = outgoing.beacon
@@ -163,8 +201,12 @@ class BrokerNode:
         size = wire_bytes(data) - IP_UDP_BYTES
         if self.core.exchange is not None and not self._opens(self.core.exchange, header_of(data), data):
             return
+        header, now_ns = header_of(data), self.clock.now_ns()
+        clear, body = clear_and_body(data)
+        is_new = self.core.sources is None or not self.core.sources.is_ahead(header, now_ns)
+        sealed = SealedDatagram(clear, body, datagram_digest(data), SENDER_ADDRESS[0], is_new)
         _, actions = self.core.on_datagram(
-            header_of(data), beacon_of(data), SENDER_ADDRESS, True, size, self.clock.now_ns()
+            header, beacon_of(data), SENDER_ADDRESS, True, size, now_ns, sealed
         )
         self.driver.feed(actions)
 

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 import pytest
-from tests.simulation.directory.brokers import BrokerNode
+from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys
 from tests.simulation.directory.radios import RadioSwarm
 
 from swarmd.broker.core.boards.relay_cache import RemoteValue
@@ -25,6 +25,9 @@ DELAY_S: Final = (0.0002, 0.001)
 
 class Air(RadioSwarm):
     """Brokers of moving vehicles, and the poses that each of them has received."""
+
+    signs = True
+    """Beacons are signed, as with keys."""
 
     def __init__(self, seed: int, count: int, degree: float, speed_m_s: float) -> None:
         super().__init__(seed, count, degree, delay_s=DELAY_S)
@@ -45,6 +48,7 @@ class Air(RadioSwarm):
             VirtualClock(self, self.offset_s[name]),
             write_boards=self.write_pose,
             on_value=self.take_pose,
+            signing=SimulatedKeys(name) if self.signs else None,
         )
         self.brokers[name] = node
         wants = tuple(

@@ -28,6 +28,8 @@ INVENTED_Y_M: Final = 666.0
 class AirWithForger(Air):
     """Swarm in which one member adds invented poses of the others to its beacons."""
 
+    signs = False  # the inventions are put in after signing
+
     def __init__(self, seed: int, count: int, degree: float, speed_m_s: float) -> None:
         super().__init__(seed, count, degree, speed_m_s)
         self.forger = self.names[0]

@@ -100,10 +100,20 @@ class ReportContradictions(msgspec.Struct, frozen=True, gc=False):
 
 
 class ReportImpersonation(msgspec.Struct, frozen=True):
-    """Action: report a beacon that a member has sealed in the name of this node."""
+    """Action: report a beacon that a member has sealed in the name of another one."""
 
-    host: str
-    """Source address of the datagram."""
+    hw: int
+    """Whose name it used."""
+    hosts: tuple[str, ...]
+    """Source addresses that it can have come from."""
+
+
+class ContinueSequence(msgspec.Struct, frozen=True):
+    """Action: begin the replay window of a session again with this number: a false beacon has moved it."""
+
+    hw: int
+    session: int
+    sequence: int
 
 
 Action = (
@@ -122,6 +132,7 @@ Action = (
     | ReportSlowdown
     | ReportContradictions
     | ReportImpersonation
+    | ContinueSequence
     | LinkChanged
     | SendRoster
     | ApplyRoster

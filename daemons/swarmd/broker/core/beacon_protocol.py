@@ -111,6 +111,8 @@ class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
     beacon: Beacon
     declared_period_ns: int = 0
     """Longest declared period, to be stored before sending; 0: unchanged."""
+    is_signed: bool = False
+    """It has room for a signature, and needs one."""
 
 
 class BeaconProtocol:

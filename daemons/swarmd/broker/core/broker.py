@@ -9,6 +9,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
+    ContinueSequence,
     KeepMirrors,
     PollInputs,
     ProveSession,
@@ -16,6 +17,7 @@ from swarmd.broker.core.action import (
     ReportContradictions,
     ReportDuplicate,
     ReportDuplicateGone,
+    ReportImpersonation,
     ReportSlowdown,
     SendBeacon,
     WriteClockSamples,
@@ -24,25 +26,27 @@ from swarmd.broker.core.action import (
     WriteStructure,
 )
 from swarmd.broker.core.admission.origins import RATE_DIVISOR
+from swarmd.broker.core.admission.own_signatures import OwnSignatures
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
+from swarmd.broker.core.admission.sources import SealedDatagram, Sources, Verdict
 from swarmd.broker.core.beacon import session_checks
-from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello
+from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
+from swarmd.broker.core.boards.rate_limits import unlimited_channels
 from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.report import NetReport
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.link_targets import LinkTargets
 from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.errors import InvalidInput, OutOfRange
-from swarmware.model.names import Pattern
-from swarmware.model.resource import Kind, Resource
+from swarmware.model.resource import Resource
 from swarmware.runtime.core import AT_ONCE
 from swarmware.transport.security.roster import RosterChange
 from swarmware.types.net import UNACCEPTED, ChannelLimits, SetChannel, TimingBatch, TimingSample, TreePlan
@@ -56,10 +60,6 @@ SAMPLES_NS: Final = 490_000_000
 seconds. A little less than half a second, so that the batch is due at every fifth check at 10 Hz."""
 SAMPLES_MAX: Final = 48
 """Samples after which a batch is written without waiting: they fit a slot of their stream."""
-CLAIMANTS_MAX: Final = 16
-CLAIMANT_NS: Final = 3_000_000_000
-PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
-"""Kinds with guaranteed delivery of every item: rate limits do not apply to them."""
 _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
 
@@ -73,19 +73,6 @@ class FormerState(msgspec.Struct, frozen=True):
     """Longest time between two datagrams that it declared; 0: none is known."""
     quiet_ns: int = 0
     """Time for which other nodes may still route through it, in ns."""
-
-
-class LinkTarget(msgspec.Struct, frozen=True):
-    """Target of a connection to a neighbour."""
-
-    platform: str
-    host: str
-    tcp_port: int
-    curve_public: bytes
-    """The key that it announced itself; empty where the key is on the roster."""
-    session: int
-    frame_port: int = 0
-    """UDP port for frames as datagrams; 0: none."""
 
 
 class BrokerCore:
@@ -133,11 +120,13 @@ class BrokerCore:
         self.nodes = protocol.nodes
         self.published = protocol.published
         self.forwarder = FrameForwarder(identity.hw, topology.routing)
-        self._by_unicast: set[int] = set()
-        """Neighbours whose newest datagram came by unicast."""
-        self.report = NetReport(protocol, topology, self.counters, self._by_unicast, now_ns)
+        self.targets = LinkTargets(topology.neighbours, protocol.nodes)
+        self.report = NetReport(protocol, topology, self.counters, self.targets.by_unicast, now_ns)
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)
+        signs = signing is not None and not signing.is_open
+        self.signatures = OwnSignatures(identity.hw, session, signing) if signing and signs else None
+        self.sources = Sources(signing, protocol.nodes.platform) if signing and signs else None
         self._schedule = BeaconSchedule(now_ns, chance)
         self._publish_ns = now_ns
         self._tables_changed = False
@@ -152,10 +141,6 @@ class BrokerCore:
         """Samples since the last batch."""
         self._samples_ns = now_ns
         """Instant from which the next batch may be written."""
-        self._targets: dict[int, tuple[Hello, Address, LinkTarget]] = {}
-        """Of neighbours that frames went to, with the hello and address that they follow from."""
-        self._claimants: dict[Address, int] = {}
-        """Unicast senders without an accepted session, and until when beacons are sent to them."""
 
     def add_members(self, platforms: Iterable[str], now_ns: int) -> None:
         """Takes the platforms on the roster: their names are known before they are received."""
@@ -263,18 +248,38 @@ class BrokerCore:
     # datagrams
 
     def on_datagram(
-        self, header: Header, beacon: Beacon, address: Address, by_multicast: bool, size: int, now_ns: int
+        self,
+        header: Header,
+        beacon: Beacon,
+        address: Address,
+        by_multicast: bool,
+        size: int,
+        now_ns: int,
+        datagram: SealedDatagram | None = None,
     ) -> tuple[bool, list[Action]]:
-        """Takes an authenticated beacon, whose header names its session; whether that session is accepted."""
+        """Takes an authenticated beacon, whose header names its session; whether it is accepted.
+
+        `datagram`: needed where beacons are signed.
+        """
         hw, actions = header.sender_hw, list[Action]()
         assert header.session is not None, "the session is known from the key that opened the datagram"
-        outcome = self._sessions.on_datagram(hw, header.session, beacon.checks, now_ns)
+        sources, is_signed = self.sources, None
+        if sources is not None and datagram is not None:
+            is_signed = sources.is_signed(header, beacon, datagram)
+        is_proven = bool(is_signed) or sources is None
+        outcome = self._sessions.on_datagram(hw, header.session, beacon.checks, now_ns, is_proven=is_proven)
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
             if not outcome.accepted:
                 self.counters.datagram_received(size, UNACCEPTED)
-                if not by_multicast and len(self._claimants) < CLAIMANTS_MAX:
-                    self._claimants[address] = now_ns + CLAIMANT_NS
+                if not by_multicast:
+                    self.targets.on_claimant(address, now_ns)
+                return False, actions
+        if sources is not None and datagram is not None:
+            verdict = sources.judge(header, beacon, datagram, is_signed, now_ns)
+            self._on_verdict(hw, header.session, verdict, actions)
+            if not verdict.is_taken:
+                self.counters.datagram_received(size, UNACCEPTED)
                 return False, actions
         if self.exchange is not None:
             hello = beacon.hello
@@ -289,10 +294,7 @@ class BrokerCore:
         self.counters.datagram_received(size, self.nodes.platform(hw))
         if self.exchange is not None and beacon.hello is not None:
             self.exchange.on_shown(hw, self.nodes.platform(hw), beacon.hello.roster_version, now_ns)
-        if by_multicast:
-            self._by_unicast.discard(hw)
-        else:
-            self._by_unicast.add(hw)
+        self.targets.on_neighbour(hw, by_multicast)
         if received.clock_sample is not None:
             self._clock_samples.append(received.clock_sample)
         if received.values:
@@ -309,6 +311,30 @@ class BrokerCore:
             self._triggered = True
         return True, actions
 
+    def _on_verdict(self, hw: int, session: int, verdict: Verdict, actions: list[Action]) -> None:
+        refused = self.counters.refused
+        if verdict.refusal:
+            setattr(refused, verdict.refusal, getattr(refused, verdict.refusal) + 1)
+        if verdict.ask is not None:
+            self._sessions.ask(hw, session, verdict.ask)
+            self._triggered = self._triggered or not verdict.is_taken
+        if verdict.continues_at is not None:
+            actions.append(ContinueSequence(hw, session, verdict.continues_at))
+        if verdict.is_evidence:
+            refused.impersonated += 1
+            self._protocol.relay_cache.forget_origin(hw)
+            actions.append(ReportImpersonation(hw, verdict.suspects))
+
+    def on_impersonation(self, host: str, now_ns: int) -> list[Action]:
+        """Another member has sealed a beacon in the name of this node."""
+        self.counters.refused.impersonated += 1
+        self._sign_all(now_ns)
+        return [ReportImpersonation(self.identity.hw, (host,))]
+
+    def _sign_all(self, now_ns: int) -> None:
+        if self.signatures is not None and self.signatures.sign_all(now_ns):
+            self._triggered = True
+
     def _on_outcome(
         self, hw: int, session: int, outcome: SessionOutcome, actions: list[Action], now_ns: int
     ) -> None:
@@ -320,6 +346,8 @@ class BrokerCore:
             first = not self._duplicate_ns
             self._duplicate_ns = now_ns
             actions.append(ReportDuplicate(self.nodes.platform(hw), hw == self.identity.hw, first))
+        if outcome.sign_all:
+            self._sign_all(now_ns)
         if outcome.soon:
             self._protocol.schedule_hello()
             self._triggered = True
@@ -369,6 +397,8 @@ class BrokerCore:
         for hw in self.nodes.units_of(gone):
             if hw != self.identity.hw:
                 self._sessions.forget(hw)
+                if self.sources is not None:
+                    self.sources.forget(hw)
                 self._on_changes(*self._protocol.forget(hw, now_ns), actions, now_ns)
         if gone:
             self._tables_changed = True
@@ -386,7 +416,14 @@ class BrokerCore:
                 protocol.schedule_hello()  # with the session: others open it with another key from now on
         try:
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting)
+            signature_bytes = 0
+            if self.signatures is not None:
+                if sessions.waiting:
+                    self.signatures.sign_next()  # others accept an answer only with a signature
+                signature_bytes = self.signatures.reserved_bytes(now_ns)
+                protocol.reserved_bytes += signature_bytes
             outgoing = protocol.compose(now_ns)
+            outgoing = msgspec.structs.replace(outgoing, is_signed=signature_bytes > 0)
         finally:
             self._schedule.set_next(now_ns, self._period_ns())
         if not sessions.waiting:
@@ -394,24 +431,13 @@ class BrokerCore:
         beacon = msgspec.structs.replace(outgoing.beacon, checks=sessions.due(now_ns))
         return msgspec.structs.replace(outgoing, beacon=beacon)
 
-    def on_sent(self, sequence: int, size: int, now_ns: int) -> list[Action]:
-        """A beacon was sent, stamped with this instant."""
+    def on_sent(self, sequence: int, size: int, now_ns: int, digest: int = 0) -> list[Action]:
+        """A beacon was sent, stamped with this instant; `digest`: of the datagram, where beacons are
+        signed."""
         self._protocol.sent(sequence, now_ns, size)
+        if self.signatures is not None:
+            self.signatures.on_sent(sequence, digest)
         return []
-
-    def unicast_addresses(self, seeds: Iterable[Address], now_ns: int) -> set[Address]:
-        """Addresses of seeds, of neighbours and of claimants that multicast does not reach."""
-        if not seeds and not self._by_unicast and not self._claimants:
-            return set()
-        single: set[Address] = set()
-        by_group: set[Address] = set()
-        for neighbour in self._neighbours.all():
-            if neighbour.state is not LinkState.DOWN:
-                (single if neighbour.hw in self._by_unicast else by_group).add(neighbour.address)
-        single.update(address for address in seeds if address not in by_group)
-        self._claimants = {address: end_ns for address, end_ns in self._claimants.items() if end_ns > now_ns}
-        single.update(self._claimants)
-        return single
 
     # settings of the tree and of operators
 
@@ -426,21 +452,10 @@ class BrokerCore:
 
         Raises: OutOfRange, InvalidInput when the request does not fit them.
         """
-        if request.max_hz is not None and not 0 <= request.max_hz <= 1000:
-            raise OutOfRange(f"max_hz {request.max_hz}: expected 0..1000, or none to remove the limit")
-        if not 0 <= request.for_s <= 86_400:
-            raise OutOfRange(f"for_s {request.for_s}: expected 0..86400 seconds")
-        pattern = Pattern(request.pattern)
-        matching = [resource for resource in resources if pattern.matches(resource.path)]
-        unlimited = tuple(resource.path for resource in matching if resource.kind in PROMISED)
-        if request.max_hz is not None and unlimited and len(unlimited) == len(matching):
-            raise InvalidInput(
-                f"pattern {request.pattern!r}: matches only {', '.join(unlimited[:3])}, whose items are"
-                " all delivered; expected boards: the owner of a stream sets its rate"
-            )
-        self._protocol.rate_limits.set(request, now_ns)
-        limits = self._protocol.rate_limits.limits(now_ns)
-        return msgspec.structs.replace(limits, unlimited=unlimited), [WriteLimits(limits)]
+        limits, unlimited = self._protocol.rate_limits, unlimited_channels(request, resources)
+        limits.set(request, now_ns)
+        present = limits.limits(now_ns)
+        return msgspec.structs.replace(present, unlimited=unlimited), [WriteLimits(present)]
 
     # queries
 
@@ -464,22 +479,6 @@ class BrokerCore:
         """Whether the link to a node is up."""
         neighbour = self._neighbours.get(hw)
         return neighbour is not None and neighbour.state is LinkState.UP
-
-    def link_target(self, hw: int) -> LinkTarget | None:
-        """Target of a connection to a neighbour; None: it has not announced a port."""
-        neighbour = self._neighbours.get(hw)
-        if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
-            self._targets.pop(hw, None)
-            return None
-        hello, address, session = neighbour.hello, neighbour.address, neighbour.session
-        known = self._targets.get(hw)
-        if known is not None and known[0] is hello and known[1] == address and known[2].session == session:
-            return known[2]
-        target = LinkTarget(
-            self.nodes.platform(hw), address[0], hello.tcp_port, hello.curve_public, session, hello.frame_port
-        )
-        self._targets[hw] = hello, address, target
-        return target
 
     def usual_period_ns(self) -> int:
         """Median time between two datagrams of a neighbour."""

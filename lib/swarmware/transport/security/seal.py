@@ -94,6 +94,15 @@ class ReceivedSession:
         """The same session under another key: it continues behind the newest datagram."""
         return ReceivedSession(self.number, key, self._top, self._window)
 
+    def peek(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
+        """The body of a datagram whatever its number is, which stays unused; FORGED without a valid seal."""
+        body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
+        return Refusal.FORGED if body is None else Opened(body, self.number)
+
+    def resume(self, sequence: int) -> None:
+        """Begins the window again behind this number: it and all before it are used."""
+        self._top, self._seen = sequence, _WINDOW_MASK
+
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed."""
         ahead = sequence - self._top
@@ -144,6 +153,25 @@ class Opener:
             if one.number == session:
                 return one.open(sender_hw, sequence, clear, box)
         return self._open_first(sender_hw, session, sequence, clear, box)
+
+    def peek(
+        self, epoch: int, sender_hw: int, session: int | None, sequence: int, clear: bytes, box: bytes
+    ) -> Opened | Refusal:
+        """As `open`, of a known session, but whatever the number is, which stays unused."""
+        if epoch != self._group.mark:
+            return Refusal.EPOCH
+        for one in self._senders.get(sender_hw, ()):
+            if session in (None, one.number):
+                opened = one.peek(sender_hw, sequence, clear, box)
+                if opened is not Refusal.FORGED:
+                    return opened
+        return Refusal.FORGED
+
+    def resume(self, sender_hw: int, session: int, sequence: int) -> None:
+        """Begins the replay window of a session again behind this number."""
+        for one in self._senders.get(sender_hw, ()):
+            if one.number == session:
+                one.resume(sequence)
 
     def rekeyed(self, group: GroupKey) -> "Opener":
         """An opener for another group key that knows the same sessions: senders that change the key do not

@@ -20,6 +20,9 @@ ENDED_NS: Final = 700_000_000
 """The same for a session without a datagram since the other one began."""
 AGAIN_NS: Final = 90_000_000
 """Minimum period of the same question."""
+LATER_NS: Final = 700_000_000
+"""The same for a first contact after the prompt questions: a node at the edge of the range is received
+rarely."""
 PROVE_NS: Final = 300_000_000
 FORGET_NS: Final = 10_000_000_000
 """Lifetime of a session that does not answer."""
@@ -44,6 +47,8 @@ class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
     """Prove our session to the sender over a connection."""
     duplicate: bool = False
     """Two computers use the name of this sender at the same time."""
+    sign_all: bool = False
+    """The sender asks for signed beacons."""
 
 
 ACCEPTED: Final = SessionOutcome(accepted=True)
@@ -93,39 +98,56 @@ class Sessions:
         return None if present is None else present.session
 
     def on_datagram(
-        self, hw: int, session: int, checks: tuple[SessionCheck, ...], now_ns: int
+        self,
+        hw: int,
+        session: int,
+        checks: tuple[SessionCheck, ...],
+        now_ns: int,
+        *,
+        is_proven: bool = True,
     ) -> SessionOutcome:
-        """Takes an authenticated datagram, perhaps of another computer with the own name."""
+        """Takes an authenticated datagram, perhaps of another computer with the own name.
+
+        `is_proven`: the sender itself made it, not another member; otherwise it answers nothing.
+        """
+        if not is_proven:
+            checks = ()
         present = self._present.get(hw)
         if not checks and present is not None and present.session == session:
             present.received_ns = now_ns
             return ACCEPTED
-        answered = prove = soon = False
+        answered = prove = soon = sign_all = False
         for check in checks:
             if check.hw != self._own_hw or check.digest != self._digest:
                 continue
             if check.kind == CheckKind.ANSWER:
                 answered = True
-            elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE):
+            elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE, CheckKind.SIGN):
                 self._answer(hw, session)
                 soon = True
                 prove = prove or check.kind == CheckKind.PROVE
+                sign_all = sign_all or check.kind == CheckKind.SIGN
         if hw == self._own_hw:
             # another computer with our name; a replay of our former session cannot answer
             self._answer(hw, session)
             return SessionOutcome(False, soon=True, duplicate=answered)
         if present is not None and present.session == session:
             present.received_ns = now_ns
-            return SessionOutcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
+            prove = prove and self._may_prove(hw, now_ns)
+            return SessionOutcome(True, soon=soon, prove=prove, sign_all=sign_all)
         claim = self._claim(hw, session, now_ns)
         claim.received_ns = now_ns
         claim.answered = claim.answered or answered
         if self._may_follow(present, claim, now_ns):
-            self._adopt(hw, claim, now_ns)
+            self._adopt(hw, claim, now_ns, has_hello=answered)
             return SessionOutcome(True, adopted=True, soon=True, prove=prove and self._may_prove(hw, now_ns))
         duplicate = self._is_duplicate(present, claim)
         asked = self._ask(hw, claim, present is not None, now_ns)
         return SessionOutcome(False, soon=soon or asked, duplicate=duplicate)
+
+    def ask(self, hw: int, session: int, kind: CheckKind) -> None:
+        """Asks the accepted session of a node: its answer is signed."""
+        self._questions[hw] = SessionCheck(kind, hw, digest(session))
 
     def on_proof(self, hw: int, session: int, now_ns: int) -> None:
         """Takes the proof of a session, over a connection that only the key of the node opens."""
@@ -200,7 +222,7 @@ class Sessions:
             return False
         return claim.proven if self._connections else claim.answered
 
-    def _adopt(self, hw: int, claim: _PendingSession, now_ns: int) -> None:
+    def _adopt(self, hw: int, claim: _PendingSession, now_ns: int, *, has_hello: bool) -> None:
         if len(self._present) >= PRESENT_MAX:
             longest = min(self._present, key=lambda key: self._present[key].received_ns)
             del self._present[longest]
@@ -208,12 +230,14 @@ class Sessions:
         self._present[hw] = _CurrentSession(claim.session, claim.proven, now_ns)
         for key in [key for key in self._claims if key[0] == hw]:
             del self._claims[key]
-        # the answer to it comes with a hello
-        self._questions[hw] = SessionCheck(CheckKind.QUESTION, hw, digest(claim.session))
+        self._questions.pop(hw, None)
+        if not has_hello:  # an answer comes with one
+            self._questions[hw] = SessionCheck(CheckKind.QUESTION, hw, digest(claim.session))
 
     def _ask(self, hw: int, claim: _PendingSession, prove: bool, now_ns: int) -> bool:
         """Asks about a session; whether that triggers a beacon."""
-        if now_ns - claim.asked_ns < AGAIN_NS:
+        again_ns = AGAIN_NS if prove or claim.count < PROMPT_QUESTIONS else LATER_NS
+        if now_ns - claim.asked_ns < again_ns:
             return False
         claim.asked_ns = now_ns
         claim.count += 1

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from swarmd.broker.core.beacon.session_checks import SessionCheck
+from swarmd.broker.core.beacon.signature_part import BeaconSignature
 from swarmd.broker.core.beacon.structure_parts import StructurePart
 
 NEVER_NS: Final = -(1 << 62)
@@ -162,6 +163,8 @@ class Beacon(msgspec.Struct, frozen=True, gc=False):
     """Structure of the sender's tree."""
     structure_questions: tuple[int, ...] = ()
     """Hardware ids of nodes whose structure the sender needs."""
+    signature: BeaconSignature | None = None
+    """Of the sender, in some beacons; added after encoding."""
 
 
 def encode_age(age_us: int) -> int:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon import session_checks, structure_parts
+from swarmd.broker.core.beacon import session_checks, signature_part, structure_parts
 from swarmd.broker.core.beacon.beacon import (
     HOPS_MAX,
     NO_ECHO,
@@ -162,6 +162,11 @@ def encode(beacon: Beacon) -> bytes:
     return b"".join(out)
 
 
+def append_statement(body: bytes | bytearray, statement: bytes) -> bytes:
+    """A body with an extra part behind its last one."""
+    return bytes((body[0] | Section.EXTRA,)) + bytes(body[1:]) + statement
+
+
 def shift_echoes(body: bytearray, late_us: int) -> None:
     """Adds the time since composition to the hold times of all echoes in a body."""
     at = 1
@@ -204,6 +209,7 @@ def _decode(data: bytes) -> Beacon:
         raise WireError(f"beacon of {len(data)} bytes: its sections need {at}")
     if present & Section.EXTRA:
         contents[_STRUCTURE], contents[_QUESTIONS] = structure_parts.decode(data, start)
+        contents[_SIGNATURE] = signature_part.decode(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
         contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
@@ -409,6 +415,6 @@ _SECTIONS: Final = (
 )
 """In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
 parts."""
-_STRUCTURE, _QUESTIONS = len(_SECTIONS), len(_SECTIONS) + 1
+_STRUCTURE, _QUESTIONS, _SIGNATURE = range(len(_SECTIONS), len(_SECTIONS) + 3)
 """Fields of `Beacon` behind those of the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

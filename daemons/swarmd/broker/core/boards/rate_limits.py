@@ -1,7 +1,15 @@
 """Rate limits of channels: by resource pattern, set at run time."""
 
+from collections.abc import Iterable
+from typing import Final
+
+from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import Pattern
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.net import ChannelLimit, ChannelLimits, SetChannel
+
+PROMISED: Final = frozenset({Kind.STREAM, Kind.EVENT})
+"""Kinds with guaranteed delivery of every item: rate limits do not apply to them."""
 
 
 class _RateLimit:
@@ -65,3 +73,23 @@ class RateLimits:
                 for text, limit in self._limits.items()
             )
         )
+
+
+def unlimited_channels(request: SetChannel, resources: Iterable[Resource]) -> tuple[str, ...]:
+    """Resources of this node that match a request and cannot be limited.
+
+    Raises: OutOfRange, InvalidInput when the request does not fit the resources.
+    """
+    if request.max_hz is not None and not 0 <= request.max_hz <= 1000:
+        raise OutOfRange(f"max_hz {request.max_hz}: expected 0..1000, or none to remove the limit")
+    if not 0 <= request.for_s <= 86_400:
+        raise OutOfRange(f"for_s {request.for_s}: expected 0..86400 seconds")
+    pattern = Pattern(request.pattern)
+    matching = [resource for resource in resources if pattern.matches(resource.path)]
+    unlimited = tuple(resource.path for resource in matching if resource.kind in PROMISED)
+    if request.max_hz is not None and unlimited and len(unlimited) == len(matching):
+        raise InvalidInput(
+            f"pattern {request.pattern!r}: matches only {', '.join(unlimited[:3])}, whose items are"
+            " all delivered; expected boards: the owner of a stream sets its rate"
+        )
+    return unlimited

@@ -1,0 +1,78 @@
+"""Signatures of the own beacons: one every few seconds, and every one while another member forges some."""
+
+from typing import Final
+
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon import signature_part
+from swarmd.broker.core.beacon.beacon import NEVER_NS
+from swarmd.broker.core.beacon.beacon_history import BeaconHistory
+from swarmd.broker.core.beacon.signature_part import PART_BYTES, signed_content
+from swarmd.broker.core.forwarding.end_to_end import SigningKeys
+
+PERIOD_NS: Final = 4_000_000_000
+"""Period of signatures: 21 B/s, which the budget of beacons has left (tests/bench/pose_ages.py)."""
+EARLY_NS: Final = 50_000_000
+"""A beacon is signed up to half a period of 10 Hz before that."""
+ALL_NS: Final = 60_000_000_000
+"""Time for which every beacon is signed after the last evidence of a false one."""
+SLACK_NS: Final = 2_000_000_000
+"""Every beacon is signed for this time longer than stated: receivers count from their reception."""
+_SECOND_NS: Final = 1_000_000_000
+
+
+class OwnSignatures:
+    """Decides which own beacons are signed, and signs them."""
+
+    def __init__(self, own_hw: int, session: int, keys: SigningKeys) -> None:
+        self._own_hw = own_hw
+        self._session = session
+        self._keys = keys
+        self._history = BeaconHistory()
+        self._signed_ns = NEVER_NS
+        self._all_until_ns = NEVER_NS
+        self._is_asked = False
+
+    def sign_next(self) -> None:
+        """Has the next beacon signed."""
+        self._is_asked = True
+
+    def sign_all(self, now_ns: int) -> bool:
+        """Has every beacon signed for ALL_NS; whether that begins now."""
+        begins = not self.signs_all(now_ns)
+        self._all_until_ns = now_ns + ALL_NS
+        return begins
+
+    def signs_all(self, now_ns: int) -> bool:
+        """Whether every beacon is signed now."""
+        return now_ns <= self._all_until_ns + SLACK_NS
+
+    def reserved_bytes(self, now_ns: int) -> int:
+        """Bytes that the signature of the next beacon needs; 0: it is not signed."""
+        is_due = self._is_asked or now_ns - self._signed_ns >= PERIOD_NS - EARLY_NS
+        return PART_BYTES if is_due or self.signs_all(now_ns) else 0
+
+    def signed(self, sequence: int, clear: bytes, body: bytes | bytearray, now_ns: int) -> bytes:
+        """The body of a beacon with its signature behind it; `clear`: its clear header."""
+        self._is_asked, self._signed_ns = False, now_ns
+        left_s = max(0, self._all_until_ns - now_ns) // _SECOND_NS
+        salt = self._salt(sequence)
+        groups = tuple(group or 0 for group in self._history.groups(salt, sequence))
+        statement = signature_part.encode_statement(min(left_s, signature_part.SECONDS_MAX), salt, groups)
+        stated = codec.append_statement(body, statement)
+        return stated + self._keys.sign(signed_content(self._own_hw, self._session, clear, stated))
+
+    def _salt(self, sequence: int) -> int:
+        """A number that nobody else can compute before this beacon: digests of earlier ones depend on it."""
+        secret = self._keys.sign(signed_content(self._own_hw, self._session, b"salt", sequence.to_bytes(4)))
+        return int.from_bytes(secret[:4])
+
+    def on_sent(self, sequence: int, digest: int) -> None:
+        """Remembers a sent beacon."""
+        if 0 <= self._history.top < sequence - 1:
+            self._is_asked = True  # receivers take the raised number only with a signature
+        self._history.record(sequence, digest)
+
+    def is_other(self, sequence: int, digest: int) -> bool:
+        """Whether a datagram with a number that was used has another content than the own one."""
+        own = self._history.digest(sequence)
+        return own is not None and own != digest
