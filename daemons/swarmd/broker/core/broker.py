@@ -418,8 +418,8 @@ class BrokerCore:
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting)
             signature_bytes = 0
             if self.signatures is not None:
-                if sessions.waiting:
-                    self.signatures.sign_next()  # others accept an answer only with a signature
+                if sessions.must_sign:
+                    self.signatures.sign_next()
                 signature_bytes = self.signatures.reserved_bytes(now_ns)
                 protocol.reserved_bytes += signature_bytes
             outgoing = protocol.compose(now_ns)

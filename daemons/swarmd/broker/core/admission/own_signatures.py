@@ -9,8 +9,8 @@ from swarmd.broker.core.beacon.beacon_history import BeaconHistory
 from swarmd.broker.core.beacon.signature_part import PART_BYTES, signed_content
 from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 
-PERIOD_NS: Final = 4_000_000_000
-"""Period of signatures: 21 B/s, which the budget of beacons has left (tests/bench/pose_ages.py)."""
+PERIOD_NS: Final = 5_000_000_000
+"""Period of signatures: 17 B/s, which the budget of beacons has left (tests/bench/pose_ages.py)."""
 EARLY_NS: Final = 50_000_000
 """A beacon is signed up to half a period of 10 Hz before that."""
 ALL_NS: Final = 60_000_000_000

@@ -20,9 +20,6 @@ ENDED_NS: Final = 700_000_000
 """The same for a session without a datagram since the other one began."""
 AGAIN_NS: Final = 90_000_000
 """Minimum period of the same question."""
-LATER_NS: Final = 700_000_000
-"""The same for a first contact after the prompt questions: a node at the edge of the range is received
-rarely."""
 PROVE_NS: Final = 300_000_000
 FORGET_NS: Final = 10_000_000_000
 """Lifetime of a session that does not answer."""
@@ -91,6 +88,9 @@ class Sessions:
         self._answers: dict[int, int] = {}
         self._questions: dict[int, SessionCheck] = {}
         self._proved_ns: dict[int, int] = {}
+        self.must_sign = False
+        """Whether the next beacon has a check that counts only with a signature: an answer to a question, or
+        a request for signatures."""
 
     def present(self, hw: int) -> int | None:
         """The accepted session of a node."""
@@ -108,10 +108,8 @@ class Sessions:
     ) -> SessionOutcome:
         """Takes an authenticated datagram, perhaps of another computer with the own name.
 
-        `is_proven`: the sender itself made it, not another member; otherwise it answers nothing.
+        `is_proven`: the sender itself made it, not another member; otherwise it asks, and answers nothing.
         """
-        if not is_proven:
-            checks = ()
         present = self._present.get(hw)
         if not checks and present is not None and present.session == session:
             present.received_ns = now_ns
@@ -121,12 +119,12 @@ class Sessions:
             if check.hw != self._own_hw or check.digest != self._digest:
                 continue
             if check.kind == CheckKind.ANSWER:
-                answered = True
+                answered = is_proven
             elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE, CheckKind.SIGN):
                 self._answer(hw, session)
-                soon = True
+                soon = self.must_sign = True
                 prove = prove or check.kind == CheckKind.PROVE
-                sign_all = sign_all or check.kind == CheckKind.SIGN
+                sign_all = sign_all or (check.kind == CheckKind.SIGN and is_proven)
         if hw == self._own_hw:
             # another computer with our name; a replay of our former session cannot answer
             self._answer(hw, session)
@@ -147,6 +145,7 @@ class Sessions:
 
     def ask(self, hw: int, session: int, kind: CheckKind) -> None:
         """Asks the accepted session of a node: its answer is signed."""
+        self.must_sign = self.must_sign or kind == CheckKind.SIGN
         self._questions[hw] = SessionCheck(kind, hw, digest(session))
 
     def on_proof(self, hw: int, session: int, now_ns: int) -> None:
@@ -176,6 +175,7 @@ class Sessions:
         for check in questions:
             del self._questions[check.hw]
         self._forget(now_ns)
+        self.must_sign = False
         return (*out, *questions)
 
     @property
@@ -236,8 +236,7 @@ class Sessions:
 
     def _ask(self, hw: int, claim: _PendingSession, prove: bool, now_ns: int) -> bool:
         """Asks about a session; whether that triggers a beacon."""
-        again_ns = AGAIN_NS if prove or claim.count < PROMPT_QUESTIONS else LATER_NS
-        if now_ns - claim.asked_ns < again_ns:
+        if now_ns - claim.asked_ns < AGAIN_NS:
             return False
         claim.asked_ns = now_ns
         claim.count += 1

@@ -1,6 +1,6 @@
 """Sources of beacons: a member can seal a beacon in the name of another one, but not sign it.
 
-Every node signs one beacon in four seconds, so most beacons are taken unsigned, on trust in the last
+Every node signs one beacon in five seconds, so most beacons are taken unsigned, on trust in the last
 signature. As soon as something shows that another member seals beacons in the name of a node, only signed
 ones of that node are taken, and it is asked to sign all.
 """
@@ -18,9 +18,9 @@ from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmware.model.names import Address, hardware_id
 from swarmware.transport.sodium import verify
 
-RENEWAL_NS: Final = 9_000_000_000
+RENEWAL_NS: Final = 11_000_000_000
 """Age of the last signature after which the node is asked for one: the last two periodic ones were lost."""
-TRUST_NS: Final = 12_000_000_000
+TRUST_NS: Final = 14_000_000_000
 """Age of the last signature after which no unsigned beacon is taken; three times the declared period where
 that is longer."""
 TRUST_PERIODS: Final = 3
@@ -84,6 +84,7 @@ class _Source:
         "asked_ns",
         "burst",
         "drained_ns",
+        "former_hosts",
         "guarded_until_ns",
         "history",
         "hosts",
@@ -102,6 +103,8 @@ class _Source:
         self.signed_host = ""
         self.hosts: set[str] = set()
         """Source addresses of the unsigned beacons since the last signed one."""
+        self.former_hosts: set[str] = set()
+        """Those of the time between the two last signed ones."""
         self.history = BeaconHistory()
         self.guarded_until_ns = NEVER_NS
         """Until when no unsigned beacon is taken."""
@@ -122,7 +125,7 @@ class _Source:
 
     def suspects(self, host: str) -> tuple[str, ...]:
         """Addresses that false beacons can have come from, when one arrives from this address."""
-        all_hosts = self.hosts | {host}
+        all_hosts = self.hosts | self.former_hosts | {host}
         return tuple(sorted(all_hosts - {self.signed_host} or all_hosts))
 
     def is_too_fast(self, now_ns: int) -> bool:
@@ -224,7 +227,7 @@ class Sources:
         history.record(sequence, datagram.digest)
         source.signed_host = datagram.host
         suspects = source.suspects(datagram.host) if is_evidence else ()
-        source.hosts.clear()
+        source.former_hosts, source.hosts = source.hosts, set()
         source.signed_sequence, source.signed_ns, source.burst = sequence, now_ns, 0.0
         if beacon.hello is not None:
             source.period_ns = beacon.hello.period_ms * 1_000_000

@@ -11,8 +11,8 @@ HISTORY: Final = 64
 """Beacons that are remembered: the replay window."""
 GROUP: Final = 8
 """Beacons with one group digest; a receiver compares a group of which it has taken all."""
-GROUPS_MAX: Final = 6
-"""Groups that a signature names: 4.8 s at 10 Hz, a little more than the period of signatures."""
+GROUPS_MAX: Final = 7
+"""Groups that a signature names: 5.6 s at 10 Hz, a little more than the period of signatures."""
 _GROUP_DIGEST_BYTES: Final = 2
 """A false beacon is overlooked once in 65 536 times: the salt is not known when it is made."""
 _DIGEST_BYTES: Final = 8
