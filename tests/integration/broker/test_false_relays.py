@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import socket
 from contextlib import AsyncExitStack
 from itertools import count
 from pathlib import Path
@@ -13,14 +12,10 @@ import pytest
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
 
-from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import Beacon, Header, RelayedValue
+from swarmd.broker.core.beacon.beacon import RelayedValue
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
-from swarmd.broker.core.broker import BrokerCore
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
-from swarmware.transport.security.keys import Keys
-from swarmware.transport.security.seal import Sealer
 from swarmware.types.net import Denial
 from swarmware.types.vehicle import Pose
 
@@ -137,40 +132,3 @@ async def test_where_the_origin_is_not_received_invented_values_end_soon_after_t
         await until(0.0)
         # the origin has received them
         await line["uav3"].until_counted(lambda traffic: traffic.refused.contradicted > 0)
-
-
-@on_uvloop
-async def test_a_member_that_seals_beacons_in_the_name_of_another_is_found_by_that_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    compose = BrokerCore.compose
-    last: dict[str, tuple[int, int]] = {}
-
-    def record(core: BrokerCore, now_ns: int) -> OutgoingBeacon:
-        outgoing = compose(core, now_ns)
-        last[core.identity.platform] = outgoing.sequence, core.session
-        return outgoing
-
-    monkeypatch.setattr(BrokerCore, "compose", record)
-    async with swarm(tmp_path, "uav1", "uav2") as pair:
-        victim = pair["uav1"]
-        await victim.until_up("uav2")
-        denials = victim.app.stream_reader("net/denials", Denial)
-        group = Keys.load(tmp_path / "keys" / "uav2", "uav2").group
-        hw, (used, session) = hardware_id("uav1"), last["uav1"]
-        sealer = Sealer(group, hw, session)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-            for number in range(TRIES):
-                clear = codec.encode_header(Header(group.mark, hw, used + 5000 + number, 0))
-                sealed = sealer.seal(used + 5000 + number, clear, codec.encode(Beacon()))
-                sock.sendto(clear + sealed, ("239.83.87.1", victim.group_port))
-                if number % 50 == 0:
-                    await asyncio.sleep(0.002)
-        await victim.until_counted(lambda traffic: traffic.refused.impersonated >= TRIES // 2)
-        denial = await denials.next(PATIENCE_S)
-        assert (denial.platform, denial.verb) == ("127.0.0.1", "beacon")
-        assert "in the name of uav1 that uav1 never sent" in denial.reason
-        found = await found_by_doctor(victim, "denied")
-        assert found.text.startswith("unknown@127.0.0.1: beacon: ")
-        assert "revoke it" in found.advice

@@ -5,8 +5,17 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Final
 
+from tests.simulation.directory.replay_window import ReplayWindow
+
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action, PollInputs, PublishTables, SendBeacon, WriteMirrors
+from swarmd.broker.core.action import (
+    Action,
+    ContinueSequence,
+    PollInputs,
+    PublishTables,
+    SendBeacon,
+    WriteMirrors,
+)
 from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
@@ -133,6 +142,7 @@ class BrokerNode:
         self.link_states: dict[int, LinkState] = {}
         self.declared_period_ns = former.declared_period_ns
         """What the daemon stores for its next start."""
+        self._windows: dict[tuple[int, int], ReplayWindow] = {}
         self.sent = 0
         """Number of beacons."""
         self.sent_bytes = 0
@@ -162,6 +172,8 @@ class BrokerNode:
             case LinkChanged(hw, _, state):
                 self.links.append(action)
                 self.link_states[hw] = state
+            case ContinueSequence(hw, session, sequence):
+                self._windows[hw, session].resume(sequence)
             case SendRoster():
                 self.actions.append(action)
                 self._on_roster(self, action)
@@ -203,8 +215,14 @@ class BrokerNode:
             return
         header, now_ns = header_of(data), self.clock.now_ns()
         clear, body = clear_and_body(data)
-        is_new = self.core.sources is None or not self.core.sources.is_ahead(header, now_ns)
-        sealed = SealedDatagram(clear, body, datagram_digest(data), SENDER_ADDRESS[0], is_new)
+        digest, is_new = datagram_digest(data), True
+        if self.core.sources is not None:
+            window = self._windows.setdefault((header.sender_hw, header.session or 0), ReplayWindow())
+            taken = window.is_new(header, digest, self.core.sources, now_ns)
+            if taken is None:
+                return
+            is_new = taken
+        sealed = SealedDatagram(clear, body, digest, SENDER_ADDRESS[0], is_new)
         _, actions = self.core.on_datagram(
             header, beacon_of(data), SENDER_ADDRESS, True, size, now_ns, sealed
         )

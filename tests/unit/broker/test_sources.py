@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 import pytest
+from tests.simulation.directory.replay_window import ReplayWindow
 from tests.unit.broker.signed_beacons import HOST, SESSION, Member, MemberKeys, SealedBeacon
 
 from swarmd.broker.core.admission.sources import (
@@ -31,26 +32,19 @@ class Receiver:
 
     def __init__(self) -> None:
         self.sources = Sources(MemberKeys("uav2"), lambda hw: NAMES.get(hw, ""))
-        self._used: set[int] = set()
-        self._top = -1
+        self._window = ReplayWindow()
 
     def take(self, sent: SealedBeacon, now_ns: int) -> Verdict | None:
         """None: the replay window refuses it."""
         header = sent.header
-        is_new = not self.sources.is_ahead(header, now_ns)
-        if is_new and (header.sequence in self._used or header.sequence <= self._top - 64):
-            if not self.sources.is_other(header, sent.datagram.digest):
-                return None
-            is_new = False
-        if is_new:
-            self._used.add(header.sequence)
-            self._top = max(self._top, header.sequence)
+        is_new = self._window.is_new(header, sent.datagram.digest, self.sources, now_ns)
+        if is_new is None:
+            return None
         datagram = msgspec.structs.replace(sent.datagram, is_new=is_new)
         is_signed = self.sources.is_signed(header, sent.beacon, datagram)
         verdict = self.sources.judge(header, sent.beacon, datagram, is_signed, now_ns)
         if verdict.continues_at is not None:
-            self._top = verdict.continues_at
-            self._used = set(range(self._top - 64, self._top + 1))
+            self._window.resume(verdict.continues_at)
         return verdict
 
 

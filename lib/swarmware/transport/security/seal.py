@@ -101,7 +101,7 @@ class ReceivedSession:
 
     def resume(self, sequence: int) -> None:
         """Begins the window again behind this number: it and all before it are used."""
-        self._top, self._seen = sequence, _WINDOW_MASK
+        self._top, self._seen = sequence, (1 << self._window) - 1
 
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed."""

@@ -1,0 +1,194 @@
+"""A member with valid keys seals a thousand beacons in the name of another one, on the wire."""
+
+import asyncio
+import logging
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import pytest
+from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.test_handshakes import found_by_doctor
+
+from swarmd.broker.core.admission.sources import BURST, RATE_HZ
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon, ReceivedBeacon
+from swarmd.broker.core.broker import BrokerCore
+from swarmware.model.names import data_id, hardware_id
+from swarmware.module.board import BoardReader
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.seal import Sealer
+from swarmware.types.net import Denial
+from swarmware.types.vehicle import Pose
+
+TRIES: Final = 1000
+POSE: Final = data_id("nav/pose", "Pose")
+INVENTED_Y_M: Final = 666.0
+INVENTED: Final = Pose.planar(0.0, INVENTED_Y_M).pack()
+
+
+class Forger:
+    """Seals beacons with the group key of uav2, and looks which of them are believed."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.believed: dict[str, int] = {}
+        """False beacons whose content was taken, by receiver."""
+        self.last: dict[str, tuple[int, int]] = {}
+        """Number and session of the last beacon of each node, as everybody receives them."""
+        compose, on_beacon = BrokerCore.compose, BeaconProtocol.on_beacon
+
+        def composed(core: BrokerCore, now_ns: int) -> OutgoingBeacon:
+            outgoing = compose(core, now_ns)
+            self.last[core.identity.platform] = outgoing.sequence, core.session
+            return outgoing
+
+        def received(
+            protocol: BeaconProtocol, header: Header, beacon: Beacon, address: tuple[str, int], rx_ns: int
+        ) -> ReceivedBeacon | None:
+            if any(value.payload == INVENTED for value in beacon.values):
+                name = protocol.identity.platform
+                self.believed[name] = self.believed.get(name, 0) + 1
+            return on_beacon(protocol, header, beacon, address, rx_ns)
+
+        monkeypatch.setattr(BrokerCore, "compose", composed)
+        monkeypatch.setattr(BeaconProtocol, "on_beacon", received)
+
+    @contextmanager
+    def opened(self, root: Path, group_port: int) -> Iterator[None]:
+        self._group = Keys.load(root / "keys" / "uav2", "uav2").group
+        self._port = group_port
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as self._socket:
+            interface = socket.inet_aton("127.0.0.1")
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+            yield
+
+    async def forge(self, victim: str, ahead: int, *, session: int | None = None) -> None:
+        """A thousand beacons, numbered from `ahead` after the last true one on."""
+        used, present = self.last.get(victim, (1000, 0))
+        hw, given = hardware_id(victim), session or present
+        sealer = Sealer(self._group, hw, given)
+        beacon = Beacon(
+            hello=Hello(1, 0, 1, 1, 0, PlatformCode.UAV, victim),
+            values=(BoardValue(POSE, 0, True, INVENTED),),
+        )
+        for number in range(used + ahead, used + ahead + TRIES):
+            clear = codec.encode_header(Header(self._group.mark, hw, number, 0, given))
+            data = clear + sealer.seal(number, clear, codec.encode(beacon))
+            self._socket.sendto(data, ("239.83.87.1", self._port))
+            if number % 20 == 0:
+                await asyncio.sleep(0.002)
+
+
+@pytest.fixture
+def forger(monkeypatch: pytest.MonkeyPatch) -> Forger:
+    return Forger(monkeypatch)
+
+
+class Poses:
+    """Poses of a victim that moves, at a receiver."""
+
+    def __init__(self, victim: Station, receiver: Station) -> None:
+        victim.plan([("nav/pose", Pose)])
+        receiver.plan(wants=[(victim.platform, "nav/pose", Pose)])
+        self._receiver = receiver
+        self._writer = victim.app.writer("nav/pose", Pose)
+        self._reader: BoardReader[Pose] = receiver.app.reader(f"/{victim.platform}/nav/pose", Pose)
+
+    async def arrive(self, x_m: float) -> None:
+        """The next true pose arrives, and it is what is there then."""
+        self._writer.write(Pose.planar(x_m, 0.0))
+        reader = self._reader
+        await self._receiver.until(lambda: reader.value is not None and reader.value.x_m == x_m, reader)
+        assert reader.value is not None
+        assert reader.value.y_m == 0.0
+
+
+@on_uvloop
+async def test_after_the_first_evidence_none_of_a_thousand_false_beacons_is_believed(
+    tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    async with swarm(tmp_path, "uav1", "uav2", "uav3") as cell:
+        victim, receiver = cell["uav1"], cell["uav3"]
+        for station in cell.values():
+            await station.until_up(*(name for name in cell if name != station.platform))
+        poses = Poses(victim, receiver)
+        await poses.arrive(1.0)
+        denials = receiver.app.stream_reader("net/denials", Denial)
+        with forger.opened(tmp_path, victim.group_port):
+            await forger.forge("uav1", 1)
+            await receiver.until_counted(lambda traffic: traffic.refused.impersonated > 0)
+            await victim.until_counted(lambda traffic: traffic.refused.impersonated > 0)
+            first = forger.believed.get("uav3", 0)
+            # within a period of 0.1 s, and the 60 ms until the true beacon that answers
+            assert first <= BURST + 0.5 * RATE_HZ
+            await poses.arrive(2.0)
+            before = (await receiver.traffic()).refused.unsigned
+            await forger.forge("uav1", 1)
+            await poses.arrive(3.0)
+            await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= before + TRIES // 2)
+        assert forger.believed.get("uav3", 0) == first, "none of the second thousand"
+        assert receiver.states()["uav1"] == "up"
+        denial = await denials.next(PATIENCE_S)
+        assert denial.verb == "beacon"
+        assert "in the name of uav1 that uav1 never sent: sealed by a member" in denial.reason
+        found = await found_by_doctor(receiver, "denied")
+        assert "revoke it" in found.advice
+        assert "impersonated" in (await found_by_doctor(receiver, "refused")).text
+        assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
+        print(f"{first} of the first {TRIES} were believed, 0 of the next")
+
+
+@on_uvloop
+async def test_numbers_far_ahead_are_never_believed_and_do_not_block_the_true_beacons(
+    tmp_path: Path, forger: Forger
+) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        victim, receiver = pair["uav1"], pair["uav2"]
+        await receiver.until_up("uav1")
+        await victim.until_up("uav2")
+        poses = Poses(victim, receiver)
+        await poses.arrive(1.0)
+        with forger.opened(tmp_path, victim.group_port):
+            await forger.forge("uav1", 50_000)
+            await poses.arrive(2.0)
+        assert forger.believed == {}
+        await receiver.until_counted(
+            lambda traffic: traffic.refused.unproven + traffic.refused.unsigned >= TRIES // 2
+        )
+        assert receiver.states()["uav1"] == "up"
+
+
+@on_uvloop
+async def test_a_node_that_is_not_in_range_is_never_believed_to_be(tmp_path: Path, forger: Forger) -> None:
+    far = {"uav3": {"udp_port": free_port()}}
+    async with swarm(tmp_path, "uav1", "uav2", "uav3", settings=far) as cell:
+        receiver = cell["uav1"]
+        await receiver.until_up("uav2")
+        with forger.opened(tmp_path, receiver.group_port):
+            await forger.forge("uav3", 1)
+            await receiver.until_counted(lambda traffic: traffic.refused.unproven >= TRIES // 2)
+        assert forger.believed == {}
+        assert "uav3" not in receiver.states()
+
+
+@on_uvloop
+async def test_the_victim_finds_false_beacons_in_its_name_and_signs_all_of_its_own(
+    tmp_path: Path, forger: Forger
+) -> None:
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        victim = pair["uav1"]
+        await victim.until_up("uav2")
+        denials = victim.app.stream_reader("net/denials", Denial)
+        with forger.opened(tmp_path, victim.group_port):
+            await forger.forge("uav1", 5000)
+            await victim.until_counted(lambda traffic: traffic.refused.impersonated >= TRIES // 2)
+        denial = await denials.next(PATIENCE_S)
+        assert (denial.platform, denial.verb) == ("127.0.0.1", "beacon")
+        assert "in the name of uav1 that uav1 never sent" in denial.reason
+        found = await found_by_doctor(victim, "denied")
+        assert found.text.startswith("unknown@127.0.0.1: beacon: ")
+        assert "revoke it" in found.advice
