@@ -66,7 +66,7 @@ def test_after_seconds_nobody_believes_the_forger_and_the_true_poses_arrive(seed
     # in range of the victim one or two until its next beacon, and those again as relayed values; 14 s are the
     # trust in a node that has left the range
     assert all(last_s < began_s + 15.0 for last_s in air.last_s.values())
-    assert not air.believed or max(air.believed.values()) <= 5
+    assert not air.believed or max(air.believed.values()) <= 20
     assert bool(air.believed) <= any(node.of(ReportImpersonation) for node in air.brokers.values())
     index = air.names.index(air.victim)
     for name, hops in zip(air.names, air.distances()[index], strict=True):
