@@ -7,9 +7,9 @@ from tests.unit.broker.signed_beacons import Member
 
 from swarmd.broker.core.admission.own_signatures import ALL_NS, PERIOD_NS, SLACK_NS
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon import signature_part
+from swarmd.broker.core.beacon import beacon_signature
 from swarmd.broker.core.beacon.beacon import Beacon, RouteRow
-from swarmd.broker.core.beacon.signature_part import PART_BYTES
+from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
 from swarmware.errors import WireError
 
 MS: Final = 1_000_000
@@ -85,7 +85,7 @@ def test_a_signature_has_its_stated_size_and_does_not_change_the_rest() -> None:
 
 @pytest.mark.parametrize("length", [0, 5, 68, 70])
 def test_a_signature_that_is_cut_short_or_odd_is_not_a_body(length: int) -> None:
-    part = bytes((signature_part.SIGNATURE,)) + length.to_bytes(2, "little") + bytes(length)
+    part = bytes((beacon_signature.SIGNATURE,)) + length.to_bytes(2, "little") + bytes(length)
     with pytest.raises(WireError, match="signature is not its last part"):
         codec.decode(codec.append_statement(codec.encode(Beacon()), part))
 

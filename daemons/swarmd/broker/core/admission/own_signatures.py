@@ -3,10 +3,10 @@
 from typing import Final
 
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon import signature_part
+from swarmd.broker.core.beacon import beacon_signature
 from swarmd.broker.core.beacon.beacon import NEVER_NS
 from swarmd.broker.core.beacon.beacon_history import BeaconHistory
-from swarmd.broker.core.beacon.signature_part import PART_BYTES, signed_content
+from swarmd.broker.core.beacon.beacon_signature import PART_BYTES, signed_content
 from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 
 PERIOD_NS: Final = 5_000_000_000
@@ -57,7 +57,7 @@ class OwnSignatures:
         left_s = max(0, self._all_until_ns - now_ns) // _SECOND_NS
         salt = self._salt(sequence)
         groups = tuple(group or 0 for group in self._history.groups(salt, sequence))
-        statement = signature_part.encode_statement(min(left_s, signature_part.SECONDS_MAX), salt, groups)
+        statement = beacon_signature.encode_statement(min(left_s, beacon_signature.SECONDS_MAX), salt, groups)
         stated = codec.append_statement(body, statement)
         return stated + self._keys.sign(signed_content(self._own_hw, self._session, clear, stated))
 

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 
+from swarmd.broker.core.beacon.beacon_signature import BeaconSignature
 from swarmd.broker.core.beacon.session_checks import SessionCheck
-from swarmd.broker.core.beacon.signature_part import BeaconSignature
 from swarmd.broker.core.beacon.structure_parts import StructurePart
 
 NEVER_NS: Final = -(1 << 62)

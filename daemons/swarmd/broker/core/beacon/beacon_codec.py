@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon import session_checks, signature_part, structure_parts
+from swarmd.broker.core.beacon import beacon_signature, session_checks, structure_parts
 from swarmd.broker.core.beacon.beacon import (
     HOPS_MAX,
     NO_ECHO,
@@ -209,7 +209,7 @@ def _decode(data: bytes) -> Beacon:
         raise WireError(f"beacon of {len(data)} bytes: its sections need {at}")
     if present & Section.EXTRA:
         contents[_STRUCTURE], contents[_QUESTIONS] = structure_parts.decode(data, start)
-        contents[_SIGNATURE] = signature_part.decode(data, start)
+        contents[_SIGNATURE] = beacon_signature.decode(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
         contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
