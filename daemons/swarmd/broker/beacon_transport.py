@@ -161,7 +161,7 @@ class BeaconTransport:
             if self._udp.send(data, address):
                 self._counters.datagram_sent(len(data), f"{address[0]}:{address[1]}")
         digest = 0 if signatures is None else datagram_digest(data)
-        self._core.on_sent(sequence, len(data), tx_ns, digest)
+        self._core.on_sent(sequence, len(data), digest, tx_ns)
 
     def _to_group(self, data: bytes) -> None:
         if self._udp.send_to_all(data):
@@ -217,7 +217,7 @@ class BeaconTransport:
         try:
             datagram = SealedDatagram(data[:start], opened.body, digest, address[0], is_new)
             is_accepted, actions = self._core.on_datagram(
-                header, beacon, address, by_multicast, len(data), now_ns, datagram
+                header, beacon, address, by_multicast, len(data), datagram, now_ns
             )
             if is_accepted:
                 self._limiter.good(address)

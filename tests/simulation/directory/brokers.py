@@ -197,7 +197,7 @@ class BrokerNode:
             data = data[: -len(body)] + signatures.signed(outgoing.sequence, clear, body, now_ns)
             assert len(data) - len(clear) - _SESSION.size <= BODY_LIMIT
         size = wire_bytes(data)
-        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns, datagram_digest(data))
+        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, datagram_digest(data), now_ns)
         self.sent += 1
         self.sent_bytes += size
         beacon = outgoing.beacon
@@ -224,7 +224,7 @@ class BrokerNode:
             is_new = taken
         sealed = SealedDatagram(clear, body, digest, SENDER_ADDRESS[0], is_new)
         _, actions = self.core.on_datagram(
-            header, beacon_of(data), SENDER_ADDRESS, True, size, now_ns, sealed
+            header, beacon_of(data), SENDER_ADDRESS, True, size, sealed, now_ns
         )
         self.driver.feed(actions)
 

@@ -254,17 +254,14 @@ class BrokerCore:
         address: Address,
         by_multicast: bool,
         size: int,
+        datagram: SealedDatagram,
         now_ns: int,
-        datagram: SealedDatagram | None = None,
     ) -> tuple[bool, list[Action]]:
-        """Takes an authenticated beacon, whose header names its session; whether it is accepted.
-
-        `datagram`: needed where beacons are signed.
-        """
+        """Takes an authenticated beacon, whose header names its session; whether it is accepted."""
         hw, actions = header.sender_hw, list[Action]()
         assert header.session is not None, "the session is known from the key that opened the datagram"
         sources, is_signed = self.sources, None
-        if sources is not None and datagram is not None:
+        if sources is not None:
             is_signed = sources.is_signed(header, beacon, datagram)
         is_proven = bool(is_signed) or sources is None
         outcome = self._sessions.on_datagram(hw, header.session, beacon.checks, now_ns, is_proven=is_proven)
@@ -275,7 +272,7 @@ class BrokerCore:
                 if not by_multicast:
                     self.targets.on_claimant(address, now_ns)
                 return False, actions
-        if sources is not None and datagram is not None:
+        if sources is not None:
             verdict = sources.judge(header, beacon, datagram, is_signed, now_ns)
             self._on_verdict(hw, header.session, verdict, actions)
             if not verdict.is_taken:
@@ -431,7 +428,7 @@ class BrokerCore:
         beacon = msgspec.structs.replace(outgoing.beacon, checks=sessions.due(now_ns))
         return msgspec.structs.replace(outgoing, beacon=beacon)
 
-    def on_sent(self, sequence: int, size: int, now_ns: int, digest: int = 0) -> list[Action]:
+    def on_sent(self, sequence: int, size: int, digest: int, now_ns: int) -> list[Action]:
         """A beacon was sent, stamped with this instant; `digest`: of the datagram, where beacons are
         signed."""
         self._protocol.sent(sequence, now_ns, size)

@@ -62,7 +62,7 @@ class OwnSignatures:
         return stated + self._keys.sign(signed_content(self._own_hw, self._session, clear, stated))
 
     def _salt(self, sequence: int) -> int:
-        """A number that nobody else can compute before this beacon: digests of earlier ones depend on it."""
+        """A number that no other node can compute before this beacon; digests of earlier ones need it."""
         secret = self._keys.sign(signed_content(self._own_hw, self._session, b"salt", sequence.to_bytes(4)))
         return int.from_bytes(secret[:4])
 

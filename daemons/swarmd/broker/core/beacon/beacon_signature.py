@@ -28,7 +28,7 @@ class BeaconSignature(msgspec.Struct, frozen=True, gc=False):
     """The signature of a beacon, and what it states about the beacons before and after."""
 
     signs_all_s: int
-    """From this beacon on, every one is signed for so many seconds; 0: only some are."""
+    """From this beacon on, every one is signed for this number of seconds; 0: only some are."""
     salt: int
     groups: tuple[int, ...]
     """Digests of the groups of beacons before it, see `BeaconHistory.groups`."""
