@@ -17,6 +17,7 @@ from swarmd.broker.core.action import (
     WriteMirrors,
 )
 from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
@@ -24,7 +25,6 @@ from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
-from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock

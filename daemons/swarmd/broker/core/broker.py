@@ -29,6 +29,7 @@ from swarmd.broker.core.admission.origins import RATE_DIVISOR
 from swarmd.broker.core.admission.own_signatures import OwnSignatures
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.admission.sources import SealedDatagram, Sources, Verdict
 from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header
@@ -36,7 +37,6 @@ from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
 from swarmd.broker.core.boards.rate_limits import unlimited_channels
-from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.report import NetReport
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts

@@ -4,6 +4,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon.beacon import Beacon
 from swarmd.broker.core.beacon.structure_parts import (
     StructurePart,
@@ -11,7 +12,6 @@ from swarmd.broker.core.beacon.structure_parts import (
     signed_content,
     structure_bytes,
 )
-from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmware.model.names import Address, hardware_id
 from swarmware.transport.sodium import verify
 from swarmware.types.net import Refused, StructureBroadcast, TreePlan

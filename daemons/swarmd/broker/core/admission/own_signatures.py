@@ -2,12 +2,12 @@
 
 from typing import Final
 
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon import beacon_signature
 from swarmd.broker.core.beacon.beacon import NEVER_NS
 from swarmd.broker.core.beacon.beacon_history import BeaconHistory
 from swarmd.broker.core.beacon.beacon_signature import PART_BYTES, signed_content
-from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 
 PERIOD_NS: Final = 5_000_000_000
 """Period of signatures: 17 B/s, which the budget of beacons has left (tests/bench/pose_ages.py)."""

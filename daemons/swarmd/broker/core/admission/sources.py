@@ -10,11 +10,11 @@ from typing import Final
 
 import msgspec
 
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Beacon, Header
 from swarmd.broker.core.beacon.beacon_history import BeaconHistory
 from swarmd.broker.core.beacon.beacon_signature import BeaconSignature, signed_content
 from swarmd.broker.core.beacon.session_checks import CheckKind
-from swarmd.broker.core.forwarding.end_to_end import SigningKeys
 from swarmware.model.names import Address, hardware_id
 from swarmware.transport.sodium import verify
 

@@ -1,11 +1,12 @@
 """Signatures of relayed frames: the origin signs, the receiver verifies; relays do neither."""
 
 from collections.abc import Callable
-from typing import Final, Protocol
+from typing import Final
 
 import msgspec
 
 from swarmd.broker.core.admission.origins import Freshness, Origins, answer_to, is_check
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.forwarding import frame_datagram
 from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
@@ -19,23 +20,6 @@ from swarmware.types.net import Refused
 from swarmware.types.rpc import Ack
 
 _UNREACHABLE: Final = int(Status.UNREACHABLE)
-
-
-class SigningKeys(Protocol):
-    """The own signing key, and the public keys of the members."""
-
-    @property
-    def is_open(self) -> bool:
-        """Whether there are no keys."""
-        ...
-
-    def sign(self, data: bytes) -> bytes:
-        """Signature by this node."""
-        ...
-
-    def sign_public_of(self, platform: str) -> bytes | None:
-        """Public key of a member; None: it is not a valid member."""
-        ...
 
 
 class AuthenticatedFrame(msgspec.Struct, frozen=True):
