@@ -47,6 +47,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "hal": Lazy("swarmctl.commands.hal.command:cmd", "Drivers of sensors and actuators."),
     "time": Lazy("swarmctl.commands.time.command:cmd", "Clock conversions between nodes."),
     "health": Lazy("swarmctl.commands.health.command:cmd", "State and faults of the nodes."),
+    "file": Lazy("swarmctl.commands.file.command:cmd", "Send files to nodes, and get them."),
     "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),
     "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
     "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes."),

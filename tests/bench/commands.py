@@ -79,6 +79,7 @@ NOT_MEASURED: Final = {
     " mission watch, log tail",
     "imports every service, whose settings it checks": "doctor, config show",
     "takes as long as the log is large": "log export, lab report",
+    "needs the service files, or takes as long as a file is large": "file ls, file send, file get",
     "takes as long as the hosts and the network": "fleet ls",
     "opens a browser": "docs",
     "verifies a signature": "keys ls, keys show",

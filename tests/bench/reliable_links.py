@@ -8,9 +8,12 @@ two brokers over a loopback of 1 Mbit/s in a network namespace, which needs root
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final, NamedTuple
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.integration.broker.namespace import figures_of
 from tests.simulation.reliable.radio_link import Medium, Pair, S, latencies_ms
 
@@ -117,12 +120,27 @@ def overload_rows() -> Iterator[Row]:
         )
 
 
+def file_rows() -> Iterator[Row]:
+    """`swarmctl file send` and `get` of 1 MB over a loopback that drops packets, without and with a cut."""
+    for cut_s in (0, 10):
+        seen = figures_of("../files/lossyfile.py", "20", str(cut_s), tools=("ip", "nft"))
+        whole = bool(seen["sent"] and seen["fetched"] and seen["digests"] == 1)
+        state = "whole" if whole else "damaged"
+        yield Row(
+            "file of 1 MB, 20 % loss" + (f", cut for {cut_s} s" if cut_s else ""),
+            f"{state}, sent in {seen['sent_s']:.1f} s, fetched in {seen['got_s']:.1f} s",
+            "complete, right hash, resumed",
+            whole,
+        )
+
+
 def rows() -> Iterator[Row]:
     """All rows."""
     yield from stream_rows()
     yield from stream_rows(100)
     yield from message_rows()
     yield from overload_rows()
+    yield from file_rows()
 
 
 def main() -> None:

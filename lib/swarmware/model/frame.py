@@ -57,9 +57,12 @@ class Flag(IntFlag):
 
     URGENT = 2
     WANTS_ACK = 4
+    BULK = 8
+    """Part of something large: lowest priority on a link, whatever the kind."""
 
 
 _URGENT: Final = int(Flag.URGENT)
+_BULK: Final = int(Flag.BULK)
 _WANTS_ACK: Final = int(Flag.WANTS_ACK)
 """The flags as integers: an operator of an enumeration takes ten times as long."""
 
@@ -115,6 +118,11 @@ class Frame(msgspec.Struct, gc=False):
     def is_urgent(self) -> bool:
         """Whether it has priority over all frames that are not urgent."""
         return bool(self.flags & _URGENT)
+
+    @property
+    def is_bulk(self) -> bool:
+        """Whether all other frames have priority over it."""
+        return bool(self.flags & _BULK)
 
     @property
     def wants_ack(self) -> bool:

@@ -40,6 +40,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 R = TypeVar("R", bound=msgspec.Struct)
 
 _URGENT: Final = int(Flag.URGENT)
+_BULK: Final = int(Flag.BULK)
 _ACKED: Final = int(Flag.WANTS_ACK)
 _ACKED_URGENT: Final = _ACKED | _URGENT
 
@@ -308,10 +309,12 @@ class Client:
         *,
         timeout_s: float = 2.0,
         urgent: bool = False,
+        bulk: bool = False,
         on_behalf_of: Sender | None = None,
     ) -> Coroutine[Any, Any, R]:
         """Send a request to an address of this or another platform, at once; the coroutine returns the reply.
 
+        `bulk`: it or its reply is a part of something large, and has the lowest priority on links.
         Raises: the error of the handler as the same class; NoAnswer at the time-out; NotFound for an address
         without a server; TypeMismatch when it takes another type.
         """
@@ -325,7 +328,7 @@ class Client:
         if error_text := mismatch():
             raise TypeMismatch(error_text)
         frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
-        frame.flags = _URGENT if urgent else 0
+        frame.flags = _URGENT if urgent else _BULK if bulk else 0
         self._state_caller(frame, on_behalf_of)
         return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)
 

@@ -13,12 +13,12 @@ ROOT = Path(__file__).parents[3]
 
 
 def figures_of(program: str, *arguments: str, tools: tuple[str, ...] = ("ip",)) -> dict[str, float]:
-    """What a program beside this file prints as JSON; skips the test where there are no namespaces."""
+    """What a program prints as JSON, by its path from this folder; skips the test without namespaces."""
     needed = ("unshare", *tools)
     if os.geteuid() != 0 or any(shutil.which(tool) is None for tool in needed):
         pytest.skip(f"needs root, {' and '.join(needed)} for a network namespace of its own")
     done = subprocess.run(
-        ["unshare", "--net", sys.executable, str(Path(__file__).with_name(program)), *arguments],
+        ["unshare", "--net", sys.executable, str(Path(__file__).parent / program), *arguments],
         capture_output=True,
         text=True,
         check=False,

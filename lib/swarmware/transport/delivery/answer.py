@@ -13,7 +13,8 @@ from swarmware.types.time import Conversion
 _QUESTIONS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
 ANSWERS: Final = frozenset({FrameKind.ACK, FrameKind.REPLY})
 """Kinds of frames that answer a message or request."""
-_URGENT: Final = int(Flag.URGENT)
+_PRIORITY: Final = int(Flag.URGENT | Flag.BULK)
+"""Flags of a question that its answer has, too."""
 BOUND_SHARE: Final = 4
 """An error bound counts for at most this fraction of a lifetime."""
 _LIFETIME_TAG = 1
@@ -50,7 +51,7 @@ def reply(question: Frame, kind: FrameKind, payload: bytes, stamp_ns: int) -> Fr
         question.sender_app,
         question.sequence,
         stamp_ns,
-        flags=question.flags & _URGENT,
+        flags=question.flags & _PRIORITY,
         hops_left=HOPS,
         payload=payload,
     )

@@ -24,7 +24,7 @@ class Priority(IntEnum):
     NOTIFY = 2
     STREAM = 3
     BULK = 4
-    """Files."""
+    """Files, and parts of large values."""
 
 
 class ConnectionClass(IntEnum):
@@ -50,12 +50,14 @@ def priority(frame: Frame) -> Priority:
     """Priority class of a frame."""
     if frame.is_urgent:
         return Priority.URGENT
+    if frame.is_bulk:
+        return Priority.BULK
     return _BY_KIND.get(frame.kind, Priority.CONTROL)
 
 
 def connection_class(frame: Frame) -> ConnectionClass:
     """Connection of a frame."""
-    if frame.kind in _BY_KIND and not frame.is_urgent:
+    if priority(frame) > Priority.CONTROL:
         return ConnectionClass.DATA
     return ConnectionClass.CONTROL
 

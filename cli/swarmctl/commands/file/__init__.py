@@ -1,0 +1,1 @@
+"""Files of nodes: sent, fetched, listed."""

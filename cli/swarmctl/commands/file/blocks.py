@@ -1,0 +1,73 @@
+"""Moves the blocks of a file, several at a time, through failures of the link."""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+from typing import Final
+
+import msgspec
+
+from swarmctl.session.session import Session
+from swarmctl.terminal.progress import Progress
+from swarmware.errors import NoAnswer
+from swarmware.transfer.block_window import BlockWindow
+
+BLOCK_TIMEOUT_S: Final = 6.0
+"""Time for one block, retransmissions included."""
+SLOW_TIMEOUT_S: Final = 60.0
+"""Time for a request after which the other side reads or checks a whole file."""
+
+
+class MovedFile(msgspec.Struct, frozen=True):
+    """A file that was sent or fetched."""
+
+    node: str
+    name: str
+    size_bytes: int
+    digest: str
+    """BLAKE2b-256 of the content, hex."""
+    resumed_bytes: int
+    """Bytes that were there from a former transfer."""
+    path: str = ""
+    """Where it was stored here; empty: it was sent."""
+
+
+async def move_blocks(
+    session: Session,
+    ranges: Iterable[tuple[int, int]],
+    move: Callable[[int], Awaitable[object]],
+    give_up_s: float,
+    progress: Progress,
+) -> None:
+    """Calls `move` for each block, again where it raises NoAnswer, a window of them at a time.
+
+    Raises: NoAnswer when no block has passed for `give_up_s`; other errors of `move`.
+    """
+    window, loop = BlockWindow(ranges), asyncio.get_running_loop()
+    passed_s = loop.time()
+    under_way: dict[asyncio.Task[object], int] = {}
+
+    async def one(number: int) -> object:
+        return await move(number)
+
+    try:
+        while not window.is_done:
+            while (number := window.take()) is not None:
+                under_way[loop.create_task(one(number), name=f"block {number}")] = number
+            ended, _ = await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
+            for task in ended:
+                number = under_way.pop(task)
+                try:
+                    task.result()
+                except NoAnswer as error:
+                    window.on_failed(number)
+                    if loop.time() - passed_s > give_up_s:
+                        raise NoAnswer(f"no block has passed for {give_up_s:g} s ({error})") from error
+                    session.out.detail(f"block {number}: {error}; again")
+                else:
+                    window.on_done(number)
+                    passed_s = loop.time()
+                    progress.advance()
+    finally:
+        for task in under_way:
+            task.cancel()
+        await asyncio.gather(*under_way, return_exceptions=True)

@@ -1,0 +1,72 @@
+"""`swarmctl file`: files to and from nodes."""
+
+from pathlib import Path
+
+import click
+
+from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.settings import Nodes, settings
+
+GIVE_UP_S = 60.0
+
+
+@click.group(cls=Group)
+def cmd() -> None:
+    """Send files to nodes that run the service `files`, and get them.
+
+    Example: swarmctl file send map.png --node uav1
+    """
+
+
+@cmd.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--as", "name", default="", metavar="NAME", help="Name at the node; without it the file's own.")
+@click.option(
+    "--give-up", "give_up_s", type=float, default=GIVE_UP_S, show_default=True, metavar="SECONDS",
+    help="End without progress for this time.",
+)  # fmt: skip
+@click.pass_context
+def send(ctx: click.Context, file: Path, name: str, give_up_s: float) -> None:
+    """Send a file; again after an interruption it sends what is missing.
+
+    Example: swarmctl file send map.png --node uav1
+    """
+    from swarmctl.commands.file.sending import send_file
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), send_file, file, name or file.name, give_up_s)
+
+
+@cmd.command(nodes=Nodes.ONE)
+@click.argument("name")
+@click.option(
+    "--to", "target", type=click.Path(path_type=Path), default=Path(), metavar="PATH", show_default="here",
+    help="Folder or file where it is stored.",
+)  # fmt: skip
+@click.option(
+    "--give-up", "give_up_s", type=float, default=GIVE_UP_S, show_default=True, metavar="SECONDS",
+    help="End without progress for this time.",
+)  # fmt: skip
+@click.pass_context
+def get(ctx: click.Context, name: str, target: Path, give_up_s: float) -> None:
+    """Get a file; again after an interruption it gets what is missing.
+
+    Example: swarmctl file get map.png --node uav1 --to /tmp
+    """
+    from swarmctl.commands.file.getting import get_file
+    from swarmctl.session.session import run
+
+    run(settings(ctx), get_file, name, target, give_up_s)
+
+
+@cmd.command()
+@click.pass_context
+def ls(ctx: click.Context) -> None:
+    """List the files of nodes.
+
+    Example: swarmctl file ls --node uav1
+    """
+    from swarmctl.commands.file.listing import list_files
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), list_files)

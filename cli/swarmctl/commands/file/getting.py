@@ -1,0 +1,54 @@
+"""`swarmctl file get`: asks for the blocks of a file that are missing here."""
+
+import asyncio
+from pathlib import Path
+
+from swarmctl.commands.file.blocks import BLOCK_TIMEOUT_S, SLOW_TIMEOUT_S, MovedFile, move_blocks
+from swarmctl.session.session import Session
+from swarmctl.terminal.progress import Progress
+from swarmware.errors import InvalidInput
+from swarmware.transfer.partial_file import BLOCK_BYTES, PartialFile, block_count
+from swarmware.types.file import FileData, FileListing, FileQuery, FileRead
+
+
+async def get_file(session: Session, name: str, target: Path, give_up_s: float) -> None:
+    """Returns when the file is in its place here.
+
+    Raises: NotFound; NoAnswer; Denied; InvalidInput for a target that cannot be written; Conflict when the
+    file changed meanwhile.
+    """
+    listing = await session.ask("sys/files/list", FileQuery(name), FileListing, timeout_s=SLOW_TIMEOUT_S)
+    entry = listing.files[0]
+    if await asyncio.to_thread(target.is_dir):
+        target /= Path(entry.name).name
+    path = session.path("sys/files/read")
+    try:
+        part = PartialFile(target.parent, entry.digest, entry.size_bytes)
+    except OSError as error:
+        raise InvalidInput(f"{target}: {error.strerror}") from error
+    blocks = part.blocks
+    resumed_bytes = (len(blocks) - blocks.missing) * BLOCK_BYTES
+    try:
+        with Progress(session.out, f"{session.platform}: {name}", block_count(entry.size_bytes)) as progress:
+            progress.at(len(blocks) - blocks.missing)
+
+            async def read(number: int) -> None:
+                wanted = FileRead(entry.name, entry.digest, number * BLOCK_BYTES)
+                found = await session.module.request(
+                    path, wanted, FileData, timeout_s=BLOCK_TIMEOUT_S, bulk=True
+                )
+                part.write(wanted.offset, found.data)
+
+            await move_blocks(session, blocks.ranges(len(blocks)), read, give_up_s, progress)
+        await asyncio.to_thread(part.finish, target)
+    except OSError as error:
+        raise InvalidInput(f"{target}: {error.strerror}") from error
+    finally:
+        part.close()
+    moved = MovedFile(
+        session.platform, name, entry.size_bytes, entry.digest.hex(), resumed_bytes, str(target)
+    )
+    if session.settings.structured:
+        session.out.document(moved)
+    else:
+        session.out.text(f"{target}: {entry.size_bytes} bytes from {session.platform}")

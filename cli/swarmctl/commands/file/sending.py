@@ -1,0 +1,67 @@
+"""`swarmctl file send`: offers a file, and sends the blocks that are missing."""
+
+import asyncio
+import os
+from pathlib import Path
+
+import msgspec
+
+from swarmctl.commands.file.blocks import BLOCK_TIMEOUT_S, SLOW_TIMEOUT_S, MovedFile, move_blocks
+from swarmctl.session.session import Session
+from swarmctl.terminal.progress import Progress
+from swarmware.errors import InvalidInput
+from swarmware.transfer.partial_file import BLOCK_BYTES, block_count, digest_of
+from swarmware.types.file import FileBlock, FileName, FileOffer, FileProgress
+
+
+async def send_file(session: Session, file: Path, name: str, give_up_s: float) -> None:
+    """Returns when the node has the file in its place.
+
+    Raises: InvalidInput for a name that no file there may have; NoAnswer; Denied; OutOfRange when the node
+    has no room.
+    """
+    try:
+        msgspec.convert(name, FileName)
+    except msgspec.ValidationError as error:
+        raise InvalidInput(
+            f"file name {name!r}: expected at most 100 letters, digits and . _ + -, without folders; use --as"
+        ) from error
+    try:
+        digest = await asyncio.to_thread(digest_of, file)
+        content = await asyncio.to_thread(file.open, "rb")
+    except OSError as error:
+        raise InvalidInput(f"{file}: {error.strerror}") from error
+    size_bytes = os.fstat(content.fileno()).st_size
+    offer, resumed_bytes = FileOffer(name, size_bytes, digest), None
+    path = session.path("sys/files")
+    with content, Progress(session.out, f"{session.platform}: {name}", block_count(size_bytes)) as progress:
+
+        async def write(number: int) -> FileProgress:
+            offset = number * BLOCK_BYTES
+            content.seek(offset)
+            block = FileBlock(name, digest, offset, content.read(BLOCK_BYTES))
+            is_last = BLOCK_BYTES * (number + 1) >= size_bytes
+            timeout_s = SLOW_TIMEOUT_S if is_last else BLOCK_TIMEOUT_S
+            return await session.module.request(
+                f"{path}/write", block, FileProgress, timeout_s=timeout_s, bulk=True
+            )
+
+        while True:
+            state = await session.ask("sys/files/offer", offer, FileProgress, timeout_s=SLOW_TIMEOUT_S)
+            missing = sum(last - first + 1 for first, last in state.missing)
+            if resumed_bytes is None:
+                held = block_count(size_bytes) - missing if len(state.missing) < 256 else 0
+                resumed_bytes = size_bytes if state.complete else held * BLOCK_BYTES
+                progress.at(resumed_bytes // BLOCK_BYTES)
+            if state.complete:
+                break
+            await move_blocks(session, state.missing, write, give_up_s, progress)
+    found = MovedFile(session.platform, name, size_bytes, digest.hex(), resumed_bytes)
+    if session.settings.structured:
+        session.out.document(found)
+    else:
+        session.out.text(f"{session.platform}: {name} stored, {size_bytes} bytes{_resumed(resumed_bytes)}")
+
+
+def _resumed(resumed_bytes: int) -> str:
+    return f", {resumed_bytes} of them were there" if resumed_bytes else ""

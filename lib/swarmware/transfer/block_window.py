@@ -1,0 +1,48 @@
+"""Which blocks of a file are asked for, or sent, next, and how many at a time. Sans-io."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Final
+
+FIRST: Final = 2.0
+GROWTH: Final = 0.5
+"""Growth of the window with each block that arrives; the link itself controls its rate."""
+LIMIT: Final = 16.0
+"""Blocks on their way at most: 256 KiB, which fill 50 Mbit/s at 40 ms."""
+
+
+class BlockWindow:
+    """The blocks that wait, and a window of those on their way, which answers widen and failures halve."""
+
+    def __init__(self, ranges: Iterable[tuple[int, int]]) -> None:
+        """`ranges`: first and last number of the missing blocks."""
+        self._waiting: deque[int] = deque()
+        for first, last in ranges:
+            self._waiting.extend(range(first, last + 1))
+        self._under_way: set[int] = set()
+        self._size = FIRST
+
+    @property
+    def is_done(self) -> bool:
+        """Whether no block waits or is on its way."""
+        return not self._waiting and not self._under_way
+
+    def take(self) -> int | None:
+        """The next block; None: the window is full, or none waits."""
+        if not self._waiting or len(self._under_way) >= int(self._size):
+            return None
+        number = self._waiting.popleft()
+        self._under_way.add(number)
+        return number
+
+    def on_done(self, number: int) -> None:
+        """A block has arrived."""
+        self._under_way.discard(number)
+        self._size = min(self._size + GROWTH, LIMIT)
+
+    def on_failed(self, number: int) -> None:
+        """There was no answer for a block: it goes first when the link is back."""
+        if number in self._under_way:
+            self._under_way.remove(number)
+            self._waiting.appendleft(number)
+            self._size = max(self._size / 2, 1.0)

@@ -1,0 +1,60 @@
+"""How many blocks are on their way, and which comes next."""
+
+from random import Random
+
+from swarmware.transfer.block_window import FIRST, LIMIT, BlockWindow
+
+
+def taken(window: BlockWindow) -> list[int]:
+    """All blocks that may be sent now."""
+    found: list[int] = []
+    while (number := window.take()) is not None:
+        found.append(number)
+    return found
+
+
+def test_the_window_begins_small_grows_with_answers_and_has_a_limit() -> None:
+    window = BlockWindow([(0, 499)])
+    assert taken(window) == list(range(int(FIRST)))
+    most = 0
+    under_way = list(range(int(FIRST)))
+    while not window.is_done:
+        window.on_done(under_way.pop(0))
+        under_way += taken(window)
+        most = max(most, len(under_way))
+    assert most == int(LIMIT)
+
+
+def test_a_failed_block_goes_first_and_less_is_on_its_way() -> None:
+    window = BlockWindow([(0, 99)])
+    first = taken(window)
+    for number in first:
+        window.on_done(number)
+    more = taken(window)
+    for number in reversed(more):
+        window.on_failed(number)
+    assert taken(window) == more[:1]
+    assert not window.is_done
+
+
+def test_an_answer_after_a_failure_changes_nothing_twice() -> None:
+    window = BlockWindow([(3, 3)])
+    assert taken(window) == [3]
+    window.on_done(3)
+    window.on_failed(3)
+    assert window.is_done
+    assert window.take() is None
+
+
+def test_each_block_is_sent_until_it_arrives_through_any_failures() -> None:
+    draw = Random(7)
+    window, arrived, under_way = BlockWindow([(0, 9), (20, 49)]), set[int](), list[int]()
+    while not window.is_done:
+        under_way += taken(window)
+        number = under_way.pop(draw.randrange(len(under_way)))
+        if draw.random() < 0.4:
+            window.on_failed(number)
+        else:
+            window.on_done(number)
+            arrived.add(number)
+    assert arrived == {*range(10), *range(20, 50)}
