@@ -16,6 +16,7 @@ MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
 THIN = {
+    "cli/swarmctl/commands/file/listing.py": "a list, without the library of transfers",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from swarmware.transfer.partial_file import FILE_BYTES_MAX
+from swarmware.transport.transfer.block_set import FILE_BYTES_MAX
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -48,19 +48,22 @@ class Files(Service):
         self._received = module.stream_writer(
             RECEIVED, FileReceived, kind="event", log="all", description="Files that were stored, and by whom"
         )
-        for verb, asked, handler, reply, what in (
-            ("offer", FileOffer, self._offer, FileProgress, "Offers a file, or continues it"),
-            ("write", FileBlock, self._write, FileProgress, "Sends a block of a file"),
-            ("list", FileQuery, self._list, FileListing, "Lists files, one with its digest"),
-            ("read", FileRead, self._read, FileData, "Reads a block of a file"),
-        ):
-            module.serve(f"sys/files/{verb}", asked, handler, reply=reply, description=what)
+        module.serve(
+            "sys/files/offer", FileOffer, self._offer, reply=FileProgress, description="Offers a file"
+        )
+        module.serve(
+            "sys/files/write", FileBlock, self._write, reply=FileProgress, description="Sends a block"
+        )
+        module.serve("sys/files/list", FileQuery, self._list, reply=FileListing, description="Lists files")
+        module.serve(
+            "sys/files/read", FileRead, self._read, reply=FileData, description="Reads a block of a file"
+        )
 
     async def run(self) -> None:
-        """Serve until cancelled."""
+        """Serve the files until cancelled."""
         removed = await asyncio.to_thread(self._store.remove_old, utc_ns() / 1e9 - self.config.keep_parts_s)
         if removed:
-            self.module.log.info("%d incomplete files removed: nobody continued them", removed)
+            self.module.log.info("%d incomplete files removed: they were not continued", removed)
         try:
             await asyncio.Event().wait()
         finally:

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.errors import NotFound
-from swarmware.transfer.partial_file import BLOCK_BYTES, PartialFile, digest_of
+from swarmware.transport.transfer.block_set import BLOCK_BYTES
+from swarmware.transport.transfer.partial_file import PartialFile, digest_of
 from swarmware.types.file import FileEntry, FileOffer
 
 _READ: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
@@ -25,7 +26,7 @@ class FileStore:
         """Digests by name, inode, time of change and size."""
 
     def remove_old(self, before_s: float) -> int:
-        """Removes the blocks of files that nobody has continued since; returns how many files that were."""
+        """Removes the blocks of files that were not continued since; returns how many files that were."""
         removed = 0
         for path in self.folder.glob(".*.part"):
             if path.lstat().st_mtime < before_s:

@@ -185,6 +185,7 @@ WITHOUT_NODES = {
     "tree diff": "names its two sides",
 }
 OF_ONE_NODE = {
+    "file get": "writes one file here",
     "mission start": "acts through one ground station; --member selects vehicles",
     "pub": "publishes on the joined node",
 }

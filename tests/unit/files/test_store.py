@@ -9,7 +9,7 @@ import pytest
 from swarmd.files.store import FileStore
 from swarmware.errors import NotFound
 from swarmware.model.digest import blake2b
-from swarmware.transfer.partial_file import BLOCK_BYTES
+from swarmware.transport.transfer.block_set import BLOCK_BYTES
 from swarmware.types.file import FileName, FileOffer
 
 CONTENT = b"x" * (BLOCK_BYTES + 1)

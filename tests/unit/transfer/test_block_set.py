@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.transfer.block_set import BlockSet
+from swarmware.transport.transfer.block_set import BlockSet
 
 
 def test_blocks_arrive_in_any_order_and_once() -> None:

@@ -2,7 +2,7 @@
 
 from random import Random
 
-from swarmware.transfer.block_window import FIRST, LIMIT, BlockWindow
+from swarmware.transport.transfer.block_window import FIRST, LIMIT, BlockWindow
 
 
 def taken(window: BlockWindow) -> list[int]:

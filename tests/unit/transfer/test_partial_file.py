@@ -7,7 +7,8 @@ import pytest
 
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.digest import blake2b
-from swarmware.transfer.partial_file import BLOCK_BYTES, PartialFile, block_count, digest_of
+from swarmware.transport.transfer.block_set import BLOCK_BYTES, block_count
+from swarmware.transport.transfer.partial_file import PartialFile, digest_of
 
 CONTENT = Random(1).randbytes(3 * BLOCK_BYTES + 100)
 DIGEST = blake2b(CONTENT, digest_size=32).digest()

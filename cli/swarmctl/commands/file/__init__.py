@@ -1,1 +1,1 @@
-"""Files of nodes: sent, fetched, listed."""
+"""Files of nodes: blocks are sent and fetched by a window, a list is printed."""

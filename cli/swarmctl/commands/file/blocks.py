@@ -9,7 +9,7 @@ import msgspec
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import NoAnswer
-from swarmware.transfer.block_window import BlockWindow
+from swarmware.transport.transfer.block_window import BlockWindow
 
 BLOCK_TIMEOUT_S: Final = 6.0
 """Time for one block, retransmissions included."""

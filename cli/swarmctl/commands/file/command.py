@@ -19,7 +19,7 @@ def cmd() -> None:
 
 
 @cmd.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path))
 @click.option("--as", "name", default="", metavar="NAME", help="Name at the node; without it the file's own.")
 @click.option(
     "--give-up", "give_up_s", type=float, default=GIVE_UP_S, show_default=True, metavar="SECONDS",

@@ -7,7 +7,8 @@ from swarmctl.commands.file.blocks import BLOCK_TIMEOUT_S, SLOW_TIMEOUT_S, Moved
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput
-from swarmware.transfer.partial_file import BLOCK_BYTES, PartialFile, block_count
+from swarmware.transport.transfer.block_set import BLOCK_BYTES, block_count
+from swarmware.transport.transfer.partial_file import PartialFile
 from swarmware.types.file import FileData, FileListing, FileQuery, FileRead
 
 

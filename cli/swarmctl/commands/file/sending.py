@@ -10,7 +10,8 @@ from swarmctl.commands.file.blocks import BLOCK_TIMEOUT_S, SLOW_TIMEOUT_S, Moved
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput
-from swarmware.transfer.partial_file import BLOCK_BYTES, block_count, digest_of
+from swarmware.transport.transfer.block_set import BLOCK_BYTES, RANGES_MAX, block_count
+from swarmware.transport.transfer.partial_file import digest_of
 from swarmware.types.file import FileBlock, FileName, FileOffer, FileProgress
 
 
@@ -50,7 +51,7 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
             state = await session.ask("sys/files/offer", offer, FileProgress, timeout_s=SLOW_TIMEOUT_S)
             missing = sum(last - first + 1 for first, last in state.missing)
             if resumed_bytes is None:
-                held = block_count(size_bytes) - missing if len(state.missing) < 256 else 0
+                held = block_count(size_bytes) - missing if len(state.missing) < RANGES_MAX else 0
                 resumed_bytes = size_bytes if state.complete else held * BLOCK_BYTES
                 progress.at(resumed_bytes // BLOCK_BYTES)
             if state.complete:

@@ -32,7 +32,7 @@ class FileIntake:
         return max(0, self._config.limit_bytes - stored_bytes - promised)
 
     def on_offer(self, offer: FileOffer, stored_bytes: int, now_ns: int) -> list[bytes]:
-        """Takes an offer; returns the digests of incomplete files to be given up: nobody sent them for long.
+        """Takes an offer; returns the digests of incomplete files that were not continued for long.
 
         Raises: OutOfRange for a file that is too large, Conflict while too many others arrive.
         """

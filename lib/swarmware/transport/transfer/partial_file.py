@@ -7,11 +7,8 @@ from typing import Final
 
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.digest import blake2b
-from swarmware.transfer.block_set import BlockSet
+from swarmware.transport.transfer.block_set import BLOCK_BYTES, BlockSet, block_count
 
-BLOCK_BYTES: Final = 16 * 1024
-"""Bytes of a block: at 1 Mbit/s one takes 0.13 s."""
-FILE_BYTES_MAX: Final = 4 * 1024**3
 DIGEST_BYTES: Final = 32
 _READ_BYTES: Final = 1024 * 1024
 _FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
@@ -24,11 +21,6 @@ def digest_of(path: Path) -> bytes:
         while part := file.read(_READ_BYTES):
             content.update(part)
     return content.digest()
-
-
-def block_count(size_bytes: int) -> int:
-    """Number of blocks of a file of this size."""
-    return -(-size_bytes // BLOCK_BYTES)
 
 
 class PartialFile:
@@ -73,7 +65,7 @@ class PartialFile:
     def write(self, offset: int, data: bytes) -> None:
         """Take a block.
 
-        Raises: InvalidInput for bytes that are no block of this file; OSError.
+        Raises: InvalidInput for bytes that are not a block of this file; OSError.
         """
         number, rest = divmod(offset, BLOCK_BYTES)
         expected = min(BLOCK_BYTES, self.size_bytes - offset)
@@ -108,7 +100,7 @@ class PartialFile:
     def discard(self) -> None:
         """Remove what has arrived."""
         for path in (self._path, self._marks):
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # `remove_old` tries again after the next start
                 path.unlink()
 
     def close(self) -> None:
