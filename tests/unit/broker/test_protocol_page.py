@@ -165,7 +165,7 @@ def test_the_kinds_of_the_page_are_ours() -> None:
 
 
 def test_the_flags_and_codecs_of_the_page_are_ours_and_the_others_are_called_reserved() -> None:
-    flags = {int(number) for number in re.findall(r"(\d+) (?:urgent|wants an acknowledgement)", PAGE)}
+    flags = {int(number) for number in re.findall(r"(\d+) (?:urgent|wants an acknowledgement|bulk)", PAGE)}
     assert flags == set(Flag)
     assert "1 reserved" in PAGE
     assert {codec.name: int(codec) for codec in Codec} == {"NONE": 0, "ZLIB": 1, "ZSTD": 2, "PACKED": 7}
