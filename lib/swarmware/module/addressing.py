@@ -1,15 +1,18 @@
 """Frames to addresses: receiver, payload type, and a sequence per address."""
 
 import os
+from collections.abc import Iterator
+from functools import partial
 from typing import Final
 
 import msgspec
 
 from swarmware.errors import OutOfRange
 from swarmware.model import names
-from swarmware.model.frame import PAYLOAD_LIMIT, Frame, FrameKind
+from swarmware.model.frame import ADDRESSED, PAYLOAD_LIMIT, Frame, FrameKind
 from swarmware.module.node_participant import NodeParticipant
 from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.delivery.parts import SPLIT_BYTES, VALUE_LIMIT, parts_of
 from swarmware.types import registry
 
 ADDRESSES_MAX: Final = 4096
@@ -83,13 +86,14 @@ class Addressing:
         return address
 
     def frame(self, kind: FrameKind, address: Recipient, value: msgspec.Struct, timeout_s: float) -> Frame:
-        """A frame with the value, to be delivered within the time.
+        """A frame with the value, to be delivered within the time; that of a message may need to be split.
 
         Raises: OutOfRange when the value is too large.
         """
         payload = registry.encode(value)
-        if len(payload) > PAYLOAD_LIMIT:
-            raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {PAYLOAD_LIMIT}")
+        limit = VALUE_LIMIT if kind in ADDRESSED else PAYLOAD_LIMIT
+        if len(payload) > limit:
+            raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {limit}")
         # a random start: messages of a restarted application must not look like duplicates
         sequence = self._sequences.get(address.data_id)
         sequence = int.from_bytes(os.urandom(4)) if sequence is None else (sequence + 1) & 0xFFFF_FFFF
@@ -106,3 +110,14 @@ class Addressing:
             extension=with_lifetime(timeout_s),
             payload=payload,
         )
+
+    def parts(self, frame: Frame) -> Iterator[Frame] | None:
+        """The frames of the parts of a message that is too large for one; None: it is not."""
+        limit = PAYLOAD_LIMIT if frame.receiver_hw == self._hardware else SPLIT_BYTES
+        if len(frame.payload) <= limit:
+            return None
+        return parts_of(frame, partial(self._next_sequence, frame.data_id))
+
+    def _next_sequence(self, data_id: int) -> int:
+        sequence = self._sequences[data_id] = (self._sequences[data_id] + 1) & 0xFFFF_FFFF
+        return sequence

@@ -19,12 +19,14 @@ from swarmware.model.clock import Clock
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.module.addressing import Addressing
 from swarmware.module.node_participant import NodeParticipant
+from swarmware.module.part_sender import send_parts
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.ticker import Lateness, Ticker
 from swarmware.node.node import Node
 from swarmware.runtime.instant import stage_phase_ns
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.parts import SPLIT_BYTES
 from swarmware.transport.delivery.sender import Caller, with_caller
 from swarmware.types import registry
 from swarmware.types.rpc import Reply
@@ -277,8 +279,9 @@ class Client:
 
         `kind`: its priority on a link; a message that is not a command has kind notify, event, stream or
         file, with a lower priority than commands. `on_behalf_of`: the user of this computer whose request
-        this message carries out; the receiver applies and records the role and name of that user.
-        Raises: InvalidInput for a kind that no inbox takes.
+        this message carries out; the receiver applies and records the role and name of that user. A value
+        above 64 KiB is split, and its parts have the lowest priority.
+        Raises: InvalidInput for a kind that no inbox takes; OutOfRange for a value above 64 MiB.
         """
         if kind not in ADDRESSED:
             taken = ", ".join(sorted(kind.name.lower() for kind in ADDRESSED))
@@ -290,7 +293,12 @@ class Client:
         frame = member.addressing.frame(kind, address, value, timeout_s)
         frame.flags = _ACKED_URGENT if urgent else _ACKED
         self._state_caller(frame, on_behalf_of)
-        outcome = await member.participant.node.messaging.send(frame, timeout_s)
+        messaging = member.participant.node.messaging
+        parts = None if len(frame.payload) <= SPLIT_BYTES else member.addressing.parts(frame)
+        if parts is None:
+            outcome = await messaging.send(frame, timeout_s)
+        else:
+            outcome = await send_parts(messaging, parts, timeout_s)
         if outcome.status is Status.REFUSED and (error_text := address.mismatch()):
             return msgspec.structs.replace(outcome, detail=error_text)  # its server appeared during the wait
         return outcome
@@ -328,7 +336,8 @@ class Client:
         if error_text := mismatch():
             raise TypeMismatch(error_text)
         frame = member.addressing.frame(FrameKind.REQUEST, address, value, timeout_s)
-        frame.flags = _URGENT if urgent else _BULK if bulk else 0
+        is_bulk = bulk or len(frame.payload) > SPLIT_BYTES
+        frame.flags = _URGENT if urgent else _BULK if is_bulk else 0
         self._state_caller(frame, on_behalf_of)
         return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)
 

@@ -83,6 +83,7 @@ from swarmware.model.access import Role
 from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
+from swarmware.transport.delivery.parts import FORGET_NS, HELD_BYTES, PART_BYTES, SPLIT_BYTES, VALUE_LIMIT
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text
@@ -218,6 +219,11 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"{FALSE_ALARM:g} divided by the number of neighbours; at most {MISSES_MAX}",
         f", and then {LOSSY_RATIO:g} s at least",
         f"in a replay window of {PAIR_WINDOW}",
+        f"above {SPLIT_BYTES >> 10} KiB is split",
+        f"up to {VALUE_LIMIT >> 20} MiB",
+        f"{PART_BYTES >> 10} KiB of the payload",
+        f"holds {HELD_BYTES >> 20} MiB of incomplete values",
+        f"without a new part for {FORGET_NS // SECOND} s",
         f"its next beacons, at most every {AGAIN_NS // MS} ms",
         f"at most {COST_MAX}",
         f"better by more than {HYSTERESIS}",

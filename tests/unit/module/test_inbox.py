@@ -95,12 +95,15 @@ async def test_a_message_is_of_a_kind_that_an_inbox_takes(tmp_path: Path, kind: 
                 await m.send("cmd/step", Int(1), kind=kind)
 
 
-async def test_a_value_larger_than_a_frame_is_refused_by_its_size(tmp_path: Path) -> None:
+async def test_a_request_larger_than_a_frame_is_refused_by_its_size_and_a_message_is_split(
+    tmp_path: Path,
+) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
-        m.inbox("cmd/blob", Blob)
+        box = m.inbox("cmd/blob", Blob)
         m.serve("sys/blob", Blob, lambda request, _: request, reply=Blob)
         large = Blob(bytes(PAYLOAD_LIMIT))
-        with pytest.raises(OutOfRange, match=f"expected at most {PAYLOAD_LIMIT}"):
-            await m.send("cmd/blob", large)
+        assert await m.send("cmd/blob", large, timeout_s=20.0)
+        assert box.take() == large
+        assert await m.send("cmd/blob", Blob(b"next"))
         with pytest.raises(OutOfRange, match=f"expected at most {PAYLOAD_LIMIT}"):
             await m.request("sys/blob", large, Blob)

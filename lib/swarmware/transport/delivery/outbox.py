@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.model.frame import Frame, FrameKind
+from swarmware.model.frame import Flag, Frame, FrameKind
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.delivery.rtt import RetransmitLimits, RttEstimator
 from swarmware.types.rpc import Ack
@@ -20,6 +20,7 @@ REMOTE: Final = RetransmitLimits(initial_ns=300_000_000, min_ns=100_000_000, max
 """Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
 
 _STATUSES: Final = {int(status): status for status in Status}
+_BULK: Final = int(Flag.BULK)
 _COMMANDS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
 
 GRACE_NS: Final = 1_000_000_000
@@ -188,7 +189,7 @@ class Outbox:
 
 def _way(frame: Frame) -> tuple[int, bool]:
     """Key of a shared round-trip time: commands do not wait behind notifications and streams."""
-    return frame.receiver_hw, frame.kind in _COMMANDS
+    return frame.receiver_hw, frame.kind in _COMMANDS and not frame.flags & _BULK
 
 
 def _given_up(pending: _Pending) -> Outcome:

@@ -16,6 +16,7 @@ from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import ANSWERS, answerable
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
 from swarmware.transport.delivery.outcome import ABSENT, Outcome, Status
+from swarmware.transport.delivery.parts import PartAssembly
 from swarmware.transport.delivery.sender import Caller, with_caller, with_sender
 from swarmware.transport.messaging.callers import Callers
 from swarmware.transport.messaging.ipc_transport import IpcConnection, IpcTransport
@@ -102,6 +103,7 @@ class MessageEndpoint:
         self._conversions_ns = 0
         self._messages: dict[Key, asyncio.Future[Outcome]] = {}
         self._requests: dict[Key, asyncio.Future[Reply]] = {}
+        self._parts = PartAssembly(platform)
         self._router = MessageRouter(
             platform=platform, hardware=hardware, address=self.address, conversion=self._conversion
         )
@@ -377,7 +379,7 @@ class MessageEndpoint:
             if (handle := self._request_handlers.get(frame.data_id)) is not None:
                 handle(frame, partial(self._on_reply, frame, via))
         elif (take := self._message_handlers.get(frame.data_id)) is not None:
-            outcome = take(frame)
+            outcome = self._parts.on_frame(frame, take, self._clock.now_ns())
             self._driver.feed(self._router.on_outcome(frame, via, outcome, self._clock.now_ns()))
 
     def _complete(self, key: Key, outcome: Outcome) -> None:
