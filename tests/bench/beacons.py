@@ -293,7 +293,7 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         service = Broker(module, config)
         keys = service._keys()
         former_session = FormerSession(module.node.config.data_path)
-        core = service._core(keys, former_session)
+        core = service._core(config, keys, former_session)
         core._publish_ns = 1 << 62  # tables are not what is measured
         broker = BrokerShell(service, config, keys, core, former_session)
         broker._driver._arm = lambda: None  # type: ignore[method-assign]  # this program steps it

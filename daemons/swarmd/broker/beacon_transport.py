@@ -18,9 +18,13 @@ from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.media.medium import Address, MediumProfile
+from swarmd.broker.core.media.medium_table import ByMedium
 from swarmd.broker.core.topology.node_table import is_named
 from swarmd.broker.core.traffic import EVERYBODY
-from swarmd.broker.links.udp import LOOPBACK, Address, Udp, resolve
+from swarmd.broker.links.media import Media
+from swarmd.broker.links.medium import MediumDatagram
+from swarmd.broker.links.udp import LOOPBACK, resolve
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
@@ -59,15 +63,13 @@ class BeaconTransport:
         self,
         config: Config,
         keys: Keys,
+        media: Media,
         clock: Clock,
         core: BrokerCore,
         feed: Callable[[Iterable[Action]], None],
         keep_period: Callable[[int], None],
     ) -> None:
-        """`feed`: has the actions of a received beacon carried out.
-
-        Raises: ConfigError when an address or port cannot be used.
-        """
+        """`feed`: has the actions of a received beacon carried out."""
         self._config = config
         self._clock = clock
         self._core = core
@@ -79,9 +81,10 @@ class BeaconTransport:
         self._group = keys.group
         self._session = core.session
         self._sealer = Sealer(keys.group, self._hardware, core.session)
-        self._newest = Opener(keys.group)
-        self._openers = {keys.group.mark: self._newest}
-        """Openers of the newest and former group keys, by mark."""
+        self._openers = {one.number: {keys.group.mark: Opener(keys.group)} for one in media.profiles}
+        """Openers of the newest and former group keys, by mark, for each medium: a copy that came over
+        another one is not a replay."""
+        self._newest = {number: openers[keys.group.mark] for number, openers in self._openers.items()}
         self._limiter = DatagramLimiter(member_ids(keys.roster))
         self._hear = frozenset(hardware_id(name) for name in config.hear_only) or None
         self._sequence = -1
@@ -90,7 +93,8 @@ class BeaconTransport:
         self._faults = 0
         self._seeds: dict[str, Address] = {}
         self._loop = asyncio.get_running_loop()
-        self._udp = Udp(config, self._loop, clock, self._on_datagram)
+        self._media = media
+        self._udp = media.main
 
     @property
     def port(self) -> int:
@@ -160,6 +164,11 @@ class BeaconTransport:
         for address in self._core.targets.unicast_addresses(self._seeds.values(), tx_ns):
             if self._udp.send(data, address):
                 self._counters.datagram_sent(len(data), f"{address[0]}:{address[1]}")
+        for medium in self._media.further:
+            if medium.send_to_all(data):
+                self._counters.datagram_sent(
+                    medium.medium.counted_bytes(len(data)), EVERYBODY, medium.medium.transport
+                )
         digest = 0 if signatures is None else datagram_digest(data)
         self._core.on_sent(sequence, len(data), digest, tx_ns)
 
@@ -176,13 +185,17 @@ class BeaconTransport:
 
     def receive(self) -> None:
         """Reads the datagrams that wait in the sockets, without the delay of batching."""
-        self._udp.receive()
+        self._media.receive()
         self._udp.set_min_period(self._core.usual_period_ns())
 
-    def _on_datagram(self, data: bytes, address: Address, rx_mono_ns: int, by_multicast: bool) -> None:
+    def on_datagram(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
+        """Takes a datagram that came over a medium."""
+        data, address, rx_mono_ns = arrival.data, arrival.address, arrival.rx_mono_ns
+        by_multicast = arrival.by_multicast
         sender_hw = codec.sender_of(data)
-        if sender_hw == self._hardware and self._is_own(data, address, rx_mono_ns):
-            self._unreturned = 0  # multicast loops datagrams back
+        if sender_hw == self._hardware and self._is_own(medium, data, address, rx_mono_ns):
+            if medium is self._udp.medium:
+                self._unreturned = 0  # multicast loops datagrams back
             return
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
@@ -199,17 +212,17 @@ class BeaconTransport:
             header, start = codec.decode_header(data)
             now_ns = self._clock.from_mono_ns(rx_mono_ns)
             digest = 0 if self._core.sources is None else datagram_digest(data)
-            opened, is_new = self._open(header, data, start, digest, now_ns)
+            opened, is_new = self._open(medium, header, data, start, digest, now_ns)
             if isinstance(opened, Refusal):
                 is_late = opened is Refusal.EPOCH and self._take_late(header, data, start, address)
                 if opened is not Refusal.REPLAYED and not is_late:
                     self._limiter.bad(address)
-                self._refused(sender_hw, opened, len(data))
+                self._refused(sender_hw, opened, medium.counted_bytes(len(data)), medium)
                 return
             beacon = codec.decode(opened.body)
         except WireError as error:
             self._limiter.bad(address)
-            self._counters.datagram_received(len(data), UNACCEPTED)
+            self._counters.datagram_received(medium.counted_bytes(len(data)), UNACCEPTED, medium.transport)
             self._counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
@@ -217,11 +230,18 @@ class BeaconTransport:
         try:
             datagram = SealedDatagram(data[:start], opened.body, digest, address[0], is_new)
             is_accepted, actions = self._core.on_datagram(
-                header, beacon, address, by_multicast, len(data), datagram, now_ns
+                header,
+                beacon,
+                address,
+                by_multicast,
+                medium.counted_bytes(len(data)),
+                datagram,
+                now_ns,
+                ByMedium(medium, header.sequence if arrival.number is None else arrival.number),
             )
             if is_accepted:
                 self._limiter.good(address)
-                if by_multicast:
+                if by_multicast and medium is self._udp.medium:
                     self._unreturned = 0
             self._feed(actions)
         except FAULTS:
@@ -229,10 +249,10 @@ class BeaconTransport:
             self.log_fault("a datagram could not be processed")
 
     def _open(
-        self, header: Header, data: bytes, start: int, digest: int, now_ns: int
+        self, medium: MediumProfile, header: Header, data: bytes, start: int, digest: int, now_ns: int
     ) -> tuple[Opened | Refusal, bool]:
         """The content of a datagram, and whether the replay window has taken its number."""
-        opener, sources = self._opener(header.epoch, now_ns), self._core.sources
+        opener, sources = self._opener(medium, header.epoch, now_ns), self._core.sources
         if opener is None:
             return Refusal.EPOCH, False
         sealed = (
@@ -250,12 +270,12 @@ class BeaconTransport:
             return opener.peek(*sealed), False
         return opened, True
 
-    def _opener(self, mark: int, now_ns: int) -> Opener | None:
+    def _opener(self, medium: MediumProfile, mark: int, now_ns: int) -> Opener | None:
         """The opener of an accepted key epoch."""
         exchange = self._core.exchange
         if exchange is not None and exchange.epochs.opening(mark, now_ns) is None:
             return None
-        return self._openers.get(mark)
+        return self._openers[medium.number].get(mark)
 
     def _take_late(self, header: Header, data: bytes, start: int, address: Address) -> bool:
         """Takes a beacon of a node that missed a rotation: nothing but who it is and where. Whether it is
@@ -300,19 +320,22 @@ class BeaconTransport:
         self._limiter.members = member_ids(self._keys.roster)
         group = self._keys.group
         if change.rotated and not change.revoked_self:
-            self._newest = self._openers[group.mark] = self._newest.rekeyed(group)
+            for number, opener in self._newest.items():
+                self._newest[number] = self._openers[number][group.mark] = opener.rekeyed(group)
 
     def adopt(self, hw: int, session: int) -> None:
         """Accepts the sequence numbers of a session from now on."""
-        for opener in self._openers.values():
-            opener.adopt(hw, session)
+        for openers in self._openers.values():
+            for opener in openers.values():
+                opener.adopt(hw, session)
 
     def resume(self, hw: int, session: int, sequence: int) -> None:
         """Begins the replay windows of a session again behind this number."""
-        for opener in self._openers.values():
-            opener.resume(hw, session, sequence)
+        for openers in self._openers.values():
+            for opener in openers.values():
+                opener.resume(hw, session, sequence)
 
-    def _is_own(self, data: bytes, address: Address, rx_mono_ns: int) -> bool:
+    def _is_own(self, medium: MediumProfile, data: bytes, address: Address, rx_mono_ns: int) -> bool:
         """Whether a datagram is an own one that was looped back; one without a session counts as own.
 
         One with a number that was not used yet, or was used for another one, is of a member that has forged
@@ -331,7 +354,7 @@ class BeaconTransport:
             return True
         if not self._limiter.may_open(address, self._hardware, rx_mono_ns):
             return True
-        opener = self._opener(header.epoch, self._clock.from_mono_ns(rx_mono_ns))
+        opener = self._opener(medium, header.epoch, self._clock.from_mono_ns(rx_mono_ns))
         opened = (
             Refusal.EPOCH
             if opener is None
@@ -345,11 +368,11 @@ class BeaconTransport:
             self._feed(self._core.on_impersonation(address[0], self._clock.from_mono_ns(rx_mono_ns)))
         return True
 
-    def _refused(self, sender_hw: int, refusal: Refusal, size: int) -> None:
+    def _refused(self, sender_hw: int, refusal: Refusal, size: int, medium: MediumProfile) -> None:
         refused = self._counters.refused
         known = self._core.has_link(sender_hw)
         link = self._counters.datagram_received(
-            size, self._core.nodes.platform(sender_hw) if known else UNACCEPTED
+            size, self._core.nodes.platform(sender_hw) if known else UNACCEPTED, medium.transport
         )
         if refusal is Refusal.REPLAYED:
             refused.replayed += 1
@@ -360,7 +383,3 @@ class BeaconTransport:
             refused.unknown_session += 1
         else:
             refused.other_epoch += 1
-
-    def close(self) -> None:
-        """Close the sockets for beacons."""
-        self._udp.close()

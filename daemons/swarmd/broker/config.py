@@ -1,7 +1,8 @@
 """Settings of the broker (services/broker.toml)."""
 
+from collections import Counter
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Final
 
 import msgspec
 
@@ -20,6 +21,53 @@ class FrameCarrier(StrEnum):
     AUTO = "auto"
     TCP = "tcp"
     UDP = "udp"
+
+
+class Carries(StrEnum):
+    """What a medium is used for."""
+
+    ALL = "all"
+    PAYLOAD = "payload"
+    """Streams, files and all else except commands, and that before other media."""
+    CONTROL = "control"
+    """Beacons and commands; other frames where no other medium is left."""
+
+
+MAIN: Final = "main"
+"""Name of the network of `bind_address` and `multicast_group`."""
+MediumName = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,15}$")]
+
+
+class SerialMedium(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A serial line, or a radio modem on one, that carries datagrams to neighbours."""
+
+    name: MediumName
+    """Name of the medium, the same at both ends."""
+    device: str
+    """Device file of the line."""
+    baud: Annotated[int, msgspec.Meta(ge=300, le=4_000_000)] = 57_600
+    """Rate of the line, and pace of what is written; of a modem the rate in the air, if that is less."""
+    carries: Carries = Carries.ALL
+    """all; payload: streams, files and all other frames except commands, before other media; control:
+    beacons and commands."""
+
+
+class NetworkMedium(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A second network, as that of another radio, that carries datagrams to neighbours."""
+
+    name: MediumName
+    """Name of the medium, the same at both ends."""
+    interface: str
+    """Address of its network interface here, or the name of the interface."""
+    multicast_group: str = "239.83.87.1"
+    """IPv4 group of the beacons on this network."""
+    udp_port: GroupPort = 7447
+    """Port of the group."""
+    rate_bit_s: Annotated[float, msgspec.Meta(ge=0, le=1e10)] = 0.0
+    """Rate of the network, which limits beacons and counts in the cost of its links; 0: not known."""
+    carries: Carries = Carries.ALL
+    """all; payload: streams, files and all other frames except commands, before other media; control:
+    beacons and commands."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,7 +105,16 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
     """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is lost."""
 
+    serial: tuple[SerialMedium, ...] = ()
+    """Serial lines beside the network, or in place of it."""
+    network: tuple[NetworkMedium, ...] = ()
+    """Further networks beside the first one."""
+
     def __post_init__(self) -> None:
+        names = Counter([MAIN, *(one.name for one in self.serial), *(one.name for one in self.network)])
+        twice = [name for name, count in names.items() if count > 1]
+        if twice:
+            raise InvalidInput(f"media: the name {twice[0]!r} twice; expected one medium of each name")
         delays = self.unit_delay_ms
         if delays and (len(delays) != 2 or delays[0] > delays[1]):
             found = ", ".join(f"{delay:g}" for delay in delays)

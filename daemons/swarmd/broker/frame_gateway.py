@@ -15,6 +15,7 @@ from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.topology.link_targets import LinkTarget
 from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.frame_delivery import FrameDelivery
+from swarmd.broker.links.frame_datagrams import NeighbourMedia
 from swarmd.broker.links.frame_links import FrameLinks
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.unit_delay import UnitDelay
@@ -54,6 +55,7 @@ class FrameGateway:
         messaging: MessageEndpoint,
         table: AppTable,
         core: BrokerCore,
+        ways: NeighbourMedia | None,
         on_denial: Callable[[Denial], None],
         on_roster_actions: Callable[[list[RosterAction]], None],
         access: Access,
@@ -91,6 +93,7 @@ class FrameGateway:
             PairEnd(core.identity.hw, core.session, keys.curve_public),
             clock,
             core.counters,
+            ways,
             excludes=self._excludes,
             find_peer=self._peer,
             on_frame=self._from_connection,
@@ -128,7 +131,7 @@ class FrameGateway:
     def prove(self, hw: int, session: int) -> None:
         """Sends a neighbour the own session over a connection that only the own key opens."""
         peer = self._peer(hw)
-        if peer is not None:
+        if peer is not None and peer.host:
             own_hw = self._core.identity.hw
             payload = session.to_bytes(8, "little")
             self._send(peer, Frame(FrameKind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
@@ -240,8 +243,12 @@ class FrameGateway:
         frame = self._decoded(data, peer.platform)
         if frame is None:
             return
-        if frame.kind is FrameKind.HELLO:
+        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
             self._counters.refused.malformed += 1  # sessions are proven over connections
+            return
+        if frame.kind is FrameKind.ROSTER:
+            # only from a neighbour without a connection; the seal of the pair has authenticated it
+            self._roster_from_connection(data, "" if self._keys.is_open else peer.platform, peer.host)
             return
         self._take(frame, data, "" if self._keys.is_open else peer.platform, arrived_ns)
 

@@ -38,8 +38,8 @@ class Broker(Service):
         module = self.module
         keys = self._keys()
         former_session = FormerSession(module.node.config.data_path)
-        core = self._core(keys, former_session)
         config = loopback_only(self.config) if keys.is_open else self.config
+        core = self._core(config, keys, former_session)
         shell = BrokerShell(self, config, keys, core, former_session)
         with contextlib.closing(shell):
             await shell.run()
@@ -55,10 +55,10 @@ class Broker(Service):
         )
         return Keys.open(config.platform)
 
-    def _core(self, keys: Keys, former_session: FormerSession) -> BrokerCore:
+    def _core(self, config: settings.Config, keys: Keys, former_session: FormerSession) -> BrokerCore:
         node, now_ns = self.module.node, self.module.clock.now_ns()
         session = former_session.next_session(utc_ns())
-        quiet_ns = former_session.quiet_ns(round(self.config.link_timeout_s * 1e9))
+        quiet_ns = former_session.quiet_ns(round(config.link_timeout_s * 1e9))
         core = BrokerCore(
             NodeIdentity(
                 node.hardware,
@@ -68,7 +68,7 @@ class Broker(Service):
                 self.module.clock.boot_id,
                 keys.curve_public if keys.is_open else b"",
             ),
-            self.config,
+            config,
             session,
             connections=not keys.is_open,
             former=FormerState(former_session.declared_period_ns, quiet_ns),

@@ -1,5 +1,6 @@
 """The broker's shell: sockets, shared memory and the message router around its core."""
 
+import asyncio
 import contextlib
 import logging
 from typing import Final
@@ -12,6 +13,7 @@ from swarmd.broker.core.action import (
     AdoptSession,
     ContinueSequence,
     KeepMirrors,
+    MediumChanged,
     PollInputs,
     ProveSession,
     PublishTables,
@@ -29,9 +31,13 @@ from swarmd.broker.core.action import (
 from swarmd.broker.core.admission.refusal_log import RefusalLog
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
+from swarmd.broker.links.media import Media
+from swarmd.broker.links.medium import MediumDatagram
+from swarmd.broker.media_links import MediaLinks
 from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmd.broker.net_boards import NetBoards
@@ -65,6 +71,8 @@ OF_DATAGRAMS: Final = (
 )
 """Actions that a received datagram causes: an exception in one of them ends this action, never the broker."""
 
+OPEN_LINE: Final = "The serial line of the medium is open"
+
 log = logging.getLogger("swarm.broker")
 
 
@@ -95,8 +103,19 @@ class BrokerShell:
         self._driver = service.drive(core, self._perform)
         feed = self._driver.feed
         with contextlib.ExitStack() as stack:
-            self._transport = BeaconTransport(config, keys, module.clock, core, feed, former_session.keep)
-            stack.callback(self._transport.close)
+            self._media = Media(
+                config,
+                asyncio.get_running_loop(),
+                module.clock,
+                core.counters.refused,
+                on_beacon=self._on_beacon,
+                on_frame=self._on_frame,
+                on_line=self._on_line,
+            )
+            stack.callback(self._media.close)
+            self._transport = BeaconTransport(
+                config, keys, self._media, module.clock, core, feed, former_session.keep
+            )
             self._gateway = FrameGateway(
                 config,
                 keys,
@@ -104,6 +123,7 @@ class BrokerShell:
                 node.messaging,
                 node.table,
                 core,
+                None if core.media is None else MediaLinks(self._media, core.media, module.clock),
                 self._on_denial,
                 lambda found: feed(core.on_roster_actions(found, module.clock.now_ns())),
                 node.access_rules.access,
@@ -175,6 +195,8 @@ class BrokerShell:
                 self._publish(action.traffic)
             case LinkChanged():
                 self._on_link_changed(action)
+            case MediumChanged():
+                self._gateway.links.on_medium(action.hw)
             case KeepMirrors():
                 self._mirrors.keep_only(action.wants)
             case AdoptSession():
@@ -218,7 +240,7 @@ class BrokerShell:
             present = self._traffic()
             self._boards.traffic.write(present)
             self._log_refusals(present.refused)
-        self._gateway.links.on_qualities(self._core.report.link_qualities())
+        self._gateway.links.on_qualities(self._core.report.link_qualities(self._clock.now_ns()))
         self._boards.neighbours.write(self._neighbours())
         self._boards.routes.write(self._core.report.routes())
 
@@ -230,6 +252,20 @@ class BrokerShell:
         elif change.before is LinkState.UP:
             log.info("neighbour %s: %s (%s)", name, change.after.name.lower(), change.event.name.lower())
             self._gateway.neighbour_gone(change.hw)
+
+    def _on_beacon(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
+        self._transport.on_datagram(medium, arrival)
+
+    def _on_frame(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
+        self._gateway.links.on_datagram(medium, arrival)
+
+    def _on_line(self, medium: str, problem: str) -> None:
+        if problem:
+            self._health.report(
+                f"medium_{medium}", "closed", level="warn", detail=problem, description=OPEN_LINE
+            )
+        else:
+            self._health.report(f"medium_{medium}", description=OPEN_LINE)
 
     def _on_denial(self, denial: Denial) -> None:
         self._boards.denials.write(denial)

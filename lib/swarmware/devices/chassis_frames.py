@@ -1,14 +1,12 @@
 """Frames on the serial line of a chassis, both directions: COBS, CRC-16, contents (`chassis-protocol.md`)."""
 
-import binascii
 import math
 import struct
-from collections import Counter
-from collections.abc import Iterator
 from typing import Final
 
 import msgspec
 
+from swarmware.devices.serial_frames import CRC16_BYTES, FrameDecoder, crc16, serial_frame
 from swarmware.errors import InvalidInput, WireError
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.vehicle import BatteryState, Setpoint
@@ -28,11 +26,10 @@ _SETPOINT_BODY: Final = struct.Struct("<Bffff")
 _ORDER_BODY: Final = struct.Struct("<BQB")
 _GAIN: Final = struct.Struct("<16sf")
 _REPORT_BODY: Final = struct.Struct("<BQBfff")
-_CRC: Final = struct.Struct("<H")
 _ARMED, _LANDED, _CALIBRATING, _FAILSAFE = 1, 2, 4, 8
 """Flags of a report."""
-GAINS_LIMIT: Final = (FRAME_BYTES - _ORDER_BODY.size - _CRC.size) // _GAIN.size
-REASON_BYTES: Final = FRAME_BYTES - _REPORT_BODY.size - _CRC.size
+GAINS_LIMIT: Final = (FRAME_BYTES - _ORDER_BODY.size - CRC16_BYTES) // _GAIN.size
+REASON_BYTES: Final = FRAME_BYTES - _REPORT_BODY.size - CRC16_BYTES
 
 
 class Telemetry(msgspec.Struct, frozen=True):
@@ -132,70 +129,9 @@ def report_frame(content: Telemetry) -> bytes:
 
 def framed(body: bytes) -> bytes:
     """A body with its CRC, encoded by COBS, and the delimiter."""
-    return cobs(body + _CRC.pack(binascii.crc_hqx(body, 0xFFFF))) + b"\0"
+    return serial_frame(body, crc16)
 
 
-def cobs(data: bytes) -> bytes:
-    """Bytes without a zero. Source: Cheshire, Baker: Consistent Overhead Byte Stuffing."""
-    out = bytearray()
-    for block in data.split(b"\0"):
-        rest = block
-        while len(rest) >= 254:
-            out += b"\xff" + rest[:254]
-            rest = rest[254:]
-        out += bytes([len(rest) + 1]) + rest
-    return bytes(out)
-
-
-def uncobs(data: bytes) -> bytes:
-    """The inverse of `cobs`. Raises: WireError."""
-    out, at = bytearray(), 0
-    while at < len(data):
-        code = data[at]
-        block = data[at + 1 : at + code]
-        if code == 0 or len(block) != code - 1:
-            raise WireError("COBS: a block is cut short")
-        out += block
-        at += code
-        if code < 0xFF and at < len(data):
-            out.append(0)
-    return bytes(out)
-
-
-class FrameDecoder:
-    """Finds the frames in the bytes of a line. `refused`: damaged ones, by the reason."""
-
-    def __init__(self) -> None:
-        self.refused: Counter[str] = Counter()
-        self._open = bytearray()
-        self._overlong = False
-
-    def feed(self, data: bytes) -> Iterator[bytes]:
-        """The bodies of the valid frames in the next bytes."""
-        *complete, rest = data.split(b"\0")
-        for part in complete:
-            self._collect(part)
-            frame, overlong = bytes(self._open), self._overlong
-            self._open.clear()
-            self._overlong = False
-            if overlong:
-                self.refused["longer than a frame"] += 1
-            elif frame:
-                try:
-                    yield self._body(frame)
-                except WireError as error:
-                    self.refused[str(error)] += 1
-        self._collect(rest)
-
-    def _collect(self, part: bytes) -> None:
-        self._open += part
-        if len(self._open) > FRAME_BYTES + 1:
-            self._open.clear()
-            self._overlong = True
-
-    def _body(self, frame: bytes) -> bytes:
-        plain = uncobs(frame)
-        body = plain[: -_CRC.size]
-        if len(plain) <= _CRC.size or _CRC.unpack(plain[-_CRC.size :])[0] != binascii.crc_hqx(body, 0xFFFF):
-            raise WireError("CRC wrong")
-        return body
+def frame_decoder() -> FrameDecoder:
+    """A decoder for the bytes of such a line."""
+    return FrameDecoder(FRAME_BYTES, crc16)

@@ -6,7 +6,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.devices.chassis_frames import FrameDecoder, Telemetry, command, report_frame
+from swarmware.devices.chassis_frames import Telemetry, command, frame_decoder, report_frame
 from swarmware.errors import WireError
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
@@ -40,7 +40,7 @@ class ChassisFirmware:
         """Bytes before each report, as of a disturbed line."""
         self.refused_frames = 0
         """Valid frames without a valid content."""
-        self._decoder = FrameDecoder()
+        self._decoder = frame_decoder()
         self._line: PseudoTerminal | None = None
         self._reports: asyncio.Task[None] | None = None
         self._setpoint_s = 0.0

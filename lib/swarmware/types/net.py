@@ -32,6 +32,8 @@ class LinkTransport(OpenEnum):
     """Beacons, and frames as datagrams."""
     TCP = "tcp"
     """Frames by ZeroMQ."""
+    SERIAL = "serial"
+    """Beacons and frames on a serial line."""
 
 
 class ConnectionStatus(OpenEnum):
@@ -44,6 +46,38 @@ class ConnectionStatus(OpenEnum):
     DENIED = "tcp denied"
     DATAGRAMS = "udp"
     """In datagrams that are acknowledged, because the link loses packets."""
+
+
+class MediumUse(OpenEnum):
+    """Directions in which a medium carries more than beacons and urgent frames."""
+
+    NONE = "none"
+    OUT = "out"
+    """To the neighbour."""
+    IN = "in"
+    BOTH = "both"
+
+
+@register
+class MediumState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One of several media by which a neighbour is received, or was in the last minute."""
+
+    medium: str
+    """Its name, the same at both ends."""
+    state: LinkStatus
+    address: str
+    """Source address of its datagrams; of a serial line the name of the medium."""
+    loss_in_ratio: float
+    """Share of its last 32 datagrams that did not arrive here."""
+    loss_out_ratio: float
+    """The same there, as it reports; 1: it reports none."""
+    silent_s: float
+    rate_bit_s: float
+    """Configured rate; 0: not known."""
+    cost: int
+    """Cost of sending by it; 65535: not usable."""
+    use: MediumUse
+    """Directions whose sender has chosen it for its frames."""
 
 
 @register
@@ -79,6 +113,8 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """How frames travel to it; of two connections, for commands and for data, the state of the worse one."""
     multicast: bool
     """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
+    media: tuple[MediumState, ...] = ()
+    """The media by which it is received, where this node has several."""
 
     @property
     def name(self) -> str:
@@ -227,6 +263,8 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Relayed values of boards that the beacons of their origin contradict: a member has made them up."""
     impersonated: int = 0
     """Beacons that a member has sealed in the name of another one: of this node, or of one in range."""
+    damaged: int = 0
+    """Frames of serial lines that were damaged: noise, or another rate; the log has the reasons."""
 
 
 CERTAINLY_HOSTILE: Final = (

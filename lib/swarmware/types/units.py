@@ -5,6 +5,7 @@ from typing import Final
 UNITS: Final = (
     ("_rad_s2", "rad/s²"),
     ("_bytes_s", "B/s"),
+    ("_bit_s", "bit/s"),
     ("_per_m3_s3_w", "W/(m/s)³"),
     ("_per_m_s_w", "W/(m/s)"),
     ("_1_s2", "1/s²"),

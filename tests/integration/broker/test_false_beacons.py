@@ -15,8 +15,9 @@ from tests.integration.broker.test_handshakes import found_by_doctor
 from swarmd.broker.core.admission.sources import BURST, RATE_HZ
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon, ReceivedBeacon
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.transport.security.keys import Keys

@@ -11,6 +11,7 @@ from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop,
 from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.forwarding.frame_datagram import FRAME, encode_header
+from swarmd.broker.core.media.medium_table import Use
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, NotFound
@@ -32,9 +33,9 @@ class Wire:
         self.lossy: frozenset[str] = frozenset()
         put = FrameDatagrams._put
 
-        def watched(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes) -> bool:
+        def watched(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes, use: Use) -> bool:
             self.sent.append((peer.platform, (peer.host, peer.frame_port), datagram))
-            return peer.platform in self.lossy or put(datagrams, peer, datagram)
+            return peer.platform in self.lossy or put(datagrams, peer, datagram, use)
 
         monkeypatch.setattr(FrameDatagrams, "_put", watched)
 

@@ -13,6 +13,7 @@ import zmq
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, free_port, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
 
+from swarmd.broker.core.media.medium_table import Use
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
@@ -203,9 +204,9 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
     recorded: list[tuple[LinkPeer, bytes]] = []
     put = FrameDatagrams._put
 
-    def record(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes) -> bool:
+    def record(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes, use: Use) -> bool:
         recorded.append((peer, datagram))
-        return put(datagrams, peer, datagram)
+        return put(datagrams, peer, datagram, use)
 
     monkeypatch.setattr(FrameDatagrams, "_put", record)
     port = free_port(socket.SOCK_STREAM)

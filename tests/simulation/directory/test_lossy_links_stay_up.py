@@ -49,6 +49,10 @@ def test_the_loss_of_most_new_links_is_known_within_a_second() -> None:
         swarm = Swarm(seed, 2, speed_m_s=0.0, loss=0.4)
         swarm.place(np.zeros((2, 2)))
         swarm.run_for(1.0)
-        qualities = [one for node in swarm.brokers.values() for one in node.core.report.link_qualities()]
+        qualities = [
+            one
+            for node in swarm.brokers.values()
+            for one in node.core.report.link_qualities(node.clock.now_ns())
+        ]
         known += any(quality.loss > LOSSY for _, quality in qualities)
     assert known > NEW / 2

@@ -29,6 +29,7 @@ from swarmd.broker.core.beacon.beacon import (
     decode_age,
     encode_age,
 )
+from swarmd.broker.core.beacon.medium_parts import MediumListing, encode_media, media_bytes
 from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck, body_bytes
 from swarmd.broker.core.beacon.structure_parts import (
     StructurePart,
@@ -90,6 +91,7 @@ BEACONS = st.builds(
     structure=st.none()
     | st.builds(StructurePart, U32, U64, U64, PAYLOADS, st.sampled_from([b"", bytes(range(64))])),
     structure_questions=some(U32),
+    media=some(st.builds(MediumListing, U32, U16, U8)),
 )
 HEADERS = st.builds(
     Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
@@ -131,6 +133,7 @@ def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
         PORT_PART_BYTES if beacon.hello is not None and beacon.hello.frame_port else 0,
         structure_bytes(beacon.structure),
         question_bytes(len(beacon.structure_questions)),
+        media_bytes(len(beacon.media)),
     ]
     first = len(body) - sum(parts)
     # without its last extra parts it is a whole beacon, if one is left
@@ -209,6 +212,8 @@ def test_the_parts_about_structures_are_those_of_the_protocol_page() -> None:
             b"changes",
         )
     )
+    media = (MediumListing(0x0A0B0C0D, 0x0102, 255),)
+    assert encode_media(media) == bytes.fromhex("07 0700 0d0c0b0a 0201 ff")
     assert encode_questions((0x0A0B0C0D, 1)) == bytes.fromhex("05 0800 0d0c0b0a 01000000")
 
 

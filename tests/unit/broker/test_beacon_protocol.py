@@ -13,9 +13,9 @@ from swarmd.broker.core.beacon_protocol import (
     BeaconProtocol,
     NodeIdentity,
     OutgoingBeacon,
-    ReceivedBeacon,
 )
 from swarmd.broker.core.boards.relay_cache import RemoteValue
+from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmd.broker.core.topology.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import data_id, hardware_id

@@ -1,5 +1,7 @@
 """The shell of the beacons: a fault of our own code costs one datagram or one beacon, and is counted."""
 
+import asyncio
+
 import pytest
 
 from swarmd.broker.beacon_transport import BeaconTransport
@@ -12,7 +14,10 @@ from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RelayCache
 from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.topology.link import LinkChanged
+from swarmd.broker.links.media import Media
+from swarmd.broker.links.medium import MediumDatagram
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.keys import Keys
@@ -39,18 +44,31 @@ class Shell:
         self.actions: list[Action] = []
         self.kept: list[int] = []
         keys = Keys.open("uav1")
+        self.media = Media(
+            config,
+            asyncio.get_running_loop(),
+            Clock(),
+            self.counters.refused,
+            on_beacon=self.take,
+            on_frame=lambda *_: None,
+        )
         self.datagrams = BeaconTransport(
-            config, keys, Clock(), self.core, self.actions.extend, self.kept.append
+            config, keys, self.media, Clock(), self.core, self.actions.extend, self.kept.append
         )
         self.peer_hw = hardware_id("uav2")
         answer = SessionCheck(CheckKind.ANSWER, hardware_id("uav1"), digest(1))
         self.beacon = Beacon(rows=(RouteRow(9, 1, 256),), checks=(answer,))
         self.sealer = Sealer(keys.group, self.peer_hw, 1)
 
+    def take(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
+        self.datagrams.on_datagram(medium, arrival)
+
     def receive(self, sequence: int) -> None:
         clear = codec.encode_header(Header(0, self.peer_hw, sequence, 0, 1))
         sealed = self.sealer.seal(sequence, clear, codec.encode(self.beacon))
-        self.datagrams._on_datagram(clear + sealed, ("127.0.0.1", 1), 0, True)  # the socket's door
+        self.datagrams.on_datagram(
+            self.media.main.medium, MediumDatagram(clear + sealed, ("127.0.0.1", 1), 0)
+        )
 
 
 async def test_a_datagram_on_which_our_code_fails_is_counted_and_the_next_one_is_taken(
@@ -66,7 +84,7 @@ async def test_a_datagram_on_which_our_code_fails_is_counted_and_the_next_one_is
     assert caplog.records[0].exc_info is not None
     shell.receive(21)
     assert sum(isinstance(action, LinkChanged) for action in shell.actions) == 1
-    shell.datagrams.close()
+    shell.media.close()
 
 
 async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leaves(
@@ -84,7 +102,7 @@ async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leav
     shell.datagrams.send_beacon(0)
     assert shell.counters.failed_ticks == 1
     assert shell.counters.sent_datagrams == 0, "nobody is there to send it to"
-    shell.datagrams.close()
+    shell.media.close()
 
 
 async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_reported() -> None:
@@ -98,7 +116,9 @@ async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_repor
         clear = codec.encode_header(Header(0, own_hw, sequence, 0, session if named else None))
         sealed = bytearray(Sealer(group, own_hw, session).seal(sequence, clear, codec.encode(shell.beacon)))
         sealed[-1] ^= damaged
-        shell.datagrams._on_datagram(clear + sealed, ("127.0.0.9", 1), 0, True)
+        shell.datagrams.on_datagram(
+            shell.media.main.medium, MediumDatagram(clear + sealed, ("127.0.0.9", 1), 0)
+        )
 
     receive(used)
     receive(used + 1, damaged=True)
@@ -110,4 +130,4 @@ async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_repor
     assert shell.counters.refused.impersonated == 2, "a repetition proves nothing"
     assert shell.actions == [ReportImpersonation(own_hw, ("127.0.0.9",))] * 2
     assert shell.datagrams._unreturned == 0
-    shell.datagrams.close()
+    shell.media.close()

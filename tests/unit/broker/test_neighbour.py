@@ -11,8 +11,8 @@ import pytest
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.link_cost import COST_MAX
 from swarmd.broker.core.topology.neighbour import (
-    COST_MAX,
     EXPECTED_MIN,
     FORGET_NS,
     LISTING_NS,
@@ -100,7 +100,7 @@ def test_every_transition_leaves_the_state_it_starts_from() -> None:
     assert all(before is not after for (before, _), after in TRANSITIONS.items())
 
 
-def test_a_neighbour_is_heard_first_and_up_when_it_lists_us(table: NeighbourTable, peer: Peer) -> None:
+def test_a_neighbour_is_received_first_and_up_when_it_lists_us(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     assert peer.is_(LinkState.HEARD)
     peer.datagram(100 * MS, listed(table, 100 * MS))

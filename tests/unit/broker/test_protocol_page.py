@@ -34,6 +34,13 @@ from swarmd.broker.core.boards.relay_cache import COPIES, OLDEST_NS, PERIOD_NS, 
 from swarmd.broker.core.forwarding.forwarder import LOOP_NS
 from swarmd.broker.core.forwarding.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
 from swarmd.broker.core.forwarding.frame_datagram import MAGIC as DATAGRAM_MAGIC
+from swarmd.broker.core.media.arrivals import EXPECTED_MIN as ARRIVALS_MIN
+from swarmd.broker.core.media.arrivals import WINDOW as ARRIVALS
+from swarmd.broker.core.media.medium import NOMINAL_BYTES, PENALTY_NS
+from swarmd.broker.core.media.medium import PERFECT as MEDIUM_PERFECT
+from swarmd.broker.core.media.medium_link import PERIODS as MEDIUM_PERIODS
+from swarmd.broker.core.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
+from swarmd.broker.core.media.medium_table import LISTING_NS as MEDIA_NS
 from swarmd.broker.core.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
 from swarmd.broker.core.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
 from swarmd.broker.core.reliable.rate_control import BASE_NS, LOSS_EXCESS, TARGET_NS
@@ -41,9 +48,9 @@ from swarmd.broker.core.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 from swarmd.broker.core.reliable.reliable_link import BLOCKED
 from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS, CLEAN, CLEAN_NS, LOSSY
+from swarmd.broker.core.topology.link_cost import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
 from swarmd.broker.core.topology.neighbour import (
     CLOCK_HIGH_MAX,
-    COST_MAX,
     EXPECTED_MIN,
     FALSE_ALARM,
     FIRST_PERIOD_NS,
@@ -259,6 +266,12 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"by {LOSS_EXCESS * 100:.0f} percentage points",
         f"the frames of {['one', 'two'][MISSES - 1]} datagrams in a row",
         f"payload + {IP_UDP_BYTES} (IPv4 20, UDP 8)",
+        f"r: {MEDIUM_PERFECT} for each {PENALTY_NS // MS} ms that {NOMINAL_BYTES} bytes take",
+        f"a round trip of {RTT_FREE_NS // MS} ms, rising to {RTT_PENALTY} at {RTT_FULL_NS // MS} ms",
+        f"reports every {MEDIA_NS / SECOND} s by which media",
+        f"the share of the last {ARRIVALS} datagrams (at least {ARRIVALS_MIN} are expected)",
+        f"or since {MEDIUM_PERIODS} periods of the sender",
+        f"Another one must be better by more than {MEDIUM_HYSTERESIS}",
     ):
         assert words in TEXT, words
     assert RETRY_NS == BLOCKED_NS == 60 * SECOND, "the connection for a minute"

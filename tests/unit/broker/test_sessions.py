@@ -177,3 +177,19 @@ def test_one_session_is_asked_at_its_pace_and_hurries_only_at_first() -> None:
 
 
 SECOND: Final = 1000 * MS
+
+
+def test_over_a_line_alone_a_session_follows_with_a_higher_number_when_the_former_one_is_silent() -> None:
+    receiver = Sessions(B, 20, connections=True)
+    answer = (SessionCheck(CheckKind.ANSWER, B, digest(20)),)
+
+    def hear(session: int, now_ns: int, *, by_network: bool = False) -> SessionOutcome:
+        return receiver.on_datagram(A, session, answer, now_ns, by_network=by_network)
+
+    assert hear(10, 0).accepted
+    assert not hear(11, 100 * MS).accepted, "the former one was just received"
+    assert hear(11, 100 * MS + ALIVE_NS).adopted
+    assert not hear(10, 10 * SECOND).accepted, "a record of the former session is no successor"
+    assert not hear(12, 20 * SECOND, by_network=True).accepted, "where it can connect it must prove itself"
+    receiver.on_proof(A, 12, 20 * SECOND)
+    assert hear(12, 30 * SECOND, by_network=True).accepted

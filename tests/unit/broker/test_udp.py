@@ -9,7 +9,9 @@ from typing import Any, Final, cast
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.links.udp import REST_WINDOW_NS, TURN, WINDOW_NS, Address, Udp
+from swarmd.broker.core.media.medium import MediumProfile
+from swarmd.broker.links.medium import MediumDatagram
+from swarmd.broker.links.udp import REST_WINDOW_NS, TURN, WINDOW_NS, Udp, main_network
 from swarmware.model.clock import Clock
 
 LOOPBACK: Final = "127.0.0.1"
@@ -88,11 +90,11 @@ class Ends:
         self.fails = False
         config = Config(multicast_group="", bind_address=LOOPBACK)
         loop = cast(asyncio.AbstractEventLoop, self.loop)
-        self.udp = Udp(config, loop, LoopClock(self.loop), self.take)
+        self.udp = Udp(main_network(config), loop, LoopClock(self.loop), self.take)
         self.sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
-    def take(self, data: bytes, _address: Address, _rx_ns: int, _by_multicast: bool) -> None:
-        self.got.append(data)
+    def take(self, _: MediumProfile, arrival: MediumDatagram) -> None:
+        self.got.append(arrival.data)
         if self.fails:
             raise ZeroDivisionError
 

@@ -12,17 +12,16 @@ from hypothesis import strategies as st
 from swarmware.devices.chassis_frames import (
     FRAME_BYTES,
     GAINS_LIMIT,
-    FrameDecoder,
     Telemetry,
-    cobs,
     command,
+    frame_decoder,
     framed,
     order_frame,
     report_frame,
     setpoint_frame,
     telemetry,
-    uncobs,
 )
+from swarmware.devices.serial_frames import FrameDecoder, cobs, cobs_bytes, crc32, serial_frame, uncobs
 from swarmware.errors import InvalidInput, WireError
 from swarmware.types import registry
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
@@ -77,21 +76,38 @@ def test_the_example_of_the_page_is_what_is_sent() -> None:
 @given(st.binary(max_size=FRAME_BYTES - 2))
 def test_what_is_framed_is_what_the_firmware_reads_and_the_other_way_round(body: bytes) -> None:
     assert decoded(framed(body)[:-1]) == body
-    assert list(FrameDecoder().feed(framed(body))) == ([body] if body else [])
+    assert list(frame_decoder().feed(framed(body))) == ([body] if body else [])
     assert encoded(body) == framed(body)
 
 
 @given(st.binary(max_size=1000))
 def test_the_encoding_has_no_zero_and_is_reversed(data: bytes) -> None:
     assert b"\0" not in cobs(data)
+    assert len(cobs(data)) <= cobs_bytes(len(data))
     assert uncobs(cobs(data)) == data
+
+
+@pytest.mark.parametrize("size", [253, 254, 255, 508, 509])
+def test_a_long_block_without_a_zero_costs_one_byte_for_each_254(size: int) -> None:
+    assert len(cobs(b"x" * size)) == cobs_bytes(size) == size + -(-size // 254)
+    assert uncobs(cobs(b"x" * size)) == b"x" * size
+    assert uncobs(cobs(b"x" * size + b"\0")) == b"x" * size + b"\0"
+
+
+@given(st.binary(min_size=1, max_size=1250))
+def test_a_longer_frame_has_a_crc_of_32_bits(body: bytes) -> None:
+    decoder = FrameDecoder(1254, crc32)
+    line = serial_frame(body, crc32)
+    assert list(decoder.feed(b"noise\0" + line[:3])) == []
+    assert list(decoder.feed(line[3:])) == [body]
+    assert sum(decoder.refused.values()) == 1
 
 
 @given(st.lists(st.binary(max_size=400), max_size=8), st.binary(max_size=40))
 def test_whatever_is_on_the_line_the_next_frame_is_found_and_memory_is_bounded(
     chunks: list[bytes], last: bytes
 ) -> None:
-    decoder = FrameDecoder()
+    decoder = frame_decoder()
     for chunk in chunks:
         for body in decoder.feed(chunk):
             try:
@@ -123,7 +139,7 @@ def test_a_report_of_any_bytes_is_a_report_or_refused(rest: bytes) -> None:
     ],
 )
 def test_a_damaged_frame_is_refused_by_name(line: bytes, reason: str) -> None:
-    decoder = FrameDecoder()
+    decoder = frame_decoder()
     assert list(decoder.feed(line)) == []
     assert decoder.refused == {reason: 1}
 
@@ -181,7 +197,7 @@ def test_what_is_sent_to_the_chassis_is_what_it_reads() -> None:
         ChassisOrder(10, ChassisAction.KILL),
     ):
         line = setpoint_frame(sent) if isinstance(sent, Setpoint) else order_frame(sent)
-        (body,) = FrameDecoder().feed(line)
+        (body,) = frame_decoder().feed(line)
         assert command(body) == sent
 
 

@@ -5,8 +5,8 @@ import pytest
 from swarmd.sim.core.serial_devices import SerialDevice, SerialDevices, SerialOutput
 from swarmd.sim.core.simulation import SimulationOutput
 from swarmware.devices.chassis_frames import (
-    FrameDecoder,
     Telemetry,
+    frame_decoder,
     framed,
     order_frame,
     setpoint_frame,
@@ -32,7 +32,7 @@ def sent(outputs: list[SerialOutput], device: SerialDevice) -> bytes:
 
 
 def reports(outputs: list[SerialOutput]) -> list[Telemetry]:
-    return [telemetry(body) for body in FrameDecoder().feed(sent(outputs, SerialDevice.CHASSIS))]
+    return [telemetry(body) for body in frame_decoder().feed(sent(outputs, SerialDevice.CHASSIS))]
 
 
 def test_each_measurement_is_sent_in_the_protocol_of_its_device() -> None:

@@ -17,7 +17,8 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the neighbours of a platform, with loss in both directions, round-trip time and cost.
+    """List the neighbours of a platform, with loss in both directions, round-trip time and cost; of several
+    media to one neighbour each.
 
     Example: swarmctl link ls --node uav1
     """

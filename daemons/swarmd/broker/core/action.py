@@ -71,6 +71,12 @@ class ProveSession(msgspec.Struct, frozen=True):
     session: int
 
 
+class MediumChanged(msgspec.Struct, frozen=True):
+    """Action: frames to a neighbour take another medium from now on."""
+
+    hw: int
+
+
 class ReportDuplicate(msgspec.Struct, frozen=True):
     """Action: report that two computers use one platform name."""
 
@@ -134,6 +140,7 @@ Action = (
     | ReportImpersonation
     | ContinueSequence
     | LinkChanged
+    | MediumChanged
     | SendRoster
     | ApplyRoster
 )

@@ -24,16 +24,19 @@ from swarmd.broker.core.beacon.beacon_codec import (
 )
 from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, IDLE_HZ, MIN_HZ, Slowdown, allowed_hz
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
-from swarmd.broker.core.boards.claims import SETTLED_NS, Contradiction, OriginBeacon, OwnClaims
+from swarmd.broker.core.beacon.medium_parts import media_bytes
+from swarmd.broker.core.boards.claims import SETTLED_NS, OriginBeacon, OwnClaims
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
+from swarmd.broker.core.media.medium_table import MediumTable
+from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, Neighbour
 from swarmd.broker.core.topology.node_table import NodeTable
 from swarmd.broker.core.topology.routing_table import RouteChanged
-from swarmd.broker.core.topology.topology import ClockSample, LinkChanged, Topology
+from swarmd.broker.core.topology.topology import LinkChanged, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, ChannelCounters, Counters
 from swarmware.model.names import Address, hardware_id
 from swarmware.types.net import BoardSubscription, StructureBroadcast, TreePlan
@@ -86,23 +89,6 @@ class _Subscription:
         """Its counters; None until the first value."""
 
 
-class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
-    """Result of a received beacon."""
-
-    neighbour: Neighbour
-    clock_sample: ClockSample | None
-    links: list[LinkChanged]
-    routes: list[RouteChanged]
-    values: list[tuple[BoardSubscription, RemoteValue]]
-    """Values of subscribed boards."""
-    structure: StructureBroadcast | None
-    """Structure of its tree."""
-    first_hello: bool
-    """First hello of a new or restarted neighbour: answer soon with an own hello."""
-    contradictions: list[Contradiction]
-    """Relayed values that the beacons of their origins contradict."""
-
-
 class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
     """The next beacon, before encoding."""
 
@@ -128,7 +114,10 @@ class BeaconProtocol:
         relay_bytes_s: float,
         declared_period: DeclaredPeriod | None = None,
         structures: StructureBroadcasts | None = None,
+        media: MediumTable | None = None,
     ) -> None:
+        """`media`: where there are several; None: one network."""
+        self._media = media
         self.identity = identity
         self.topology = topology
         self.counters = counters
@@ -170,8 +159,6 @@ class BeaconProtocol:
         self._relaying = False
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
 
-    # subscriptions
-
     def set_plan(self, plan: TreePlan) -> list[tuple[BoardSubscription, RemoteValue]]:
         """Sets publications and subscriptions; returns cached values of the newly subscribed boards."""
         if plan.tree_version != self._plan.tree_version or plan.mission != self._plan.mission:
@@ -208,9 +195,10 @@ class BeaconProtocol:
     def allowed_hz(self) -> float:
         """Maximum beacon rate for the capacity of the channel."""
         neighbours = self.topology.neighbours.active_count()
-        return allowed_hz(neighbours, self._datagram_bytes + IP_UDP_BYTES)
-
-    # input
+        in_air = allowed_hz(neighbours, self._datagram_bytes + IP_UDP_BYTES)
+        if self._media is None:
+            return in_air
+        return max(min(in_air, self._media.beacon_hz(self._datagram_bytes, self._now_ns)), MIN_HZ)
 
     def on_beacon(
         self, header: Header, beacon: Beacon, address: tuple[str, int], rx_ns: int
@@ -345,8 +333,6 @@ class BeaconProtocol:
         """Instant by which `advance` must be called; None: no deadline."""
         return self.topology.deadline_ns()
 
-    # output
-
     def schedule_hello(self) -> None:
         """Adds a hello, with name and session, to the next beacon."""
         self._hello_ns = NEVER_NS
@@ -400,6 +386,8 @@ class BeaconProtocol:
         """Composes the next beacon; sections get their bytes in the order of importance."""
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
+        media = () if self._media is None else self._media.listings(now_ns, OWN_SHARE // 4)
+        room -= media_bytes(len(media))
         section = self.topology.compose(now_ns, min(room, OWN_SHARE))
         room -= (
             len(section.echoes) * ECHO_BYTES
@@ -434,6 +422,7 @@ class BeaconProtocol:
             tuple(relays),
             structure=structures.structure,
             structure_questions=structures.questions,
+            media=media,
         )
         rose = hello is not None and self._declared_period.declare(self._declared_ns, now_ns)
         return OutgoingBeacon(

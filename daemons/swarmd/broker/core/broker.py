@@ -5,12 +5,13 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.config import Config
+from swarmd.broker.config import MAIN, Config
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
     ContinueSequence,
     KeepMirrors,
+    MediumChanged,
     PollInputs,
     ProveSession,
     PublishTables,
@@ -37,10 +38,11 @@ from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
 from swarmd.broker.core.boards.rate_limits import unlimited_channels
+from swarmd.broker.core.clock_batches import ClockBatches
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
+from swarmd.broker.core.media.medium_table import ByMedium, MediumTable, media_of, transport_of
 from swarmd.broker.core.report import NetReport
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
-from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.link_targets import LinkTargets
 from swarmd.broker.core.topology.routing_table import RouteChanged
@@ -49,17 +51,12 @@ from swarmd.broker.core.traffic import Counters
 from swarmware.model.resource import Resource
 from swarmware.runtime.core import AT_ONCE
 from swarmware.transport.security.roster import RosterChange
-from swarmware.types.net import UNACCEPTED, ChannelLimits, SetChannel, TimingBatch, TimingSample, TreePlan
+from swarmware.types.net import UNACCEPTED, ChannelLimits, SetChannel, TreePlan
 
 DUPLICATE_NS: Final = 5_000_000_000
 """A duplicate of a platform name is cleared after this time without a datagram of the second computer."""
 PUBLISH_NS: Final = 1_000_000_000
 """Period of the tables of neighbours, routes and traffic."""
-SAMPLES_NS: Final = 490_000_000
-"""Time between two batches of clock samples while no link is new: clocks are estimated from them every three
-seconds. A little less than half a second, so that the batch is due at every fifth check at 10 Hz."""
-SAMPLES_MAX: Final = 48
-"""Samples after which a batch is written without waiting: they fit a slot of their stream."""
 _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
 
@@ -105,6 +102,8 @@ class BrokerCore:
             now_ns + former.quiet_ns,
         )
         self._neighbours = topology.neighbours
+        self.media = media_of(identity.hw, config, topology.neighbours.period_ns)
+        """The media, where there are several; None: one network."""
         self._protocol = protocol = BeaconProtocol(
             identity,
             topology,
@@ -113,6 +112,7 @@ class BrokerCore:
             relay_bytes_s=config.relay_bytes_s,
             declared_period=DeclaredPeriod(former.declared_period_ns, now_ns),
             structures=StructureBroadcasts(identity.hw, session, signing, self.counters.refused),
+            media=self.media,
         )
         self.exchange = exchange
         if exchange is not None:
@@ -120,8 +120,12 @@ class BrokerCore:
         self.nodes = protocol.nodes
         self.published = protocol.published
         self.forwarder = FrameForwarder(identity.hw, topology.routing)
-        self.targets = LinkTargets(topology.neighbours, protocol.nodes)
-        self.report = NetReport(protocol, topology, self.counters, self.targets.by_unicast, now_ns)
+        self.targets = LinkTargets(
+            topology.neighbours, protocol.nodes, None if self.media is None else self.media.host
+        )
+        self.report = NetReport(
+            protocol, topology, self.counters, self.targets.by_unicast, now_ns, self.media
+        )
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)
         signs = signing is not None and not signing.is_open
@@ -137,10 +141,7 @@ class BrokerCore:
         self._links_ns: int | None = None
         """Deadline of the links when the inputs were read last; datagrams since then only move it later."""
         self._duplicate_ns = 0
-        self._clock_samples: list[ClockSample] = []
-        """Samples since the last batch."""
-        self._samples_ns = now_ns
-        """Instant from which the next batch may be written."""
+        self._clock_samples = ClockBatches(self.nodes, now_ns)
 
     def add_members(self, platforms: Iterable[str], now_ns: int) -> None:
         """Takes the platforms on the roster: their names are known before they are received."""
@@ -174,6 +175,8 @@ class BrokerCore:
         protocol, actions = self._protocol, list[Action]()
         limits = protocol.rate_limits
         version = limits.version
+        if self.media is not None:
+            self._choose_media(self.media, actions, now_ns)
         self._on_changes(*protocol.advance(now_ns), actions, now_ns)
         if limits.version != version:
             actions.append(WriteLimits(limits.limits(now_ns)))
@@ -188,15 +191,25 @@ class BrokerCore:
         if self.exchange is not None:
             actions += self.exchange.advance(now_ns)
         self._links_ns = protocol.deadline_ns()
+        if self.media is not None and (silent_ns := self.media.deadline_ns(now_ns)) is not None:
+            self._links_ns = silent_ns if self._links_ns is None else min(self._links_ns, silent_ns)
         return actions
+
+    def _choose_media(self, media: MediumTable, actions: list[Action], now_ns: int) -> None:
+        for hw in media.advance(now_ns):
+            neighbour = self._neighbours.get(hw)
+            if neighbour is not None:
+                neighbour.penalty = media.penalty(hw)
+            self._tables_changed = True
+            actions.append(MediumChanged(hw))
 
     def _on_beacon_due(self, actions: list[Action], now_ns: int) -> None:
         schedule, slowdown = self._schedule, self._protocol.slowdown
         if slowdown.on_beacon(now_ns - schedule.due_ns, self._period_ns()):
             actions.append(ReportSlowdown(slowdown.factor, slowdown.late_ns))
-        if self._are_samples_due(now_ns):
-            self._write_clock_samples(actions)
-            self._samples_ns = now_ns + SAMPLES_NS
+        batch = self._clock_samples.due(self._protocol.topology.is_changing(now_ns, SETTLE_NS), now_ns)
+        if batch is not None:
+            actions.append(WriteClockSamples(batch))
         period_ns = self._period_ns()
         urgent = schedule.urgent or self._sessions.waiting > 0
         if not urgent and self._protocol.may_skip(now_ns + schedule.jitter_ns(period_ns)):
@@ -204,33 +217,6 @@ class BrokerCore:
         elif urgent or not schedule.defer_after_skip(now_ns, period_ns):
             schedule.on_sent(now_ns)
             actions.append(SendBeacon())
-
-    def _are_samples_due(self, now_ns: int) -> bool:
-        if not self._clock_samples:
-            return False
-        if now_ns >= self._samples_ns or len(self._clock_samples) >= SAMPLES_MAX:
-            return True
-        return self._protocol.topology.is_changing(now_ns, SETTLE_NS)
-
-    def _write_clock_samples(self, actions: list[Action]) -> None:
-        find = self.nodes.get
-        samples = tuple(
-            TimingSample(
-                member.platform,
-                member.unit,
-                sample.hw,
-                sample.boot_id,
-                sample.rx_ns,
-                sample.reverse_ns,
-                sample.forward_tx_ns,
-                sample.forward_ns,
-            )
-            for sample in self._clock_samples
-            if (member := find(sample.hw)) is not None
-        )
-        self._clock_samples.clear()
-        if samples:
-            actions.append(WriteClockSamples(TimingBatch(samples)))
 
     def _publish(self, actions: list[Action], now_ns: int) -> None:
         is_period = now_ns >= self._publish_ns
@@ -256,27 +242,42 @@ class BrokerCore:
         size: int,
         datagram: SealedDatagram,
         now_ns: int,
+        by: ByMedium | None = None,
     ) -> tuple[bool, list[Action]]:
-        """Takes an authenticated beacon, whose header names its session; whether it is accepted."""
+        """Takes an authenticated beacon, whose header names its session; whether it is accepted.
+
+        `by`: how it came; None: by the only network.
+        """
         hw, actions = header.sender_hw, list[Action]()
         assert header.session is not None, "the session is known from the key that opened the datagram"
         sources, is_signed = self.sources, None
+        is_other = sources is not None and sources.is_other(header, datagram.digest)
+        if self.media is not None and by is not None and not is_other and self.media.is_copy(header, by):
+            return self._on_copy(self.media, header, address, size, now_ns, by), actions
+        is_main = by is None or by.medium.name == MAIN
         if sources is not None:
             is_signed = sources.is_signed(header, beacon, datagram)
         is_proven = bool(is_signed) or sources is None
-        outcome = self._sessions.on_datagram(hw, header.session, beacon.checks, now_ns, is_proven=is_proven)
+        outcome = self._sessions.on_datagram(
+            hw,
+            header.session,
+            beacon.checks,
+            now_ns,
+            is_proven=is_proven,
+            by_network=by is None or by.medium.has_connections,
+        )
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
             if not outcome.accepted:
-                self.counters.datagram_received(size, UNACCEPTED)
-                if not by_multicast:
+                self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
+                if is_main and not by_multicast:
                     self.targets.on_claimant(address, now_ns)
                 return False, actions
         if sources is not None:
             verdict = sources.judge(header, beacon, datagram, is_signed, now_ns)
             self._on_verdict(hw, header.session, verdict, actions)
             if not verdict.is_taken:
-                self.counters.datagram_received(size, UNACCEPTED)
+                self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
                 return False, actions
         if self.exchange is not None:
             hello = beacon.hello
@@ -284,16 +285,21 @@ class BrokerCore:
                 self.counters.refused.revoked += 1
                 return False, actions
             beacon = self.exchange.without_excluded(beacon)
+        if self.media is not None and by is not None:
+            self.media.on_beacon(header, by, address, now_ns)
+            self.media.on_listings(hw, beacon.media, now_ns)
+            address = self.media.address(hw, MAIN) or address
         received = self._protocol.on_beacon(header, beacon, address, now_ns)
         if received is None:
-            self.counters.datagram_received(size, UNACCEPTED)
+            self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
             return True, actions
-        self.counters.datagram_received(size, self.nodes.platform(hw))
+        self.counters.datagram_received(size, self.nodes.platform(hw), transport_of(by))
         if self.exchange is not None and beacon.hello is not None:
             self.exchange.on_shown(hw, self.nodes.platform(hw), beacon.hello.roster_version, now_ns)
-        self.targets.on_neighbour(hw, by_multicast)
+        if is_main:
+            self.targets.on_neighbour(hw, by_multicast)
         if received.clock_sample is not None:
-            self._clock_samples.append(received.clock_sample)
+            self._clock_samples.on_sample(received.clock_sample)
         if received.values:
             actions.append(WriteMirrors(received.values))
         if received.contradictions:
@@ -331,6 +337,16 @@ class BrokerCore:
     def _sign_all(self, now_ns: int) -> None:
         if self.signatures is not None and self.signatures.sign_all(now_ns):
             self._triggered = True
+
+    def _on_copy(
+        self, media: MediumTable, header: Header, address: Address, size: int, now_ns: int, by: ByMedium
+    ) -> bool:
+        known = self._sessions.present(header.sender_hw) == header.session
+        name = self.nodes.platform(header.sender_hw) if known else UNACCEPTED
+        self.counters.datagram_received(size, name, transport_of(by)).duplicates += 1
+        if known:
+            media.on_beacon(header, by, address, now_ns)
+        return known
 
     def _on_outcome(
         self, hw: int, session: int, outcome: SessionOutcome, actions: list[Action], now_ns: int

@@ -5,6 +5,8 @@ from typing import Final
 
 from swarmd.broker.core.beacon.beacon import INFINITY, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
+from swarmd.broker.core.media.medium_link import MediumLink
+from swarmd.broker.core.media.medium_table import MediumTable
 from swarmd.broker.core.reliable.reliable_links import LinkQuality
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
@@ -16,6 +18,8 @@ from swarmware.types.net import (
     ConnectionStatus,
     LinkStatus,
     LinkTransport,
+    MediumState,
+    MediumUse,
     Neighbours,
     NeighbourState,
     Routes,
@@ -30,6 +34,15 @@ MEASURED: Final = 12
 looks like a loss."""
 NOTICED: Final = 2
 """Losses among the first datagrams of a neighbour that show a lossy link before it is measured."""
+
+_FRAMES_NS: Final = 5_000_000_000
+"""A medium by which packets came in this time is shown as that of the direction to here."""
+_USES: Final = {
+    (False, False): MediumUse.NONE,
+    (True, False): MediumUse.OUT,
+    (False, True): MediumUse.IN,
+    (True, True): MediumUse.BOTH,
+}
 
 LINK_STATUS: Final = {
     LinkState.DOWN: LinkStatus.DOWN,
@@ -49,7 +62,10 @@ class NetReport:
         counters: Counters,
         by_unicast: set[int],
         since_ns: int,
+        media: MediumTable | None = None,
     ) -> None:
+        """`media`: where there are several."""
+        self._media = media
         self._nodes = protocol.nodes
         self._published = protocol.published
         self._rate_limits = protocol.rate_limits
@@ -96,17 +112,32 @@ class NetReport:
             boot_id=hello.boot_id if hello is not None else 0,
             transport=connection,
             multicast=neighbour.hw not in self._by_unicast,
+            media=self._media_of(neighbour.hw, now_ns),
         )
 
-    def link_qualities(self) -> list[tuple[int, LinkQuality]]:
-        """Quality of the links that are up and measured, by hardware id of the neighbour."""
+    def _media_of(self, hw: int, now_ns: int) -> tuple[MediumState, ...]:
+        if self._media is None:
+            return ()
+        best = self._media.best(hw)
+        return tuple(_medium_state(one, one is best, now_ns) for one in self._media.links(hw))
+
+    def link_qualities(self, now_ns: int) -> list[tuple[int, LinkQuality]]:
+        """Quality of the links that are up and measured, by hardware id of the neighbour: where there are
+        several media, of the one that carries the frames."""
         found: list[tuple[int, LinkQuality]] = []
         for one in self._neighbours.up():
             if one.expected >= MEASURED:
-                found.append((one.hw, LinkQuality(1 - min(one.quality, one.reported) / _FULL, one.rtt_ns)))
+                found.append((one.hw, LinkQuality(1 - self._quality(one, now_ns) / _FULL, one.rtt_ns)))
             elif (lost := one.expected - one.window.bit_count()) >= NOTICED:
                 found.append((one.hw, LinkQuality(lost / one.expected, one.rtt_ns)))
         return found
+
+    def _quality(self, neighbour: Neighbour, now_ns: int) -> int:
+        """Quality of the worse direction."""
+        best = None if self._media is None else self._media.best(neighbour.hw)
+        if best is None:
+            return min(neighbour.quality, neighbour.reported)
+        return min(best.quality_in(now_ns), best.quality_out(now_ns))
 
     def routes(self) -> Routes:
         """Table of all reachable nodes."""
@@ -166,3 +197,21 @@ class NetReport:
             slowed_ticks=self._slowdown.delayed_beacons,
             slowdown=round(self._slowdown.factor, 2),
         )
+
+
+def _medium_state(link: MediumLink, is_best: bool, now_ns: int) -> MediumState:
+    quality_in, quality_out = link.quality_in(now_ns), link.quality_out(now_ns)
+    both = LinkStatus.UP if quality_out else LinkStatus.HALF_OPEN
+    state = both if quality_in else LinkStatus.DOWN
+    takes = now_ns - link.frames_ns < _FRAMES_NS
+    return MediumState(
+        link.medium.name,
+        state,
+        f"{link.address[0]}:{link.address[1]}" if link.address[1] else link.address[0],
+        round(1 - quality_in / _FULL, 3),
+        round(1 - quality_out / _FULL, 3),
+        round(link.silent_ns(now_ns) / 1e9, 3),
+        link.medium.rate_bit_s / 1e3,
+        link.cost_out(now_ns) if state is LinkStatus.UP else INFINITY,
+        _USES[is_best, takes],
+    )

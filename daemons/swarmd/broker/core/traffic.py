@@ -50,6 +50,8 @@ class Counters:
         self.refused = Refused()
         self.udp_sent_bytes = 0
         self.udp_received_bytes = 0
+        self.serial_sent_bytes = 0
+        self.serial_received_bytes = 0
         self.tcp_sent_bytes = 0
         self.tcp_received_bytes = 0
         self.sent_datagrams = 0
@@ -77,21 +79,29 @@ class Counters:
             channel = self.channels.setdefault(name, ChannelCounters(name))
         return channel
 
-    def datagram_sent(self, size: int, platform: str) -> None:
-        """Counts a sent datagram of `size` bytes without headers."""
-        size += IP_UDP_BYTES
+    def datagram_sent(self, size: int, platform: str, transport: LinkTransport = LinkTransport.UDP) -> None:
+        """Counts a sent datagram of `size` bytes; UDP without headers."""
         self.sent_datagrams += 1
-        self.udp_sent_bytes += size
-        link = self.link(platform, LinkTransport.UDP)
+        if transport is LinkTransport.UDP:
+            size += IP_UDP_BYTES
+            self.udp_sent_bytes += size
+        else:
+            self.serial_sent_bytes += size
+        link = self.link(platform, transport)
         link.sent_frames += 1
         link.sent_bytes += size
 
-    def datagram_received(self, size: int, platform: str) -> LinkTraffic:
-        """Counts a received datagram of another node, valid or not."""
-        size += IP_UDP_BYTES
+    def datagram_received(
+        self, size: int, platform: str, transport: LinkTransport = LinkTransport.UDP
+    ) -> LinkTraffic:
+        """Counts a received datagram of another node, valid or not; `size` as in `datagram_sent`."""
         self.received_datagrams += 1
-        self.udp_received_bytes += size
-        link = self.link(platform, LinkTransport.UDP)
+        if transport is LinkTransport.UDP:
+            size += IP_UDP_BYTES
+            self.udp_received_bytes += size
+        else:
+            self.serial_received_bytes += size
+        link = self.link(platform, transport)
         link.received_frames += 1
         link.received_bytes += size
         return link

@@ -4,15 +4,18 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final
+from typing import Final, Protocol
 
-from swarmd.broker.config import Config
+from swarmd.broker.config import MAIN, Config
 from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.forwarding import frame_datagram
 from swarmd.broker.core.forwarding.frame_datagram import DatagramPaths
+from swarmd.broker.core.media.medium import MAIN_MEDIUM, Address, MediumProfile
+from swarmd.broker.core.media.medium_table import MediumAddress, Use
 from swarmd.broker.core.traffic import Counters
+from swarmd.broker.links.medium import MediumDatagram
 from swarmd.broker.links.pair_seal import PairEnd, PairSeal
 from swarmd.broker.links.zmq_links import LinkPeer
 from swarmware.errors import ConfigError, WireError
@@ -27,13 +30,26 @@ TURN: Final = 64
 DATAGRAM_MAX: Final = 2048
 SEALS_MAX: Final = 4096
 
-Address = tuple[str, int]
-
-
 OnContent = Callable[[bytes, LinkPeer], None]
 """Called with the content of a datagram, a frame or a packet, and the neighbour that sealed it."""
 
 log = logging.getLogger("swarm.broker")
+
+
+class NeighbourMedia(Protocol):
+    """By which media neighbours are reached, where there are several."""
+
+    def ways(self, hw: int, use: Use) -> Sequence[MediumAddress]:
+        """The media to a neighbour for this use."""
+        ...
+
+    def send(self, way: MediumAddress, datagram: bytes, *, urgent: bool) -> bool:
+        """Sends by a medium beside the main network; False when it did not take it."""
+        ...
+
+    def on_packet(self, hw: int, medium: MediumProfile) -> None:
+        """A packet of a neighbour came by a medium."""
+        ...
 
 
 class FrameDatagrams:
@@ -47,6 +63,7 @@ class FrameDatagrams:
         clock: Clock,
         counters: Counters,
         port: int,
+        ways: NeighbourMedia | None,
         *,
         excludes: Callable[[int], bool],
         find_peer: Callable[[int], LinkPeer | None],
@@ -55,10 +72,12 @@ class FrameDatagrams:
         on_sent: Callable[[LinkPeer, Frame], None],
         on_unsent: Callable[[LinkPeer, Frame], None],
     ) -> None:
-        """`port`: wanted, that of the connections; `on_unsent`: takes a frame that could not be sent so.
+        """`port`: wanted, that of the connections; `ways`: by which media a neighbour is reached, where there
+        are several; `on_unsent`: takes a frame that could not be sent so.
 
         Raises: ConfigError when no port can be bound.
         """
+        self._ways = ways
         self._keys = keys
         self._own = own
         self._clock = clock
@@ -96,7 +115,7 @@ class FrameDatagrams:
         """Sends the first transmission of a frame; False when it must take the connection."""
         if not peer.frame_port or self._sequence >= frame_datagram.SEQUENCE_MAX:
             return False
-        if not self._paths.may_send(peer.hw, self._clock.now_ns()):
+        if not self._paths.may_send(peer.hw, self._clock.now_ns()) and peer.host:
             return False
         data = frame_datagram.pack(frame)
         seal = None if data is None else self._seal_of(peer)
@@ -106,7 +125,7 @@ class FrameDatagrams:
         if self._held is not None:
             self._held.append((peer, frame, datagram))
             return True
-        if not self._put(peer, datagram):
+        if not self._put(peer, datagram, Use.URGENT):
             return False
         self._count(peer, frame)
         return True
@@ -115,7 +134,7 @@ class FrameDatagrams:
         """Sends a packet of the reliable link; one that cannot be sent is lost."""
         seal = self._seal_of(peer) if self._sequence < frame_datagram.SEQUENCE_MAX else None
         if seal is not None and peer.frame_port:
-            self._put(peer, self._sealed(seal, frame_datagram.PACKET, data))
+            self._put(peer, self._sealed(seal, frame_datagram.PACKET, data), Use.PACKETS)
 
     def _sealed(self, seal: PairSeal, content: int, data: bytes) -> bytes:
         self._sequence += 1
@@ -138,7 +157,7 @@ class FrameDatagrams:
             yield
         finally:
             held, self._held = self._held, None
-            failed = [not self._put(peer, datagram) for peer, _, datagram in held]
+            failed = [not self._put(peer, datagram, Use.URGENT) for peer, _, datagram in held]
             for (peer, frame, _), unsent in zip(held, failed, strict=True):
                 if unsent:
                     self._on_unsent(peer, frame)
@@ -153,9 +172,23 @@ class FrameDatagrams:
         """An urgent frame is repeated to a neighbour, over the connection."""
         self._paths.on_repeated(hw, self._clock.now_ns())
 
-    def _put(self, peer: LinkPeer, datagram: bytes) -> bool:
+    def _put(self, peer: LinkPeer, datagram: bytes, use: Use) -> bool:
+        """Sends a datagram by the media for this use; False when none took it."""
+        if self._ways is None:
+            return self._put_main(peer, peer.host, datagram)
+        taken = False
+        for way in self._ways.ways(peer.hw, use):
+            if way.medium.name == MAIN:
+                taken |= self._put_main(peer, way.address[0], datagram)
+            elif self._ways.send(way, datagram, urgent=use is Use.URGENT):
+                size = way.medium.counted_bytes(len(datagram))
+                self._counters.datagram_sent(size, peer.platform, way.medium.transport)
+                taken = True
+        return taken
+
+    def _put_main(self, peer: LinkPeer, host: str, datagram: bytes) -> bool:
         try:
-            self._socket.sendto(datagram, (peer.host, peer.frame_port))
+            self._socket.sendto(datagram, (host, peer.frame_port))
         except OSError as error:
             log.debug("frame for %s as datagram: %s", peer.platform, error)
             return False
@@ -191,15 +224,20 @@ class FrameDatagrams:
             except OSError as error:
                 log.debug("receiving frames as datagrams: %s", error)
                 return
-            self._take(data, address)
+            self._take(MAIN_MEDIUM, data, address)
 
-    def _take(self, data: bytes, address: Address) -> None:
+    def on_arrival(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
+        """Takes a datagram that came by a medium beside the main network."""
+        self._take(medium, arrival.data, arrival.address)
+
+    def _take(self, medium: MediumProfile, data: bytes, address: Address) -> None:
+        size = medium.counted_bytes(len(data))
         counters, limiter = self._counters, self._limiter
         try:
             content, sender_hw, sequence = frame_datagram.decode_header(data)
         except WireError as error:
             limiter.bad(address)
-            counters.datagram_received(len(data), UNACCEPTED)
+            counters.datagram_received(size, UNACCEPTED, medium.transport)
             counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
@@ -213,21 +251,23 @@ class FrameDatagrams:
         seal = None if peer is None else self._seal_of(peer)
         if peer is None or seal is None:
             limiter.bad(address)
-            counters.datagram_received(len(data), UNACCEPTED)
+            counters.datagram_received(size, UNACCEPTED, medium.transport)
             counters.refused.unknown_session += 1
             return
         start = frame_datagram.HEADER_BYTES
         opened = seal.open(sequence, data[:start], data[start:])
-        link = counters.datagram_received(len(data), peer.platform)
+        link = counters.datagram_received(size, peer.platform, medium.transport)
         if isinstance(opened, Refusal):
             if opened is Refusal.REPLAYED:
-                counters.refused.replayed += 1
+                counters.refused.replayed += self._ways is None  # with several media it is a copy
                 link.duplicates += 1
             else:
                 limiter.bad(address)
                 counters.refused.forged += 1
             return
         limiter.good(address)
+        if content == frame_datagram.PACKET and self._ways is not None:
+            self._ways.on_packet(sender_hw, medium)
         take = self._on_frame if content == frame_datagram.FRAME else self._on_packet
         take(opened.body, peer)
 

@@ -8,6 +8,8 @@ from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.media.medium import MediumProfile
+from swarmd.broker.core.media.medium_table import Use
 from swarmd.broker.core.reliable.reliable_link import (
     DeliverFrame,
     FrameBegun,
@@ -22,7 +24,8 @@ from swarmd.broker.core.reliable.reliable_links import (
     UseDatagrams,
 )
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.links.frame_datagrams import FrameDatagrams, OnContent
+from swarmd.broker.links.frame_datagrams import FrameDatagrams, NeighbourMedia, OnContent
+from swarmd.broker.links.medium import MediumDatagram
 from swarmd.broker.links.pair_seal import PairEnd
 from swarmd.broker.links.zap import OnUnknownKey
 from swarmd.broker.links.zmq_links import LinkPeer, OnFrame, OnRoster, ZmqLinks
@@ -50,6 +53,7 @@ class FrameLinks:
         own: PairEnd,
         clock: Clock,
         counters: Counters,
+        ways: NeighbourMedia | None,
         *,
         excludes: Callable[[int], bool],
         find_peer: Callable[[int], LinkPeer | None],
@@ -66,6 +70,7 @@ class FrameLinks:
 
         Raises: ConfigError when a port cannot be bound.
         """
+        self._ways = ways
         self._find_peer = find_peer
         self._on_datagram = on_datagram
         self._on_begun = on_begun
@@ -92,6 +97,7 @@ class FrameLinks:
                 clock,
                 counters,
                 self._connections.port,
+                ways,
                 excludes=excludes,
                 find_peer=find_peer,
                 on_frame=on_datagram,
@@ -128,7 +134,7 @@ class FrameLinks:
 
     def send_once(self, peer: LinkPeer, frame: Frame) -> bool:
         """Sends the first transmission of an urgent frame in a datagram of its own; False: use `send`."""
-        if self._core.uses_datagrams(peer.hw):
+        if self._core.uses_datagrams(peer.hw) and not self._has_several(peer):
             return False  # its reliable link sends it at once, and again if it is lost
         return self._datagrams.send(peer, frame)
 
@@ -151,7 +157,12 @@ class FrameLinks:
     def _drop_from_connection(self, peer: LinkPeer, gone: list[QueuedFrame]) -> None:
         self._on_given_up(peer, LinkTransport.TCP, gone)
 
+    def _has_several(self, peer: LinkPeer) -> bool:
+        return self._ways is not None and len(self._ways.ways(peer.hw, Use.URGENT)) > 1
+
     def _by_datagram(self, peer: LinkPeer, frame: Frame) -> bool:
+        if not peer.host:
+            return True  # no medium to it has connections
         return (
             bool(peer.frame_port) and frame.kind not in BY_CONNECTION and self._core.uses_datagrams(peer.hw)
         )
@@ -159,6 +170,17 @@ class FrameLinks:
     def _send_datagrams(self, peer: LinkPeer, queued: QueuedFrame) -> None:
         now_ns = self._clock.now_ns()
         self._driver.feed(self._core.on_frame(peer.hw, peer.session, queued, now_ns))
+
+    def on_datagram(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
+        """Takes a datagram that came by a medium beside the main network."""
+        self._datagrams.on_arrival(medium, arrival)
+
+    def on_medium(self, hw: int) -> None:
+        """The medium of the packets to a neighbour has changed: what waits for connections follows."""
+        peer = self._find_peer(hw)
+        if peer is not None and not peer.host:
+            for queued in self._connections.disconnect(hw):
+                self._send_datagrams(peer, queued)
 
     @contextmanager
     def batch(self) -> Iterator[None]:
@@ -199,7 +221,10 @@ class FrameLinks:
 
     def state(self, hw: int) -> ConnectionStatus:
         """How frames travel to a neighbour."""
-        return ConnectionStatus.DATAGRAMS if self._core.uses_datagrams(hw) else self._connections.state(hw)
+        peer = self._find_peer(hw)
+        if self._core.uses_datagrams(hw) or (peer is not None and not peer.host):
+            return ConnectionStatus.DATAGRAMS
+        return self._connections.state(hw)
 
     def _perform(self, action: Action) -> None:
         peer = self._find_peer(action.hw)

@@ -6,20 +6,17 @@ import logging
 import socket
 import struct
 import time
-from collections.abc import Callable
 from typing import Final
 
 import msgspec
 
-from swarmd.broker.config import Config
+from swarmd.broker.config import MAIN, Config, NetworkMedium
+from swarmd.broker.core.media.medium import MAIN_MEDIUM, Address, MediumProfile, network_medium
+from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival
 from swarmware.errors import ConfigError
 from swarmware.model.clock import Clock
 from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import wait_s
-
-Address = tuple[str, int]
-OnDatagram = Callable[[bytes, Address, int, bool], None]
-"""Called with data, source, CLOCK_MONOTONIC at arrival in ns, and whether it came by multicast."""
 
 TURN: Final = 64
 """Datagrams read from a socket before control returns to the event loop: about 3 ms."""
@@ -47,8 +44,45 @@ _EVERYWHERE: Final = "0.0.0.0"
 log = logging.getLogger("swarm.broker")
 
 
-class Udp:
-    """The broker's UDP sockets.
+class Network(msgspec.Struct, frozen=True):
+    """Addresses of a network, and the keys of the configuration that name them."""
+
+    medium: MediumProfile
+    bind_address: str
+    interface: str
+    """Address or name; empty: the kernel's choice."""
+    group: Address | None
+    unicast_port: int = 0
+    window_ns: int | None = None
+    """Interval of batch reads; None: it follows the periods of beacons."""
+
+
+def main_network(config: Config) -> Network:
+    """The network of `bind_address` and `multicast_group`."""
+    bound = config.bind_address if config.bind_address != _EVERYWHERE else ""
+    return Network(
+        MAIN_MEDIUM,
+        config.bind_address,
+        config.multicast_interface or bound,
+        (config.multicast_group, config.udp_port) if config.multicast_group else None,
+        config.unicast_port,
+    )
+
+
+def further_network(config: NetworkMedium) -> Network:
+    """A network beside the main one; what arrives there is taken at once, as it may be an urgent frame."""
+    by_address = config.interface[:1].isdigit()
+    return Network(
+        network_medium(config),
+        config.interface if by_address else _EVERYWHERE,
+        config.interface,
+        (config.multicast_group, config.udp_port),
+        window_ns=0,
+    )
+
+
+class Udp(DatagramMedium):
+    """The UDP sockets of a network.
 
     Reception is coalesced as a network card's interrupts are: after a pause a datagram is taken at once, then
     the sockets are read by a timer until they are empty. The timer expires at multiples of the window on the
@@ -56,26 +90,27 @@ class Udp:
     """
 
     def __init__(
-        self, config: Config, loop: asyncio.AbstractEventLoop, clock: Clock, on_datagram: OnDatagram
+        self, network: Network, loop: asyncio.AbstractEventLoop, clock: Clock, on_arrival: OnArrival
     ) -> None:
         """Raises: ConfigError when an address, group or port cannot be used."""
         self._loop = loop
         self._clock = clock
-        self._on_datagram = on_datagram
-        self._group: Address | None = None
+        self._on_arrival = on_arrival
+        self.medium = network.medium
+        self._group = network.group
         self._timer: asyncio.TimerHandle | None = None
         self._taken = 0
         """Datagrams read since the timer was set, including those read before it expired."""
         self._read_ns = clock.now_ns() - REST_WINDOW_NS
-        self._window_ns = WINDOW_NS
+        self._window_ns = WINDOW_NS if network.window_ns is None else network.window_ns
+        self._is_adaptive = network.window_ns is None
         self.send_errors = 0
         with contextlib.ExitStack() as stack:
-            self._own = stack.enter_context(_own_socket(config))
+            self._own = stack.enter_context(_own_socket(network))
             self._all: socket.socket | None = None
-            if config.multicast_group:
-                self._group = (config.multicast_group, config.udp_port)
-                self._all = stack.enter_context(_group_socket(config))
-                _send_to_group(self._own, config)
+            if network.group is not None:
+                self._all = stack.enter_context(_group_socket(network, network.group))
+                _send_to_group(self._own, network, network.group)
             self._closing = stack.pop_all()
         self.port: int = self._own.getsockname()[1]
         """Our own UDP port: source of all our datagrams."""
@@ -90,7 +125,7 @@ class Udp:
         """Sends a datagram to the group; False when that failed."""
         return self._group is not None and self.send(data, self._group)
 
-    def send(self, data: bytes, address: Address) -> bool:
+    def send(self, data: bytes, address: Address, *, urgent: bool = False) -> bool:
         """Sends a datagram to one node; False when that failed."""
         try:
             self._own.sendto(data, address)
@@ -104,10 +139,15 @@ class Udp:
 
     def set_min_period(self, period_ns: int) -> None:
         """The usual time between two datagrams of one sender."""
-        self._window_ns = WINDOW_NS if period_ns < REST_PERIOD_NS else REST_WINDOW_NS
+        if self._is_adaptive:
+            self._window_ns = WINDOW_NS if period_ns < REST_PERIOD_NS else REST_WINDOW_NS
 
-    def receive(self) -> int:
-        """Reads waiting datagrams, TURN per socket at most; returns the larger count of the two sockets."""
+    def receive(self) -> None:
+        """Reads waiting datagrams, TURN per socket at most."""
+        self._receive()
+
+    def _receive(self) -> int:
+        """Returns the larger count of the two sockets."""
         self._read_ns = self._clock.now_ns()
         # The kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn.
         # In this order: a pause between the two makes stamps late, as a delay would. Early ones would be
@@ -122,7 +162,7 @@ class Udp:
 
     def _on_readable(self) -> None:
         pause_ns = self._clock.now_ns() - self._read_ns
-        if self.receive() < TURN and pause_ns < self._window_ns:
+        if self._receive() < TURN and pause_ns < self._window_ns:
             self._unwatch()
             self._set_timer()
 
@@ -135,7 +175,7 @@ class Udp:
         self._timer = None
         count = 0
         try:
-            count = self.receive()
+            count = self._receive()
         finally:
             if count < TURN and self._taken:
                 self._set_timer()
@@ -154,7 +194,7 @@ class Udp:
 
     def _drain(self, sock: socket.socket, by_multicast: bool, mono_ns: int, apart_ns: int) -> int:
         """`apart_ns`: wall clock minus monotonic clock, at the instant `mono_ns`."""
-        receive, unpack, on_datagram = sock.recvmsg, _TIMESPEC.unpack, self._on_datagram
+        receive, unpack, on_arrival = sock.recvmsg, _TIMESPEC.unpack, self._on_arrival
         for count in range(TURN):
             try:
                 data, ancillary, _, address = receive(DATAGRAM_MAX, _ANCILLARY)
@@ -171,7 +211,7 @@ class Udp:
                     rx_ns = stamp_ns
                 elif stamp_ns > mono_ns:
                     rx_ns = min(stamp_ns, time.monotonic_ns())  # arrived during this read
-            on_datagram(data, address, rx_ns, by_multicast)
+            on_arrival(self.medium, MediumDatagram(data, address, rx_ns, by_multicast))
         return TURN
 
     def close(self) -> None:
@@ -201,51 +241,54 @@ def loopback_only(config: Config) -> Config:
         config,
         bind_address=config.bind_address if config.bind_address.startswith("127.") else LOOPBACK,
         multicast_interface=LOOPBACK,
+        serial=(),
+        network=(),
     )
 
 
-def _own_socket(config: Config) -> socket.socket:
+def _own_socket(network: Network) -> socket.socket:
     sock = _udp_socket()
     try:
-        sock.bind((config.bind_address, config.unicast_port))
+        if network.medium.name != MAIN and network.bind_address == _EVERYWHERE:
+            # what leaves here must leave by this interface, whatever the routes are
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, network.interface.encode())
+        sock.bind((network.bind_address, network.unicast_port))
     except OSError as error:
         sock.close()
-        where = f"bind_address {config.bind_address}, unicast_port {config.unicast_port}"
+        where = f"bind_address {network.bind_address}, unicast_port {network.unicast_port}"
+        if network.medium.name != MAIN:
+            where = f"network {network.medium.name}: interface {network.interface}"
         raise ConfigError(f"broker: {where}: {error.strerror}") from error
     return sock
 
 
-def _group_socket(config: Config) -> socket.socket:
-    group, where = config.multicast_group, _interface(config)
+def _group_socket(network: Network, group: Address) -> socket.socket:
     sock = _udp_socket()
     try:
         # several nodes of one machine listen on the same group and port, each gets a copy
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-        sock.bind((group, config.udp_port))
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(group, where))
+        sock.bind(group)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(group[0], network.interface))
     except OSError as error:
         sock.close()
+        medium = network.medium.name
+        where = "broker" if medium == MAIN else f"broker: network {medium}"
         raise ConfigError(
-            f"broker: multicast_group {group}:{config.udp_port} on interface {where or 'of the kernel'!r}: "
+            f"{where}: multicast_group {group[0]}:{group[1]} on interface "
+            f"{network.interface or 'of the kernel'!r}: "
             f"{error.strerror}; expected an IPv4 group such as 239.83.87.1, and the address or name of an "
             "interface"
         ) from error
     return sock
 
 
-def _send_to_group(sock: socket.socket, config: Config) -> None:
+def _send_to_group(sock: socket.socket, network: Network, group: Address) -> None:
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 1)
     sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-    where = _interface(config)
-    if where:
-        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, _membership(config.multicast_group, where))
-
-
-def _interface(config: Config) -> str:
-    """Interface of the multicast group: the configured one, else that of `bind_address`."""
-    bound = config.bind_address if config.bind_address != _EVERYWHERE else ""
-    return config.multicast_interface or bound
+    if network.interface:
+        membership = _membership(group[0], network.interface)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, membership)
 
 
 def _membership(group: str, interface: str) -> bytes:

@@ -1,26 +1,11 @@
-"""A serial line (UART, USB adapter, pseudo-terminal): bytes in as they arrive, bytes out without waiting."""
+"""A serial line as a bus of a driver."""
 
-import asyncio
-import fcntl
-import os
-import struct
-import termios
 from collections.abc import Callable
-from typing import Final
 
-from swarmd.hal.buses.bus import Bus, opening_error
+from swarmd.hal.buses.bus import Bus
 from swarmd.hal.driver import DeviceError, DeviceGone
-
-BAUD_MIN: Final = 300
-BAUD_MAX: Final = 4_000_000
-_MODE: Final = struct.Struct("=4IB19s2I")
-"""struct termios2: flags of input, output, control and local, line discipline, characters, rates."""
-_GET_MODE: Final = 0x802C542A
-_SET_MODE: Final = 0x402C542B
-_ANY_RATE: Final = 0o010000
-"""TCGETS2, TCSETS2, BOTHER: a rate as a number, also one that termios(3) does not have. Source: Linux,
-asm-generic/ioctls.h and termbits.h."""
-_READ_BYTES: Final = 4096
+from swarmware.errors import NotFound, SwarmError
+from swarmware.runtime.serial_port import SerialPort
 
 
 class SerialLine(Bus):
@@ -31,78 +16,36 @@ class SerialLine(Bus):
     """
 
     def __init__(self, path: str, baud: int, on_bytes: Callable[[bytes], None]) -> None:
-        if not BAUD_MIN <= baud <= BAUD_MAX:
-            raise DeviceError(f"{path}: {baud} baud, expected {BAUD_MIN} to {BAUD_MAX}")
         self.path = path
-        self.dropped = 0
+        try:
+            self._line = SerialPort(path, baud, on_bytes)
+        except NotFound as error:
+            raise DeviceGone(str(error)) from error
+        except SwarmError as error:
+            raise DeviceError(str(error)) from error
+
+    @property
+    def dropped(self) -> int:
         """Writes that the line could not take, because it is slower or its other end does not read."""
-        self._on_bytes = on_bytes
-        self._lost = ""
-        try:
-            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-        except OSError as error:
-            raise opening_error(path, error) from error
-        try:
-            self._prepare(baud)
-        except BaseException:
-            os.close(self._fd)
-            raise
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._fd, self._readable)
-
-    def _prepare(self, baud: int) -> None:
-        try:
-            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise DeviceError(f"{self.path}: another process has it open") from None
-        mode = bytearray(_MODE.size)
-        try:
-            fcntl.ioctl(self._fd, _GET_MODE, mode)
-            *_, characters, _, _ = _MODE.unpack(mode)
-            control = termios.CS8 | termios.CREAD | termios.CLOCAL | _ANY_RATE
-            # raw: no translation of bytes, no signals, no echo
-            fcntl.ioctl(self._fd, _SET_MODE, _MODE.pack(0, 0, control, 0, 0, characters, baud, baud))
-        except OSError as error:
-            raise DeviceError(f"{self.path}: no serial line of {baud} baud: {error.strerror}") from error
-        termios.tcflush(self._fd, termios.TCIFLUSH)
-
-    def _readable(self) -> None:
-        try:
-            data = os.read(self._fd, _READ_BYTES)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            self._end(str(error.strerror))
-            return
-        if data:
-            self._on_bytes(data)
-        else:
-            self._end("end of file")
-
-    def _end(self, reason: str) -> None:
-        self._lost = f"{self.path}: unplugged: {reason}"
-        self._loop.remove_reader(self._fd)
+        return self._line.dropped
 
     def check(self) -> None:
         """Raises DeviceGone when the other end was lost."""
-        if self._lost:
-            raise DeviceGone(self._lost)
+        try:
+            self._line.check()
+        except NotFound as error:
+            raise DeviceGone(str(error)) from error
 
     def write(self, data: bytes) -> None:
         """Writes all bytes, or none of them when the line is full.
 
         Raises: DeviceGone when the line is lost.
         """
-        self.check()
         try:
-            sent = os.write(self._fd, data)
-        except BlockingIOError:
-            self.dropped += 1
-            return
-        if sent < len(data):
-            self.dropped += 1  # the receiver discards the damaged frame
+            self._line.write(data)
+        except NotFound as error:
+            raise DeviceGone(str(error)) from error
 
     def close(self) -> None:
         """Closes the line for other processes."""
-        self._loop.remove_reader(self._fd)
-        os.close(self._fd)
+        self._line.close()

@@ -7,7 +7,7 @@ from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import Config
 from swarmd.hal.core.line_load import serial_use
 from swarmd.hal.driver import Device, Site
-from swarmware.devices.chassis_frames import FrameDecoder, Telemetry, order_frame, setpoint_frame, telemetry
+from swarmware.devices.chassis_frames import Telemetry, frame_decoder, order_frame, setpoint_frame, telemetry
 from swarmware.errors import WireError
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -27,14 +27,14 @@ class SerialChassis(Chassis):
         bytes_s = len(setpoint_frame(Setpoint(0.0))) * config.chassis.rate_hz
         self.line_uses = (serial_use(self._serial.device, self._serial.baud, bytes_s),)
         self._line: SerialLine | None = None
-        self._decoder = FrameDecoder()
+        self._decoder = frame_decoder()
         self._battery: BoardWriter[BatteryState] | None = None
         self._battery_ns = 0
         self._stopped_itself = False
 
     async def open(self, module: Module) -> None:
         """Opens the line to the device."""
-        self._decoder, self._stopped_itself = FrameDecoder(), False
+        self._decoder, self._stopped_itself = frame_decoder(), False
         self._line = SerialLine(self._serial.device, self._serial.baud, self._take)
         await super().open(module)
 

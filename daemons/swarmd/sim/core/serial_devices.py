@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.sim.core.simulation import SimulationOutput
-from swarmware.devices.chassis_frames import FrameDecoder, Telemetry, command, report_frame
+from swarmware.devices.chassis_frames import Telemetry, command, frame_decoder, report_frame
 from swarmware.devices.crsf import channels_frame, link_frame
 from swarmware.devices.maxbotix import SonarUnit, reading
 from swarmware.devices.nmea import fix_sentences
@@ -47,7 +47,7 @@ class SerialDevices:
 
     def __init__(self, watchdog_s: float) -> None:
         self._watchdog_ns = round(watchdog_s * 1e9)
-        self._decoder = FrameDecoder()
+        self._decoder = frame_decoder()
         self._report: ChassisReport | None = None
         self._battery: BatteryState | None = None
         self._reported_ns = 0

@@ -53,7 +53,16 @@ ACCEPTED: Final = SessionOutcome(accepted=True)
 
 
 class _PendingSession:
-    __slots__ = ("answered", "asked_ns", "count", "first_ns", "proven", "received_ns", "session")
+    __slots__ = (
+        "answered",
+        "asked_ns",
+        "by_network",
+        "count",
+        "first_ns",
+        "proven",
+        "received_ns",
+        "session",
+    )
 
     def __init__(self, session: int, now_ns: int) -> None:
         self.session = session
@@ -63,6 +72,8 @@ class _PendingSession:
         self.count = 0
         self.answered = False
         self.proven = False
+        self.by_network = False
+        """It was received by a medium on which it can connect, to prove itself."""
 
 
 class _CurrentSession:
@@ -105,10 +116,12 @@ class Sessions:
         now_ns: int,
         *,
         is_proven: bool = True,
+        by_network: bool = True,
     ) -> SessionOutcome:
         """Takes an authenticated datagram, perhaps of another computer with the own name.
 
         `is_proven`: the sender itself made it, not another member; otherwise it asks, and answers nothing.
+        `by_network`: its sender can prove itself over a connection.
         """
         present = self._present.get(hw)
         if not checks and present is not None and present.session == session:
@@ -135,6 +148,7 @@ class Sessions:
             return SessionOutcome(True, soon=soon, prove=prove, sign_all=sign_all)
         claim = self._claim(hw, session, now_ns)
         claim.received_ns = now_ns
+        claim.by_network = claim.by_network or by_network
         claim.answered = claim.answered or answered
         if self._may_follow(present, claim, now_ns):
             self._adopt(hw, claim, now_ns, has_hello=answered)
@@ -208,11 +222,13 @@ class Sessions:
             return False
         if present is None:
             return True
-        if self._connections:
+        if self._connections and claim.by_network:
             if not claim.proven:
                 return False
             if not present.proven:
                 return True  # the other one gave only an answer
+        elif self._connections and claim.session <= present.session:
+            return False  # without a proof only a number that rises: a replay has a former one
         # both proven: the former one must have ended, or there are two computers
         followed = present.received_ns <= claim.first_ns
         return now_ns - present.received_ns >= (ENDED_NS if followed else ALIVE_NS)
@@ -240,7 +256,7 @@ class Sessions:
             return False
         claim.asked_ns = now_ns
         claim.count += 1
-        by_connection = prove and self._connections
+        by_connection = prove and self._connections and claim.by_network
         kind = CheckKind.PROVE if by_connection else CheckKind.QUESTION
         self._questions[hw] = SessionCheck(kind, hw, digest(claim.session))
         self._answer(hw, claim.session)  # it will ask the same

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from swarmd.broker.core.beacon.beacon_signature import BeaconSignature
+from swarmd.broker.core.beacon.medium_parts import MediumListing
 from swarmd.broker.core.beacon.session_checks import SessionCheck
 from swarmd.broker.core.beacon.structure_parts import StructurePart
 
@@ -165,6 +166,8 @@ class Beacon(msgspec.Struct, frozen=True, gc=False):
     """Hardware ids of nodes whose structure the sender needs."""
     signature: BeaconSignature | None = None
     """Of the sender, in some beacons; added after encoding."""
+    media: tuple[MediumListing, ...] = ()
+    """By which media the sender receives whom; none from a node with one medium."""
 
 
 def encode_age(age_us: int) -> int:

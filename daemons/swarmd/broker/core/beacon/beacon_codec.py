@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon import beacon_signature, session_checks, structure_parts
+from swarmd.broker.core.beacon import beacon_signature, medium_parts, session_checks, structure_parts
 from swarmd.broker.core.beacon.beacon import (
     HOPS_MAX,
     NO_ECHO,
@@ -156,6 +156,9 @@ def encode(beacon: Beacon) -> bytes:
         if beacon.structure_questions:
             present |= Section.EXTRA
             out.append(structure_parts.encode_questions(beacon.structure_questions))
+        if beacon.media:
+            present |= Section.EXTRA
+            out.append(medium_parts.encode_media(beacon.media))
     except (struct.error, ValueError, OverflowError) as error:
         raise WireError(f"beacon: cannot be encoded: {error}") from error
     out[0] = bytes((present,))
@@ -210,6 +213,7 @@ def _decode(data: bytes) -> Beacon:
     if present & Section.EXTRA:
         contents[_STRUCTURE], contents[_QUESTIONS] = structure_parts.decode(data, start)
         contents[_SIGNATURE] = beacon_signature.decode(data, start)
+        contents[_MEDIA] = medium_parts.decode_media(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
         contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
@@ -415,6 +419,6 @@ _SECTIONS: Final = (
 )
 """In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
 parts."""
-_STRUCTURE, _QUESTIONS, _SIGNATURE = range(len(_SECTIONS), len(_SECTIONS) + 3)
+_STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA = range(len(_SECTIONS), len(_SECTIONS) + 4)
 """Fields of `Beacon` behind those of the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

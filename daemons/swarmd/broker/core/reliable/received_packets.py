@@ -19,7 +19,7 @@ class ReceivedPackets:
         self._ranges: list[list[int]] = []
         """First and last number of each range, the newest first."""
         self._newest_ns = 0
-        """Arrival of the packet with the highest number."""
+        """MediumDatagram of the packet with the highest number."""
         self._unanswered = 0
         self._due_ns: int | None = None
 

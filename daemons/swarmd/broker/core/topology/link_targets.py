@@ -1,6 +1,6 @@
 """Where neighbours are reached: targets of connections, and addresses that multicast does not reach."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import msgspec
@@ -32,7 +32,15 @@ class LinkTarget(msgspec.Struct, frozen=True):
 class LinkTargets:
     """Addresses of the neighbours of one node."""
 
-    def __init__(self, neighbours: NeighbourTable, nodes: NodeTable) -> None:
+    def __init__(
+        self,
+        neighbours: NeighbourTable,
+        nodes: NodeTable,
+        host_of: Callable[[int], str] | None = None,
+    ) -> None:
+        """`host_of`: of a neighbour where there are several media, empty where none of them has connections;
+        None: its beacons have the only address."""
+        self._host_of = host_of
         self._neighbours = neighbours
         self._nodes = nodes
         self.by_unicast: set[int] = set()
@@ -61,6 +69,8 @@ class LinkTargets:
             self._targets.pop(hw, None)
             return None
         hello, address, session = neighbour.hello, neighbour.address, neighbour.session
+        if self._host_of is not None:
+            address = (self._host_of(hw), 0)
         known = self._targets.get(hw)
         if known is not None and known[0] is hello and known[1] == address and known[2].session == session:
             return known[2]

@@ -11,6 +11,7 @@ from typing import Final
 from swarmd.broker.core.beacon.beacon import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.link_cost import COST_MAX, link_cost
 
 WINDOW: Final = 16
 """Datagrams over which loss is measured: the hello history of Babel (RFC 8966, appendix A.1)."""
@@ -20,9 +21,6 @@ LONG_WINDOW: Final = 64
 _LONG_MASK: Final = (1 << LONG_WINDOW) - 1
 EXPECTED_MIN: Final = 8
 """Minimum of datagrams for a loss: one datagram after a silence does not prove a perfect link."""
-PERFECT: Final = 256
-"""Cost of a link without loss."""
-COST_MAX: Final = 8192
 PERIODS: Final = 2.5
 """Deadline of a link without loss, in periods: one datagram may be lost."""
 _HALVES: Final = round(2 * (PERIODS - 2))
@@ -98,6 +96,7 @@ class Neighbour:
         "listing_ns",
         "lost",
         "missed",
+        "penalty",
         "period_ns",
         "received",
         "received_ns",
@@ -122,6 +121,8 @@ class Neighbour:
         self.late = 0
         self.hears: dict[int, int] = {}
         """Nodes that it lists as received, and the time of its last listing."""
+        self.penalty = 0
+        """Cost that the rate of its medium adds."""
         self.restart(now_ns)
 
     def restart(self, now_ns: int) -> None:
@@ -137,7 +138,7 @@ class Neighbour:
         """Resets the measurements of the link, after a long silence."""
         self.top = 0
         self.window = 0
-        self.cost_inputs = (0, 0, 0)
+        self.cost_inputs = (0, 0, 0, 0)
         """Inputs of the last computed cost."""
         self.compared_cost = COST_MAX
         """Its cost at the last comparison of routes over it."""
@@ -168,14 +169,8 @@ class Neighbour:
 
     @property
     def cost(self) -> int:
-        """Square of the expected transmissions, in 1/256: loss of both directions.
-
-        The square keeps routes off links at the edge of their range, which end before a swarm that moves has
-        turned its routes: of 100 nodes at 10 m/s 99.8 % of the pairs have their route, with the plain number
-        99.2 %, for fewer bytes (test_routes_at_speed).
-        """
-        both = self.quality * self.reported
-        return min(PERFECT * _FULL**4 // both**2, COST_MAX) if both else COST_MAX
+        """Cost of the link: loss of both directions, round trip, and rate of its medium."""
+        return link_cost(self.quality, self.reported, self.penalty, self.rtt_ns)
 
     def misses(self, neighbours: int) -> int:
         """Consecutive losses after which the link is down, for a number of neighbours."""
@@ -238,6 +233,10 @@ class NeighbourTable:
     def listing_ns(self) -> int:
         """Period in which every neighbour gets an echo, if there is room."""
         return max(LISTING_NS, self.active_count() * LISTING_EACH_NS)
+
+    def period_ns(self, hw: int) -> int:
+        """Declared time between two beacons of a node."""
+        return self._all[hw].period_ns if hw in self._all else FIRST_PERIOD_NS
 
     def usual_period_ns(self) -> int:
         """Median of the periods that the received nodes declare."""

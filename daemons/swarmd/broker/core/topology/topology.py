@@ -8,6 +8,7 @@ from swarmd.broker.core.beacon.beacon import NEVER_NS, Beacon, Echo, Header, Rou
 from swarmd.broker.core.beacon.beacon_codec import ECHO_BYTES, REQUEST_BYTES, ROW_BYTES
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.link_cost import rtt_penalty
 from swarmd.broker.core.topology.neighbour import Neighbour, NeighbourTable
 from swarmd.broker.core.topology.routing_table import HYSTERESIS, RouteChanged, RoutingTable, newer
 
@@ -119,7 +120,12 @@ class Topology:
 
     def _update_cost(self, neighbour: Neighbour, now_ns: int) -> list[RouteChanged]:
         """Sets the cost of a link in the routing table; compares routes when it rose by the hysteresis."""
-        measured = (neighbour.window, neighbour.missed, neighbour.reported)
+        measured = (
+            neighbour.window,
+            neighbour.missed,
+            neighbour.reported,
+            neighbour.penalty + rtt_penalty(neighbour.rtt_ns),
+        )
         if measured == neighbour.cost_inputs:
             return []
         neighbour.cost_inputs = measured

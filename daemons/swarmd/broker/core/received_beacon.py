@@ -1,0 +1,28 @@
+"""What the beacon protocol has found in a received beacon."""
+
+import msgspec
+
+from swarmd.broker.core.boards.claims import Contradiction
+from swarmd.broker.core.boards.relay_cache import RemoteValue
+from swarmd.broker.core.topology.clock_sample import ClockSample
+from swarmd.broker.core.topology.link import LinkChanged
+from swarmd.broker.core.topology.neighbour import Neighbour
+from swarmd.broker.core.topology.routing_table import RouteChanged
+from swarmware.types.net import BoardSubscription, StructureBroadcast
+
+
+class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
+    """Result of a received beacon."""
+
+    neighbour: Neighbour
+    clock_sample: ClockSample | None
+    links: list[LinkChanged]
+    routes: list[RouteChanged]
+    values: list[tuple[BoardSubscription, RemoteValue]]
+    """Values of subscribed boards."""
+    structure: StructureBroadcast | None
+    """Structure of its tree."""
+    first_hello: bool
+    """First hello of a new or restarted neighbour: answer soon with an own hello."""
+    contradictions: list[Contradiction]
+    """Relayed values that the beacons of their origins contradict."""

@@ -1,0 +1,191 @@
+"""Several media to one neighbour: copies, loss in both directions, and the choice."""
+
+import pytest
+
+from swarmd.broker.config import Carries
+from swarmd.broker.core.beacon.beacon import Header
+from swarmd.broker.core.beacon.medium_parts import MediumListing
+from swarmd.broker.core.media.medium import COST_MAX, MediumProfile
+from swarmd.broker.core.media.medium_table import LISTING_NS, ByMedium, MediumTable, Use
+
+SECOND = 1_000_000_000
+PERIOD = SECOND // 10
+OWN, OTHER, THIRD = 1, 2, 3
+RADIO = MediumProfile("radio")
+SECOND_RADIO = MediumProfile("radio2")
+VIDEO = MediumProfile("video", Carries.PAYLOAD)
+MODEM = MediumProfile("modem", Carries.ALL, 46_080.0, has_connections=False)
+TELEMETRY = MediumProfile("telemetry", Carries.CONTROL, 46_080.0, has_connections=False)
+
+
+class Ends:
+    """A table, and a neighbour whose beacons come over some of its media."""
+
+    def __init__(self, *media: MediumProfile) -> None:
+        self.table = MediumTable(OWN, media, SECOND, lambda _: PERIOD)
+        self.now_ns = 0
+        self.sequence = 0
+        self.changes = 0
+
+    def hear(self, *media: MediumProfile, hw: int = OTHER, session: int = 1) -> None:
+        header = Header(0, hw, self.sequence, 0, session)
+        for medium in media:
+            self.table.on_beacon(header, ByMedium(medium, self.sequence), ("host", 7), self.now_ns)
+
+    def listed(self, **qualities: float) -> None:
+        """The neighbour says how well it receives this node, by medium."""
+        by_name = {medium.name: number for number, medium in self.table.media.items()}
+        self.table.on_listings(
+            OTHER,
+            [MediumListing(OWN, by_name[name], round(255 * quality)) for name, quality in qualities.items()],
+            self.now_ns,
+        )
+
+    def run(self, seconds: float, *media: MediumProfile, **qualities: float) -> None:
+        """Beacons over these media, and listings, for a time."""
+        for _ in range(round(10 * seconds)):
+            self.now_ns += PERIOD
+            self.sequence += 1
+            self.hear(*media)
+            self.listed(**qualities)
+            self.changes += len(self.table.advance(self.now_ns))
+
+    def chosen(self) -> list[str]:
+        return [way.medium.name for way in self.table.ways(OTHER, Use.PACKETS, self.now_ns)]
+
+    def urgent(self) -> set[str]:
+        return {way.medium.name for way in self.table.ways(OTHER, Use.URGENT, self.now_ns)}
+
+
+def test_the_second_copy_of_a_beacon_is_known_as_one() -> None:
+    table = Ends(RADIO, SECOND_RADIO).table
+    assert table.is_first(OTHER, 1, 5)
+    table.on_beacon(Header(0, OTHER, 5, 0, 1), ByMedium(RADIO, 5), ("host", 7), 0)
+    assert not table.is_first(OTHER, 1, 5)
+    assert table.is_first(OTHER, 1, 4), "overtaken, not copied"
+    assert table.is_first(OTHER, 1, 6)
+    assert table.is_first(OTHER, 2, 5), "of another session"
+    assert table.is_first(THIRD, 1, 5)
+    table.on_beacon(Header(0, OTHER, 500, 0, 1), ByMedium(RADIO, 500), ("host", 7), 0)
+    assert not table.is_first(OTHER, 1, 436), "as old as what the replay window refuses"
+
+
+def test_packets_take_the_medium_that_loses_less_and_urgent_frames_take_all() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    ends.run(4, RADIO, SECOND_RADIO, radio=0.6, radio2=0.95)
+    assert ends.chosen() == ["radio2"]
+    assert ends.urgent() == {"radio", "radio2"}
+
+
+def test_each_direction_is_chosen_by_what_arrives_at_its_end() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    for _ in range(40):  # radio2 brings little to here, but all of ours there
+        ends.run(0.1, RADIO, radio=0.6, radio2=0.95)
+        ends.run(0.1, RADIO, SECOND_RADIO, radio=0.6, radio2=0.95)
+    assert ends.chosen() == ["radio2"]
+    listed = {one.medium: one.quality for one in ends.table.listings(ends.now_ns, 1000)}
+    assert listed[RADIO.number] == 255
+    assert listed[SECOND_RADIO.number] == pytest.approx(128, abs=9)
+
+
+def test_the_choice_stays_until_another_medium_is_clearly_better() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    ends.run(2, RADIO, SECOND_RADIO, radio=0.9, radio2=0.88)
+    assert ends.chosen() == ["radio"]
+    ends.run(2, RADIO, SECOND_RADIO, radio=0.88, radio2=0.9)
+    assert ends.chosen() == ["radio"]
+    ends.run(2, RADIO, SECOND_RADIO, radio=0.6, radio2=0.9)
+    assert ends.chosen() == ["radio2"]
+    assert ends.changes == 2
+
+
+def test_a_slow_line_is_used_when_no_radio_is_left_and_no_longer_than_that() -> None:
+    ends = Ends(RADIO, MODEM)
+    ends.run(2, RADIO, MODEM, radio=0.5, modem=1.0)
+    assert ends.chosen() == ["radio"], "half of the packets of a radio are more than a line carries"
+    assert ends.table.host(OTHER) == "host"
+    ends.run(1.1, MODEM, modem=1.0)
+    assert ends.chosen() == ["modem"]
+    assert ends.table.host(OTHER) == "", "nothing connects to a line"
+    assert ends.table.penalty(OTHER) == MODEM.rate_penalty
+    ends.run(1, RADIO, MODEM, radio=0.5, modem=1.0)
+    assert ends.chosen() == ["radio"]
+    assert ends.table.penalty(OTHER) == 0
+
+
+def test_a_medium_in_one_direction_is_not_used() -> None:
+    ends = Ends(RADIO, MODEM)
+    ends.run(2, RADIO, MODEM, radio=1.0, modem=1.0)
+    ends.run(0.5, RADIO, MODEM, radio=0.0, modem=1.0)
+    assert ends.chosen() == ["modem"]
+    assert ends.urgent() == {"modem"}
+    ends.run(1, RADIO, MODEM, radio=1.0, modem=1.0)
+    assert ends.chosen() == ["radio"]
+    ends.run(4, RADIO, MODEM, modem=1.0)
+    assert ends.chosen() == ["modem"], "the neighbour does not say any more that it receives by the radio"
+
+
+def test_a_silent_medium_is_found_at_its_deadline() -> None:
+    ends = Ends(RADIO, MODEM)
+    ends.run(2, RADIO, MODEM, radio=1.0, modem=1.0)
+    due_ns = ends.table.deadline_ns(ends.now_ns)
+    assert due_ns == ends.now_ns + SECOND
+    ends.sequence += 1
+    ends.now_ns += PERIOD
+    ends.hear(MODEM)
+    assert ends.table.advance(due_ns) == [OTHER]
+
+
+def test_a_payload_link_takes_the_packets_and_no_commands() -> None:
+    ends = Ends(RADIO, VIDEO)
+    ends.run(2, RADIO, VIDEO, radio=1.0, video=0.8)
+    assert ends.chosen() == ["video"]
+    assert ends.urgent() == {"radio"}
+    ends.run(1.1, RADIO, radio=1.0)
+    assert ends.chosen() == ["radio"]
+
+
+def test_a_control_link_takes_packets_only_where_nothing_else_is_left() -> None:
+    ends = Ends(RADIO, TELEMETRY)
+    ends.run(2, RADIO, TELEMETRY, radio=0.3, telemetry=1.0)
+    assert ends.chosen() == ["radio"]
+    assert ends.urgent() == {"radio", "telemetry"}
+    ends.run(1.1, TELEMETRY, telemetry=1.0)
+    assert ends.chosen() == ["telemetry"]
+
+
+def test_a_new_session_begins_with_no_medium() -> None:
+    ends = Ends(RADIO, MODEM)
+    ends.run(2, RADIO, MODEM, radio=1.0, modem=1.0)
+    ends.hear(MODEM)
+    ends.table.on_beacon(Header(0, OTHER, 1, 0, 2), ByMedium(MODEM, 1), ("modem", 0), ends.now_ns)
+    ends.table.advance(ends.now_ns)
+    assert ends.chosen() == []
+
+
+def test_every_medium_is_listed_in_time_also_one_that_is_silent() -> None:
+    ends = Ends(RADIO, MODEM)
+    ends.run(3, RADIO, MODEM)
+    first = ends.table.listings(ends.now_ns, 1000)
+    assert {(one.hw, one.medium) for one in first} == {(OTHER, RADIO.number), (OTHER, MODEM.number)}
+    assert ends.table.listings(ends.now_ns + LISTING_NS - 1, 1000) == ()
+    ends.run(2, RADIO)
+    listed = {one.medium: one.quality for one in ends.table.listings(ends.now_ns, 1000)}
+    assert listed == {RADIO.number: 255, MODEM.number: 0}
+
+
+def test_beacons_are_as_frequent_as_the_medium_of_each_neighbour_allows() -> None:
+    ends = Ends(RADIO, MODEM)
+    alone_hz = ends.table.beacon_hz(100, 0)
+    assert alone_hz > 50, "while nobody is received the fast medium decides"
+    ends.run(1, RADIO, MODEM)
+    assert ends.table.beacon_hz(100, ends.now_ns) == alone_hz
+    ends.hear(MODEM, hw=THIRD)
+    assert ends.table.beacon_hz(100, ends.now_ns) == pytest.approx(0.5 * 57_600 / 10 / 109, rel=0.02)
+
+
+@pytest.mark.parametrize(("baud", "hops"), [(921_600, 0.5), (57_600, 8.7), (9_600, 32.0)])
+def test_a_slow_medium_costs_as_much_as_hops_of_radios(baud: int, hops: float) -> None:
+    medium = MediumProfile("line", rate_bit_s=0.8 * baud)
+    assert medium.rate_penalty / 256 == pytest.approx(hops, abs=0.2)
+    assert medium.rate_penalty <= COST_MAX
