@@ -30,6 +30,7 @@ from swarmware.mission.manifest import manifest_schema
 from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
 from swarmware.model.acl import AclConfig
+from swarmware.service.channels import ChannelsConfig
 from swarmware.transport.appfile import entry
 
 HERE = Path(__file__).parent
@@ -292,6 +293,12 @@ def acl_schema() -> str:
     return msgspec.json.format(msgspec.json.encode(msgspec.json.schema(AclConfig)), indent=2).decode() + "\n"
 
 
+def channels_schema() -> str:
+    """The JSON Schema of the file of channels."""
+    schema = msgspec.json.schema(ChannelsConfig)
+    return msgspec.json.format(msgspec.json.encode(schema), indent=2).decode() + "\n"
+
+
 PAGES: dict[Path, Callable[[], str]] = {
     HERE / "cli.md": cli_page,
     HERE / "types.md": types_page,
@@ -300,6 +307,7 @@ PAGES: dict[Path, Callable[[], str]] = {
     ARCHITECTURE: architecture,
     SCHEMAS.parent / "template.schema.json": template_schema,
     SCHEMAS.parent / "acl.schema.json": acl_schema,
+    SCHEMAS.parent / "channels.schema.json": channels_schema,
     SCHEMAS.parent / "mission.schema.json": mission_schema,
     SCHEMAS.parent / "manifest.schema.json": manifest_schema,
     SCHEMAS.parent / "hosts.schema.json": hosts_schema,

@@ -16,6 +16,7 @@ from swarmware import errors
 from swarmware.model import resource, template
 from swarmware.model.acl import AclConfig
 from swarmware.model.config import NodeConfig
+from swarmware.service.channels import ChannelsConfig
 from swarmware.service.config_keys import KeyDescription, described_keys, permitted, toml_type, without_none
 from swarmware.service.installed import find, installed
 from swarmware.types import control, registry
@@ -71,7 +72,7 @@ def configuration() -> str:
     """Every key of every configuration file."""
     out = []
     for name, cls in _configurations():
-        place = f"{name}.toml" if name in ("node", "acl") else f"services/{name}.toml"
+        place = f"{name}.toml" if name in ("node", "acl", "channels") else f"services/{name}.toml"
         out.append(f"\n## {place}\n\n{cell(inspect.getdoc(cls) or '')}\n\n")
         out.append(head("key", "type", "unit", "default", "range", "meaning"))
         out += [row(f"`{key.name}`", *key[1:]) for key in keys(cls)]
@@ -81,6 +82,7 @@ def configuration() -> str:
 def _configurations() -> Iterator[tuple[str, type[msgspec.Struct]]]:
     yield "node", NodeConfig
     yield "acl", AclConfig
+    yield "channels", ChannelsConfig
     for name, point in installed().items():
         # a package that is installed beside this one is not its part, and a part of a service has no file
         if point.value.startswith("swarmd.") and not (service := find(name)).settings_of:

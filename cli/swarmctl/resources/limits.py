@@ -7,9 +7,8 @@ from swarmctl.resources.rate_meter import RateMeter
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError
 from swarmware.model import names
-from swarmware.model.names import Pattern
 from swarmware.types import registry
-from swarmware.types.net import ChannelLimit, ChannelLimits
+from swarmware.types.channel import ChannelLimit, ChannelLimits
 from swarmware.types.tree import TreeEntry
 
 MISSION_STATE: Final = "mission/state"
@@ -23,14 +22,15 @@ _BY_LINK = {
 
 
 async def limit_of(session: Session, path: str) -> ChannelLimit | None:
-    """The limit of the rate that an operator has set for a resource; None: none, or it is not known."""
+    """The rule that limits the rate of a resource on the way here; None: none does, or it is not known."""
     platform, local = names.split(path)
     try:
         found = await newest(session, names.join(platform or session.here, "net/limits"))
         limits = registry.decode(ChannelLimits, found.data).limits
     except SwarmError:
         return None  # without a broker there is no limit
-    return next((limit for limit in limits if Pattern(limit.pattern).matches(local)), None)
+    here = session.here
+    return next((one for one in limits if one.settings.max_hz is not None and one.matches(local, here)), None)
 
 
 async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
@@ -40,7 +40,7 @@ async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
     if names.split(entry.path)[0] == session.here:
         reason = "they were replaced before they were read"
     elif limit is not None:
-        reason = f"limit {limit.max_hz:g} Hz of {limit.pattern!r}; `swarmctl traffic set` changes it"
+        reason = f"limit {limit.settings.max_hz:g} Hz of {limit.pattern!r}; `swarmctl traffic set` changes it"
     else:
         reason = _BY_LINK.get(entry.link, "its link carries fewer values")
     return f"{entry.path}: written at {written_hz:.1f} Hz, arrives here at {here_hz:.1f} Hz: {reason}"

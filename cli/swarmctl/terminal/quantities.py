@@ -1,4 +1,4 @@
-"""Rates and durations in arguments."""
+"""Rates, sizes and durations in arguments."""
 
 import re
 from datetime import UTC, datetime
@@ -8,6 +8,10 @@ from swarmware.errors import InvalidInput
 
 _SPAN: Final = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h|d)\Z")
 _SECONDS: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+_SIZE: Final = re.compile(r"(\d+(?:\.\d+)?)(B|[kKM]B|[KM]iB)\Z")
+_BYTES: Final = {"b": 1, "kb": 1000, "mb": 1_000_000, "kib": 1024, "mib": 1024 * 1024}
+_BIT_RATE: Final = re.compile(r"(\d+(?:\.\d+)?)(kbit|mbit|gbit)\Z")
+_BITS: Final = {"kbit": 1e3, "mbit": 1e6, "gbit": 1e9}
 _RATE: Final = re.compile(r"(\d+(?:\.\d+)?)hz\Z")
 
 
@@ -42,14 +46,34 @@ def utc_text(instant_utc_ns: int) -> str:
     return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def rate_hz(text: str) -> float | None:
-    """Parse a rate: 5hz; None for `auto`, no limit.
+def rate_hz(text: str) -> float:
+    """Parse a rate: 5hz, 0.5hz.
 
     Raises: InvalidInput for any other text.
     """
-    if text.lower() == "auto":
-        return None
     found = _RATE.match(text.lower())
     if not found:
-        raise InvalidInput(f"rate {text!r}: expected 5hz, 0.5hz, or auto")
+        raise InvalidInput(f"rate {text!r}: expected 5hz, 0.5hz, max or auto")
     return float(found[1])
+
+
+def size_bytes(text: str) -> int:
+    """Parse a size: 500B, 64kB, 2MB, 1MiB.
+
+    Raises: InvalidInput for any other text.
+    """
+    found = _SIZE.match(text)
+    if not found:
+        raise InvalidInput(f"size {text!r}: expected 500B, 64kB, 2MB or 1MiB")
+    return round(float(found[1]) * _BYTES[found[2].lower()])
+
+
+def bit_rate_bytes_s(text: str) -> float:
+    """Parse the rate of a link: 250kbit, 5mbit, 1gbit; in bytes per second.
+
+    Raises: InvalidInput for any other text.
+    """
+    found = _BIT_RATE.match(text.lower())
+    if not found or not float(found[1]):
+        raise InvalidInput(f"rate of a link {text!r}: expected 250kbit, 5mbit or 1gbit")
+    return float(found[1]) * _BITS[found[2]] / 8

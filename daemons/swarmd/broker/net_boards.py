@@ -3,15 +3,8 @@
 from typing import Final
 
 from swarmware.module.module import Module
-from swarmware.types.net import (
-    ChannelLimits,
-    Denial,
-    Neighbours,
-    Routes,
-    StructureBroadcast,
-    TimingBatch,
-    Traffic,
-)
+from swarmware.types.channel import ChannelLimits
+from swarmware.types.net import Denial, Neighbours, Routes, StructureBroadcast, TimingBatch, Traffic
 
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
@@ -22,7 +15,7 @@ STRUCTURE_SLOT_BYTES: Final = 2048
 
 
 class NetBoards:
-    """The writers of `net/*`; at first no limit is in force."""
+    """The writers of `net/*`."""
 
     def __init__(self, module: Module) -> None:
         self.neighbours = module.writer(
@@ -40,9 +33,8 @@ class NetBoards:
             description="Traffic counters in bytes",
         )
         self.limits = module.writer(
-            "net/limits", ChannelLimits, link="request", description="Limits of rates in force"
+            "net/limits", ChannelLimits, link="request", description="Rules of channels in force"
         )
-        self.limits.write(ChannelLimits())
         self.denials = module.stream_writer(
             "net/denials", Denial, kind="event", log="all", description="Requests denied by access control"
         )

@@ -11,12 +11,14 @@ from swarmd.broker import config as settings
 from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.links.udp import loopback_only
 from swarmd.broker.membership import keys_folder
 from swarmd.broker.shell import BrokerShell
 from swarmware.model.clock import utc_ns
+from swarmware.service.channels import load_channels
 from swarmware.service.service import Service
 from swarmware.transport.security.keys import Keys
 
@@ -76,6 +78,7 @@ class Broker(Service):
             chance=random.random,
             exchange=None if keys.is_open else RosterExchange(keys, node.hardware, random.random),
             signing=keys,
+            channels=ChannelTable(load_channels(node.config_dir)),
         )
         if keys.roster is not None:
             core.add_members((member.platform for member in keys.roster.valid()), now_ns)

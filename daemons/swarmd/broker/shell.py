@@ -6,6 +6,7 @@ import logging
 from typing import Final
 
 from swarmd.broker.beacon_transport import FAULTS, BeaconTransport
+from swarmd.broker.channel_api import ChannelApi
 from swarmd.broker.config import Config
 from swarmd.broker.contradictions import ContradictionReports
 from swarmd.broker.core.action import (
@@ -43,18 +44,15 @@ from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmd.broker.net_boards import NetBoards
 from swarmd.broker.own_boards import OwnBoards
 from swarmware.model.acl import FILE as ACL_FILE
-from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import (
-    ChannelLimits,
     Denial,
     Neighbours,
     Refused,
     RosterState,
     Routes,
-    SetChannel,
     SignedRoster,
     Traffic,
     TreePlan,
@@ -135,6 +133,7 @@ class BrokerShell:
             stack.callback(self._mirrors.close)
             self._closing = stack.pop_all()
         self._boards = NetBoards(module)
+        self._channel_api = ChannelApi(module, core.channels, self._boards.limits)
         self._membership = Membership(service, keys, self._transport, self._gateway)
         self._plan = module.reader("tree/plan", TreePlan)
         links = self._gateway.links
@@ -147,7 +146,7 @@ class BrokerShell:
         module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
         module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
         module.serve("sys/broker/roster", SignedRoster, self._membership.serve, reply=RosterState)
-        module.serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
+        self._channel_api.serve()
         self._health.report("name", description="One computer for each name")
         self._health.report("access", description=f"The access rules of {ACL_FILE} are in force")
         self._health.report("processor", description="Beacons are sent when they are due")
@@ -338,14 +337,3 @@ class BrokerShell:
 
     def _serve_traffic(self, _request: Empty, _meta: object) -> Traffic:
         return self._traffic()
-
-    def _serve_set(self, request: SetChannel, _meta: object) -> ChannelLimits:
-        answer, actions = self._core.on_set_channel(request, self._resources(), self._clock.now_ns())
-        self._driver.feed(actions)
-        return answer
-
-    def _resources(self) -> list[Resource]:
-        """Resources of local applications."""
-        table = self._module.node.table
-        table.refresh()
-        return [each for entry in table for each in entry.provides]

@@ -37,6 +37,7 @@ class ChangeLog:
     def __init__(self, module: Module, changes: BoardWriter[TreeChange], path: Path) -> None:
         self._module = module
         self._changes = changes
+        self._of_broker = module.stream_reader("net/changes", TreeChange)
         self._path = path
         self._former = path.with_suffix(f".1{path.suffix}")
         self._writing = asyncio.Lock()
@@ -45,6 +46,11 @@ class ChangeLog:
         self._kept: deque[LoggedChange] = deque(maxlen=KEPT)
         for file in (self._former, path):
             self._kept.extend(_read(file))
+
+    async def follow_broker(self) -> None:
+        """Records the changes of channels, until cancelled."""
+        async for change in self._of_broker:
+            await self.record(change)
 
     def serve(self) -> None:
         """Registers the handler of the request."""

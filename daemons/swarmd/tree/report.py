@@ -3,10 +3,12 @@
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.denial_log import DenialLog
+from swarmd.tree.mirrors import Mirrors
 from swarmd.tree.tree_exchange import TreeExchange
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.node.mirror_writer import MirrorWriter
+from swarmware.types.channel import ChannelStates
+from swarmware.types.rpc import Empty
 from swarmware.types.tree import StreamLoss, StreamLosses, TreeStats
 
 
@@ -18,10 +20,11 @@ class TreeReport:
         module: Module,
         tree: SwarmTree,
         exchange: TreeExchange,
-        mirrors: MirrorWriter,
+        mirrors: Mirrors,
         boundary: Boundary,
         denials: DenialLog,
     ) -> None:
+        self._module = module
         self._denials = denials
         self._tree = tree
         self._exchange = exchange
@@ -33,6 +36,13 @@ class TreeReport:
         self._losses: BoardWriter[StreamLosses] = module.writer("tree/losses", StreamLosses, link="request")
         self._written = StreamLosses()
         self._losses.write(self._written)
+
+    def serve(self) -> None:
+        """Registers the handler of the request."""
+        self._module.serve("sys/tree/channels", Empty, self._channels, reply=ChannelStates)
+
+    def _channels(self, _request: Empty, _meta: object) -> ChannelStates:
+        return ChannelStates(self._tree.subscribers.channels(), self._exchange.coder.states())
 
     def write(self) -> None:
         """Write the present counters."""

@@ -27,6 +27,7 @@ from swarmd.tree.core.action import (
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.denial_log import DenialLog
+from swarmd.tree.mirrors import Mirrors
 from swarmd.tree.operator_api import OperatorApi
 from swarmd.tree.placement import PlacementMeasurement
 from swarmd.tree.report import TreeReport
@@ -44,11 +45,11 @@ from swarmware.model.stored_setting import FILE
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.transport.appfile.entry import AppEntry
+from swarmware.types.channel import ChannelLimits
 from swarmware.types.mission import MissionState
-from swarmware.types.net import ChannelLimits, Neighbours, Routes, StructureBroadcast, TreePlan
+from swarmware.types.net import Neighbours, Routes, StructureBroadcast, TreePlan
 from swarmware.types.tree import TreeChange, TreeItem
 
 PROBE_S: Final = 1.0
@@ -87,7 +88,7 @@ class Tree(Service):
         self._settings = Settings(module, SettingsStore(node.config.data_path / FILE))
         self._structure = 0
         """Digest of the structure whose settings are published."""
-        self._mirrors = MirrorWriter(node)
+        self._mirrors = Mirrors(node)
         self._taps: dict[str, Tap] = {}
         self._peek = Peek(node.shm_dir)
         self._exchange = TreeExchange(module, self._tree, self._driver, self._boundary, config.answer_s)
@@ -142,12 +143,14 @@ class Tree(Service):
             self._config_api.serve()
             self._placement.serve()
             self._changes.serve()
+            self._report.serve()
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="tree:driver")
                 group.create_task(self._follow_applications(changed), name="tree:apps")
                 group.create_task(self._exchange.follow_notifications(), name="tree:notes")
                 group.create_task(self._follow_limits(), name="tree:limits")
                 group.create_task(self._follow_structures(), name="tree:structures")
+                group.create_task(self._changes.follow_broker(), name="tree:changes of channels")
                 group.create_task(self._denials.follow_broker(), name="tree:denials of the broker")
                 group.create_task(self._denials.follow_processes(), name="tree:denials of processes")
                 for board in (self._neighbours, self._routes):
@@ -202,6 +205,8 @@ class Tree(Service):
         async for _ in self.module.every(PROBE_S):
             self.module.node.applications.refresh(probe=True)
             self._take_access_rules()
+            with self._boundary("mirrors that the broker has left"):
+                self._mirrors.retry()
             state = self._mission.value
             digest = _digest(state.hash) if state is not None else 0
             if digest != self._mission_digest:
@@ -268,7 +273,9 @@ class Tree(Service):
                 self._settings.publish(leaf.resource for leaf in self._tree.local.index)
         if self._tree.plan_changed():
             with self._boundary("plan of the beacon"):
-                self._plan.write(self._tree_plan())
+                plan = self._tree_plan()
+                self._mirrors.leave(plan.wants)
+                self._plan.write(plan)
 
     def _tree_plan(self) -> TreePlan:
         tree = self._tree
@@ -295,8 +302,8 @@ class Tree(Service):
             case Unwatch():
                 if tap := self._taps.pop(action.path, None):
                     tap.close()
-            case WriteMirror(platform, item, epoch, _):
-                self._mirrors.write(platform, item.path, action.frame, epoch=epoch)
+            case WriteMirror():
+                self._mirrors.write(action)
             case PruneMirrors():
                 self._mirrors.prune(action.platform, action.paths)
             case RemoveMirrors():

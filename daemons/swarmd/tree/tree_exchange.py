@@ -6,13 +6,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
+import msgspec
+
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.input_meter import InputMeter
 from swarmd.tree.core.notification.lane import WINDOW
 from swarmd.tree.core.tree import SwarmTree
+from swarmd.tree.item_coder import ItemCoder
 from swarmware.errors import Denied, SwarmError
 from swarmware.model import names, paths
+from swarmware.model.compression import READABLE
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
@@ -56,6 +60,8 @@ class TreeExchange:
         """Number of requests of other trees."""
         self.notified = 0
         """Number of notifications of other trees."""
+        self.coder = ItemCoder(module.now_ns, boundary)
+        """Compression of notifications."""
         self._meters: list[InputMeter] = []
 
     # -- from other trees
@@ -83,11 +89,12 @@ class TreeExchange:
     async def follow_notifications(self) -> None:
         """Feeds the core the notifications of other trees, until cancelled."""
         inbox = self._notifications
-        async for notify in inbox:
-            if inbox.meta is None or inbox.meta.sender_hw != names.hardware_id(notify.platform):
-                log.warning("notification with the name of %s from another node; dropped", notify.platform)
+        async for received in inbox:
+            if inbox.meta is None or inbox.meta.sender_hw != names.hardware_id(received.platform):
+                log.warning("notification with the name of %s from another node; dropped", received.platform)
                 continue
             self.notified += 1
+            notify = self.coder.plain(received)
             for meter in self._meters:
                 meter.on_items(notify.platform, inbox.meta.sender_hw, notify.items, self._module.now_ns())
             with self._boundary(f"notification of {notify.platform}"):
@@ -125,7 +132,10 @@ class TreeExchange:
             self.asked += 1
             try:
                 reply = await self._module.request(
-                    path, action.request, SubscribeReply, timeout_s=self._answer_s
+                    path,
+                    msgspec.structs.replace(action.request, reads=READABLE),
+                    SubscribeReply,
+                    timeout_s=self._answer_s,
                 )
             except SwarmError as error:
                 log.debug("subscription at %s: %s", action.platform, error)
@@ -136,7 +146,8 @@ class TreeExchange:
     async def send(self, action: SendNotify) -> None:
         """Sends a notification and feeds the core its result."""
         path = _at(action.platform, "notify")
-        outcome = await self._module.send(path, action.notify, timeout_s=self._answer_s, kind=action.kind)
+        notify = await self.coder.coded(action)
+        outcome = await self._module.send(path, notify, timeout_s=self._answer_s, kind=action.kind)
         now_ns = self._module.now_ns()
         self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))
 

@@ -70,7 +70,9 @@ DEFAULT: Final = (
     AccessRule(Verb.SUBSCRIBE, "**", "observer"),
     AccessRule(Verb.SET, "**", "operator"),
     # the tree itself checks the access to the requested path
-    AccessRule(Verb.CALL, "sys/tree/{get,history,list,log,placement,structure,subscribe,type}", "observer"),
+    AccessRule(
+        Verb.CALL, "sys/tree/{channels,get,history,list,log,placement,structure,subscribe,type}", "observer"
+    ),
     AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset,rule}", "node"),
     AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions}", "observer"),
     AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", "observer"),

@@ -152,6 +152,12 @@ class MirrorWriter:
         for key in self._mirrors.keys() - set(kept):
             self._mirrors.pop(key).close(unlink=True)
 
+    def release(self, platform: str, path: str) -> None:
+        """Leave a mirror to another process, with its newest value."""
+        mirror = self._mirrors.pop((platform, path), None)
+        if mirror is not None:
+            mirror.close(unlink=False)
+
     def prune(self, platform: str, paths: Collection[str]) -> None:
         """Remove the mirrors of a platform except those of these paths, also those of a former start.
 

@@ -14,6 +14,7 @@ from swarmware.model.names import Pattern, segment
 from swarmware.model.stored_setting import LiveValue
 from swarmware.model.toml_lines import KeyPath, toml_lines
 from swarmware.recorder.address import without_password
+from swarmware.service.channels import load_channels
 from swarmware.service.config_keys import KeyDescription, described_keys
 from swarmware.service.installed import find
 from swarmware.types.config import ConfigKey, ConfigOrigin, EffectiveConfig
@@ -77,10 +78,11 @@ def effective_config(
             problems.append(file.problem)
         for name, key, setting in chosen:
             keys.append(_key(name, key, file, running.get(running_name), setting, meanings=meanings))
-    try:
-        load_acl(folder)
-    except ConfigError as error:
-        problems.append(str(error))
+    for load_file in (load_acl, load_channels):
+        try:
+            load_file(folder)
+        except ConfigError as error:
+            problems.append(str(error))
     for path, setting in left.items():
         name = path.removeprefix(paths.setting(""))
         if wanted(name):

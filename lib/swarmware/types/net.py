@@ -467,34 +467,3 @@ class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Own structure, for the beacons; None: it is too large for them."""
     needs: tuple[str, ...] = ()
     """Neighbours whose structure is needed."""
-
-
-@register
-class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Limits the rate of all own boards whose path matches (`sys/broker/set_channel`)."""
-
-    pattern: str
-    """Pattern of local paths: `nav/*`."""
-    max_hz: float | None = None
-    """Maximum rate; 0: nothing is sent; None: the limit is removed."""
-    for_s: float = 0.0
-    """Duration of the limit; 0: until it is changed or the broker ends."""
-
-
-@register
-class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A limit in force."""
-
-    pattern: str
-    max_hz: float
-    remaining_s: float | None = None
-    """Time until its end; None: no end."""
-
-
-@register
-class ChannelLimits(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All limits in force, the newest first: the first that matches applies (board `net/limits`)."""
-
-    limits: tuple[ChannelLimit, ...] = ()
-    unlimited: tuple[str, ...] = ()
-    """In the reply to a change: matching streams and events, which are not limited."""

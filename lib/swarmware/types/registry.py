@@ -10,7 +10,9 @@ import msgspec
 
 import swarmware.types
 from swarmware.errors import InvalidInput, NotFound, OutOfRange, WireError
+from swarmware.model import compression
 from swarmware.model.frame import PAYLOAD_LIMIT, Codec
+from swarmware.model.record_filter import NO_RECORDS, Records
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -29,6 +31,16 @@ class Packs(Protocol):
 
     def pack(self) -> bytes:
         """The value in its quantised form."""
+        ...
+
+
+@runtime_checkable
+class HasRecords(Protocol):
+    """A type whose last field is the bytes of equal records, which compress better as columns."""
+
+    @property
+    def records(self) -> Records:
+        """Layout and size of the records, with which its MessagePack ends."""
         ...
 
 
@@ -144,33 +156,18 @@ def decompress(data: bytes | memoryview, codec: Codec) -> bytes:
     Raises: WireError when it is damaged or grows beyond the limit.
     """
     if codec is Codec.ZLIB:
-        return _inflated(data)
+        return compression.inflate(data, PAYLOAD_LIMIT)
     if codec is Codec.ZSTD:
-        return _unzstd(data)
+        return compression.unzstd(data, PAYLOAD_LIMIT)
     return bytes(data)
 
 
-def _inflated(data: bytes | memoryview) -> bytes:
-    import zlib
-
-    inflate = zlib.decompressobj()
+def records(type_name: str, data: bytes) -> Records:
+    """Records at the end of a payload in MessagePack; of types without any, of others' types and of damaged
+    payloads: none."""
     try:
-        out = inflate.decompress(data, PAYLOAD_LIMIT)
-    except zlib.error as error:
-        raise WireError(f"zlib payload: {error}") from error
-    if not inflate.eof:
-        raise WireError(f"zlib payload: cut short, or more than {PAYLOAD_LIMIT} bytes")
-    return out
-
-
-def _unzstd(data: bytes | memoryview) -> bytes:
-    import zstandard
-
-    try:
-        # zstd allocates the stated size before it checks the data
-        stated = zstandard.frame_content_size(data)
-        if stated <= PAYLOAD_LIMIT:
-            return zstandard.ZstdDecompressor().decompress(data, max_output_size=PAYLOAD_LIMIT)
-    except (zstandard.ZstdError, ValueError) as error:
-        raise WireError(f"zstd payload: {error}") from error
-    raise WireError(f"zstd payload: states {stated} bytes, expected at most {PAYLOAD_LIMIT}")
+        cls = find(type_name)
+        value = decode(cls, data) if hasattr(cls, "records") else None
+    except (NotFound, WireError):
+        return NO_RECORDS
+    return value.records if isinstance(value, HasRecords) else NO_RECORDS

@@ -2,6 +2,7 @@
 
 import msgspec
 
+from swarmware.model.record_filter import Records, vlp16_records
 from swarmware.types.registry import register
 
 
@@ -38,3 +39,8 @@ class Blob(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Opaque bytes, such as a lidar packet."""
 
     value: bytes
+
+    @property
+    def records(self) -> Records:
+        """Packets of a lidar that can be recognised, for compression."""
+        return vlp16_records(self.value)

@@ -420,6 +420,8 @@ class SubscribeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Local paths and patterns; they may match nothing yet."""
     rules: Annotated[tuple[Rule, ...], msgspec.Meta(max_length=RULES_LIMIT)] = ()
     """Rules; the first that matches a path applies."""
+    reads: Annotated[tuple[str, ...], msgspec.Meta(max_length=32)] = ()
+    """Compressions that the subscriber reads: `zlib`, `zstd`, and layouts of records."""
 
 
 @register

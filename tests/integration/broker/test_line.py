@@ -10,7 +10,8 @@ from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
 from swarmware.transport.delivery.outcome import Status
-from swarmware.types.net import ChannelLimits, SetChannel, TimingBatch, Traffic
+from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
+from swarmware.types.net import TimingBatch, Traffic
 from swarmware.types.scalar import Float, Text
 from swarmware.types.vehicle import Pose
 
@@ -208,7 +209,7 @@ async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: P
         level = pair["uav1"].app.writer("power/level", Float)
         pair["uav1"].plan(offers=[("power/level", Float)])
         limits = await pair["uav1"].app.request(
-            "sys/broker/set_channel", SetChannel("power/*", 0.0), ChannelLimits
+            "sys/broker/set_channel", SetChannel("power/*", ChannelSettings(0.0)), ChannelLimits
         )
         assert [limit.pattern for limit in limits.limits] == ["power/*"]
         level.write(Float(1.0))
@@ -232,11 +233,15 @@ async def test_a_limit_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1") as one:
         request = one["uav1"].app.request
         with pytest.raises(OutOfRange, match=r"max_hz -1\.0"):
-            await request("sys/broker/set_channel", SetChannel("**", -1.0), ChannelLimits)
+            await request("sys/broker/set_channel", SetChannel("**", ChannelSettings(-1.0)), ChannelLimits)
         with pytest.raises(OutOfRange, match="for_s"):
-            await request("sys/broker/set_channel", SetChannel("**", 1.0, -5.0), ChannelLimits)
+            await request(
+                "sys/broker/set_channel", SetChannel("**", ChannelSettings(1.0), -5.0), ChannelLimits
+            )
         with pytest.raises(InvalidInput):
-            await request("sys/broker/set_channel", SetChannel("Not a path", 1.0), ChannelLimits)
+            await request(
+                "sys/broker/set_channel", SetChannel("Not a path", ChannelSettings(1.0)), ChannelLimits
+            )
 
 
 @on_uvloop

@@ -17,11 +17,12 @@ from swarmware.model.names import data_id, hardware_id
 from swarmware.transport.delivery.answer import answerable, with_lifetime
 from swarmware.transport.security.keys import Keys
 from swarmware.types import registry
+from swarmware.types.channel import SetChannel
 from swarmware.types.chassis import CalibrationRequest
 from swarmware.types.control import DriveRequest
 from swarmware.types.health import RestartOrder, StartOrder, StopOrder
 from swarmware.types.mission import DrainOrder, MissionAbort, MissionOrder, MissionTask
-from swarmware.types.net import SetChannel, SignedRoster
+from swarmware.types.net import SignedRoster
 from swarmware.types.scalar import Float, Text
 from swarmware.types.tree import TreeChange, TreeReset, TreeRule, TreeSet, TreeUndo
 from swarmware.types.vehicle import ArmRequest, KillRequest, Setpoint

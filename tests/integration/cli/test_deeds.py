@@ -200,7 +200,7 @@ def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ct
             assert reader.stdout is not None
             json.loads(reader.stdout.readline())
             limits = ctl("traffic set '/uav1/nav/*' --rate 0.2hz --json").document["limits"]
-            assert [(one["pattern"], one["max_hz"]) for one in limits] == [("nav/*", 0.2)]
+            assert [(one["pattern"], one["settings"]["max_hz"]) for one in limits] == [("nav/*", 0.2)]
             began_s = time.monotonic()
             before = now = pose()
             # counters and events alone: at rest a vehicle sends two unchanged poses a second, else up to ten
@@ -213,6 +213,7 @@ def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ct
                 pass
             assert seen["offered_hz"] >= seen["held_back_hz"]
 
+            assert ctl("traffic clear '/uav1/nav/*' --json").document["limits"] == []
             limits = ctl("traffic set '/uav1/nav/*' --rate 0.2hz --for 1s --json").document["limits"]
             assert [0 < one["remaining_s"] <= 1 for one in limits] == [True]
             while (ended := pose())["max_hz"] is not None:

@@ -20,8 +20,8 @@ from swarmware.errors import (
     TypeMismatch,
 )
 from swarmware.model.resource import Kind, Resource
+from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
 from swarmware.types.description import TypeDescription
-from swarmware.types.net import ChannelLimits, SetChannel
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import (
     Rule,
@@ -378,25 +378,26 @@ async def test_what_a_killed_platform_said_last_stays_readable_with_its_age(tmp_
 
 
 @on_uvloop
-async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_streams_are_refused(
+async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_commands_are_refused(
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         fuel = gcs.probe.reader("/uav1/power/fuel", Float)
         board = uav.probe.writer("power/fuel", Float)
-        uav.probe.stream_writer("sensor/scan", Blob)
         board.write(Float(0.9))
         await until(fuel, lambda value: value.value == 0.9)
 
         async def limit(pattern: str, max_hz: float | None) -> ChannelLimits:
             there = "/uav1/sys/broker/set_channel"
-            return await gcs.probe.request(there, SetChannel(pattern, max_hz), ChannelLimits, timeout_s=5)
+            return await gcs.probe.request(
+                there, SetChannel(pattern, ChannelSettings(max_hz)), ChannelLimits, timeout_s=5
+            )
 
-        with pytest.raises(InvalidInput, match="sensor/scan, whose items are all delivered"):
-            await limit("sensor/scan", 1.0)
+        with pytest.raises(InvalidInput, match=r"sys/tree/get \(each message is delivered\)"):
+            await limit("sys/tree/get", 1.0)
         stopped = uav.probe.reader("net/limits", ChannelLimits)
-        assert "sensor/scan" in (await limit("**", 0.0)).unlimited
-        await until(stopped, lambda limits: [one.max_hz for one in limits.limits] == [0.0])
+        await limit("**", 0.0)
+        await until(stopped, lambda limits: [one.settings.max_hz for one in limits.limits] == [0.0])
         board.write(Float(0.85))
         with contextlib.suppress(NoAnswer):
             await fuel.changed(1.0)  # the tree may read the limit a turn of the loop after this test has

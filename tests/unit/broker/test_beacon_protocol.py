@@ -19,7 +19,8 @@ from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmd.broker.core.topology.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import data_id, hardware_id
-from swarmware.types.net import BoardPublication, BoardSubscription, SetChannel, TreePlan
+from swarmware.types.channel import ChannelSettings, SetChannel
+from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -307,10 +308,10 @@ def test_who_passes_on_boards_at_rest_is_quiet_and_passes_on_a_change_at_once() 
 def test_a_limit_of_a_channel_holds_from_the_next_beacon(one: Node, other: Node) -> None:
     one.protocol.set_plan(TreePlan(1, offers=(OFFER,)))
     one.put(b"x", 0)
-    one.protocol.rate_limits.set(SetChannel("nav/*", 0.0), 0)
+    one.protocol.channels.set(SetChannel("nav/*", ChannelSettings(0.0)), 0)
     one.protocol.advance(0)
     assert one.compose(0).beacon.values == ()
-    one.protocol.rate_limits.set(SetChannel("nav/*"), 0)
+    one.protocol.channels.set(SetChannel("nav/*"), 0)
     one.protocol.advance(PERIOD)
     assert len(one.compose(PERIOD).beacon.values) == 1
 

@@ -5,8 +5,8 @@ from typing import Final
 import pytest
 
 from swarmd.broker.core.beacon.beacon_codec import value_bytes
+from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
-from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import (
     COPIES,
     FORGET_NS,
@@ -16,7 +16,8 @@ from swarmd.broker.core.boards.relay_cache import (
     RemoteValue,
 )
 from swarmware.errors import InvalidInput
-from swarmware.types.net import BoardPublication, SetChannel
+from swarmware.types.channel import ChannelSettings, SetChannel
+from swarmware.types.net import BoardPublication
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -31,12 +32,12 @@ NOBODY: Final[frozenset[int]] = frozenset()
 
 
 @pytest.fixture
-def channels() -> RateLimits:
-    return RateLimits()
+def channels() -> ChannelTable:
+    return ChannelTable()
 
 
 @pytest.fixture
-def published(channels: RateLimits) -> PublishedBoards:
+def published(channels: ChannelTable) -> PublishedBoards:
     published = PublishedBoards()
     published.offer(OFFERS, channels.max_hz)
     return published
@@ -106,7 +107,7 @@ def test_a_value_that_does_not_fit_leaves_its_room_to_others(published: Publishe
 
 
 def test_a_board_that_is_offered_no_more_is_not_sent(
-    published: PublishedBoards, channels: RateLimits
+    published: PublishedBoards, channels: ChannelTable
 ) -> None:
     published.boards[POSE].put(b"x", True, 0)
     published.offer(OFFERS[1:], channels.max_hz)
@@ -114,7 +115,7 @@ def test_a_board_that_is_offered_no_more_is_not_sent(
 
 
 def test_a_channel_limits_the_rate_and_gives_it_back(
-    published: PublishedBoards, channels: RateLimits
+    published: PublishedBoards, channels: ChannelTable
 ) -> None:
     def rate_hz(start_ns: int) -> int:
         published.offer(OFFERS, channels.max_hz)
@@ -124,9 +125,9 @@ def test_a_channel_limits_the_rate_and_gives_it_back(
             count += sent(published, start_ns + slot * PERIOD).count(POSE)
         return count // 2
 
-    channels.set(SetChannel("nav/*", 2.0, for_s=5.0), 0)
+    channels.set(SetChannel("nav/*", ChannelSettings(2.0), for_s=5.0), 0)
     assert rate_hz(0) == 2
-    channels.set(SetChannel("nav/pose", 0.0), 0)
+    channels.set(SetChannel("nav/pose", ChannelSettings(0.0)), 0)
     assert rate_hz(10 * SECOND) == 0
     channels.set(SetChannel("nav/pose"), 0)
     assert rate_hz(20 * SECOND) == 2
@@ -134,24 +135,24 @@ def test_a_channel_limits_the_rate_and_gives_it_back(
     assert rate_hz(30 * SECOND) == 10
 
 
-def test_the_newest_limit_that_matches_counts(channels: RateLimits) -> None:
-    channels.set(SetChannel("**", 1.0), 0)
-    channels.set(SetChannel("nav/**", 5.0), 0)
+def test_the_newest_limit_that_matches_counts(channels: ChannelTable) -> None:
+    channels.set(SetChannel("**", ChannelSettings(1.0)), 0)
+    channels.set(SetChannel("nav/**", ChannelSettings(5.0)), 0)
     assert channels.max_hz("nav/pose") == 5.0
     assert channels.max_hz("power/battery") == 1.0
-    channels.set(SetChannel("**", 2.0), 0)
+    channels.set(SetChannel("**", ChannelSettings(2.0)), 0)
     assert channels.max_hz("nav/pose") == 2.0
     assert [limit.pattern for limit in channels.limits(0).limits] == ["**", "nav/**"]
 
 
-def test_a_limit_says_how_long_it_holds(channels: RateLimits) -> None:
-    channels.set(SetChannel("nav/pose", 1.0, for_s=5.0), 0)
+def test_a_limit_says_how_long_it_holds(channels: ChannelTable) -> None:
+    channels.set(SetChannel("nav/pose", ChannelSettings(1.0), for_s=5.0), 0)
     assert channels.limits(2 * SECOND).limits[0].remaining_s == 3.0
 
 
-def test_a_pattern_that_is_none_is_refused(channels: RateLimits) -> None:
+def test_a_pattern_that_is_none_is_refused(channels: ChannelTable) -> None:
     with pytest.raises(InvalidInput):
-        channels.set(SetChannel("Nav Pose", 1.0), 0)
+        channels.set(SetChannel("Nav Pose", ChannelSettings(1.0)), 0)
 
 
 def heard(

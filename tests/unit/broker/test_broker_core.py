@@ -19,11 +19,10 @@ from swarmd.broker.core.action import (
 )
 from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS
 from swarmd.broker.core.topology.link import LinkState
-from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import data_id
-from swarmware.model.resource import Kind, Resource
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
-from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, SetChannel, TreePlan
+from swarmware.types.channel import ChannelSettings, SetChannel
+from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, TreePlan
 
 SECOND: Final = 1_000_000_000
 POSE: Final = data_id("nav/pose", "Pose")
@@ -165,27 +164,11 @@ def test_late_beacons_are_reported_as_a_slowdown() -> None:
     assert slowed[0].late_ns >= SECOND
 
 
-def test_limits_are_written_when_they_are_set_and_when_they_end() -> None:
+def test_limits_are_written_when_they_end() -> None:
     air, one, _ = pair()
-    resources = [Resource(path="nav/pose", kind=Kind.BOARD, type="Pose")]
-    answer, actions = one.core.on_set_channel(SetChannel("nav/*", 2.0, for_s=3.0), resources, air.now_ns)
-    assert [limit.pattern for limit in answer.limits] == ["nav/*"]
-    assert actions == [WriteLimits(answer)]
+    one.core.channels.set(SetChannel("nav/*", ChannelSettings(2.0), for_s=3.0), air.now_ns)
+    assert [limit.pattern for limit in one.core.channels.limits(air.now_ns).limits] == ["nav/*"]
     air.run_for(4.0)
     [over] = one.of(WriteLimits)
     assert isinstance(over, WriteLimits)
     assert over.limits.limits == ()
-
-
-@pytest.mark.parametrize(
-    ("request_", "error"),
-    [
-        (SetChannel("**", -1.0), OutOfRange),
-        (SetChannel("**", 1.0, for_s=1e9), OutOfRange),
-        (SetChannel("plan/path", 1.0), InvalidInput),
-    ],
-)
-def test_a_limit_that_cannot_apply_is_refused(request_: SetChannel, error: type[Exception]) -> None:
-    _, one, _ = pair()
-    with pytest.raises(error, match="expected"):
-        one.core.on_set_channel(request_, [Resource(path="plan/path", kind=Kind.STREAM, type="Step")], SECOND)

@@ -4,8 +4,8 @@ import asyncio
 from pathlib import Path
 from typing import Final
 
+from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
-from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.own_boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmware.model.frame import Frame, FrameKind, encode
@@ -23,7 +23,7 @@ class Rig:
 
     def __init__(self, node: Node) -> None:
         self.published = PublishedBoards()
-        self.published.offer((BoardPublication(PATH, NOTE, "Note"),), RateLimits().max_hz)
+        self.published.offer((BoardPublication(PATH, NOTE, "Note"),), ChannelTable().max_hz)
         self.counters = Counters()
         self.boards = OwnBoards(node, self.published, self.counters)
         self.writer = node.publication(PATH, slots=8, slot_bytes=256)
@@ -76,7 +76,7 @@ async def test_a_board_whose_writer_comes_later_is_found_and_one_not_offered_is_
         rig.write(b"later")
         rig.boards.poll(LOOK_AGAIN_NS)
         assert rig.sent() == [b"later"]
-        rig.published.offer((), RateLimits().max_hz)
+        rig.published.offer((), ChannelTable().max_hz)
         rig.boards.poll(LOOK_AGAIN_NS + 1)
         assert await asyncio.to_thread(maps, node) == 1, "only the writer's"
         rig.boards.close()

@@ -18,8 +18,8 @@ from swarmctl.commands.health.report import clear_faults, list_faults
 from swarmctl.commands.mission.start import start
 from swarmctl.commands.node.identity import show_node
 from swarmctl.commands.topo.topology import show_topology
+from swarmctl.commands.traffic.channels import set_channel
 from swarmctl.commands.traffic.counters import list_counters
-from swarmctl.commands.traffic.rates import set_limit
 from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
 from swarmctl.commands.tree.types import print_type
@@ -33,11 +33,12 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.module.module import Module
 from swarmware.types import registry
+from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
 from swarmware.types.config import ConfigKey, ConfigOrigin, EffectiveConfig
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
-from swarmware.types.net import ChannelLimits, Neighbours, Routes, RouteState, Traffic
+from swarmware.types.net import Neighbours, Routes, RouteState, Traffic
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
 from swarmware.types.tree import (
@@ -403,14 +404,14 @@ async def test_a_limit_that_silences_a_vehicle_or_its_barriers_is_confirmed(
 ) -> None:
     answers = {
         "/uav1/sys/broker/set_channel": ChannelLimits(),
-        "/uav1/sys/broker/traffic": msgspec.convert([0] * 16 + [1.0, []], Traffic),
     }
     session = ScriptedSession(answers, node="uav1")
+    request = SetChannel(pattern, ChannelSettings(max_hz))
     if asks:
         with pytest.raises(click.UsageError, match=f"uav1: .*{asks}.*expected --yes"):
-            await set_limit(session, pattern, max_hz, 0.0, yes=False)
+            await set_channel(session, request, yes=False)
         assert session.asked == []
-    await set_limit(session, pattern, max_hz, 0.0, yes=bool(asks))
+    await set_channel(session, request, yes=bool(asks))
     assert "/uav1/sys/broker/set_channel" in session.asked
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.sources import absolute, instant_ns
-from swarmctl.terminal.quantities import rate_hz, span_s, spoken, utc_text
+from swarmctl.terminal.quantities import bit_rate_bytes_s, rate_hz, size_bytes, span_s, spoken, utc_text
 from swarmware.errors import InvalidInput
 
 NOW_NS = 1_795_244_000_000_000_000
@@ -24,14 +24,39 @@ def test_anything_else_is_no_span(text: str) -> None:
         span_s(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "value"), [("5hz", 5.0), ("0.5Hz", 0.5), ("0hz", 0.0), ("auto", None), ("AUTO", None)]
-)
-def test_a_rate_is_hertz_or_no_limit(text: str, value: float | None) -> None:
+@pytest.mark.parametrize(("text", "value"), [("5hz", 5.0), ("0.5Hz", 0.5), ("0hz", 0.0)])
+def test_a_rate_is_hertz(text: str, value: float) -> None:
     assert rate_hz(text) == value
 
 
-@pytest.mark.parametrize("text", ["", "5", "fast", "-1hz", "5khz", "5 hz"])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("500B", 500), ("64kB", 64_000), ("2MB", 2_000_000), ("1.5KiB", 1536), ("1MiB", 1_048_576)],
+)
+def test_a_size_has_a_number_and_a_unit(text: str, value: int) -> None:
+    assert size_bytes(text) == value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("250kbit", 31_250.0), ("5Mbit", 625_000.0), ("0.5gbit", 62_500_000.0)]
+)
+def test_the_rate_of_a_link_is_in_bits(text: str, value: float) -> None:
+    assert bit_rate_bytes_s(text) == value
+
+
+@pytest.mark.parametrize("text", ["", "5", "5mb", "0mbit", "-1mbit"])
+def test_anything_else_is_no_rate_of_a_link(text: str) -> None:
+    with pytest.raises(InvalidInput, match="expected 250kbit"):
+        bit_rate_bytes_s(text)
+
+
+@pytest.mark.parametrize("text", ["", "5", "MB", "-5MB", "5 MB", "5GB", "5mb"])
+def test_anything_else_is_no_size(text: str) -> None:
+    with pytest.raises(InvalidInput, match="expected 500B"):
+        size_bytes(text)
+
+
+@pytest.mark.parametrize("text", ["", "5", "fast", "auto", "-1hz", "5khz", "5 hz"])
 def test_anything_else_is_no_rate(text: str) -> None:
     with pytest.raises(InvalidInput, match="expected 5hz"):
         rate_hz(text)

@@ -105,6 +105,7 @@ class Pair:
     def wait(self, seconds: float) -> None:
         """Time passes; timers fire at their deadlines, messages are carried."""
         end_ns = self.now_ns + round(seconds * S)
+        self.carry()
         while True:
             deadlines = [when for tree in self.trees.values() if (when := tree.deadline_ns()) is not None]
             if not deadlines or min(deadlines) > end_ns:

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.tree.core.notification.condition import differs, rule_for
-from swarmd.tree.core.notification.feed import QUEUE_BYTES, QUEUE_LIMIT, Feed
+from swarmd.tree.core.notification.feed import Feed
+from swarmd.tree.core.notification.feed_channel import QUEUE_BYTES, QUEUE_LIMIT
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import Rule, TreeItem

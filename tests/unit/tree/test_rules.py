@@ -11,7 +11,8 @@ from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.rule_store import RuleStore
 from swarmware.errors import InvalidInput, NotFound
-from swarmware.types.net import BoardPublication, ChannelLimit
+from swarmware.types.channel import ChannelLimit, ChannelSettings
+from swarmware.types.net import BoardPublication
 from swarmware.types.tree import Rule, TreeRule
 
 
@@ -71,10 +72,10 @@ def test_a_rule_sets_the_interval_in_the_beacon_and_subscribers_know_it() -> Non
     assert interval_s(both, "nav/pose") == 0.5
     assert interval_s(both, "power/battery") == 4.0
     # a limit of the rate and a rule: the slower one is in force, and known
-    uav.on_limits((ChannelLimit("**", 0.1),), both.now_ns)
+    uav.on_limits((ChannelLimit("**", ChannelSettings(0.1)),), both.now_ns)
     both.wait(1.0)
     assert interval_s(both, "nav/pose") == 10.0
-    uav.on_limits((ChannelLimit("**", 1.0),), both.now_ns)
+    uav.on_limits((ChannelLimit("**", ChannelSettings(1.0)),), both.now_ns)
     both.wait(1.0)
     assert interval_s(both, "power/battery") == 4.0
     assert interval_s(both, "nav/pose") == 1.0

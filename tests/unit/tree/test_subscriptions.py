@@ -11,7 +11,8 @@ from swarmd.tree.core.subscribers.subscriber import BYTES_LIMIT, ITEMS_LIMIT
 from swarmware.errors import InvalidInput
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
-from swarmware.types.net import BoardPublication, BoardSubscription, ChannelLimit
+from swarmware.types.channel import ChannelLimit, ChannelSettings
+from swarmware.types.net import BoardPublication, BoardSubscription
 from swarmware.types.tree import BoardLimit, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 
@@ -360,18 +361,23 @@ def test_a_pattern_that_is_none_is_refused() -> None:
     assert FAULTS.link == "notify"
 
 
-def test_an_operators_limit_holds_for_notified_boards_and_not_for_events() -> None:
+def test_an_operators_limit_holds_for_notified_boards_and_events_wait_for_their_turn() -> None:
     both = pair("/uav1/power/battery", "/uav1/health/faults")
     uav = both.trees["uav1"]
-    uav.on_limits((ChannelLimit("power/*", 0.5), ChannelLimit("**", 0.0)), both.now_ns)
+    uav.on_limits(
+        (ChannelLimit("power/*", ChannelSettings(0.5)), ChannelLimit("**", ChannelSettings(5.0))), both.now_ns
+    )
     for sequence in range(1, 41):
         battery(both, float(sequence), sequence)
         uav.on_value(value("health/faults", 0.0, sequence, FrameKind.EVENT), both.now_ns)
         both.wait(0.1)
     taken = [item for item in both.received["gcs"] if item.path == "power/battery"]
     assert [item.sequence for item in taken] == [1, 20, 40], "the newest every two seconds"
-    assert len(both.received["gcs"]) - len(taken) == 40
-    uav.on_limits((ChannelLimit("**", 0.0),), both.now_ns)
+    assert len(both.received["gcs"]) - len(taken) == 21, "events at five a second"
+    both.wait(10)
+    events = [item.sequence for item in both.received["gcs"] if item.kind == FrameKind.EVENT]
+    assert events == list(range(1, 41)), "none is left out"
+    uav.on_limits((ChannelLimit("**", ChannelSettings(0.0)),), both.now_ns)
     battery(both, 99.0, 99)
     both.wait(100)
     assert both.received["gcs"][-1].sequence != 99
@@ -394,7 +400,11 @@ def interval_s(both: Pair, path: str) -> float:
 
 def test_a_subscriber_knows_the_limits_of_its_boards_from_the_first_reply_on() -> None:
     both = Pair(core("gcs"), core("uav1"))
-    limits = (ChannelLimit("plan/*", 1.0), ChannelLimit("nav/*", 0.5, 60.0), ChannelLimit("**", 4.0))
+    limits = (
+        ChannelLimit("plan/*", ChannelSettings(1.0)),
+        ChannelLimit("nav/*", ChannelSettings(0.5), 60.0),
+        ChannelLimit("**", ChannelSettings(4.0)),
+    )
     both.trees["uav1"].on_limits(limits, 0)
     both.trees["gcs"].on_applications([], ["/uav1/nav/pose", "/uav1/health/faults"], 0)
     both.meet()
@@ -408,7 +418,7 @@ def test_a_limit_that_is_set_later_is_notified_once_also_when_a_notification_is_
     both = pair("/uav1/nav/pose", "/uav1/power/battery")
     uav = both.trees["uav1"]
     both.log.clear()
-    uav.on_limits((ChannelLimit("nav/*", 0.5),), both.now_ns)
+    uav.on_limits((ChannelLimit("nav/*", ChannelSettings(0.5)),), both.now_ns)
     assert both.carry() == 0, "it waits a moment for others to go with it"
     both.now_ns += S
     uav.on_timer(both.now_ns)
@@ -417,7 +427,7 @@ def test_a_limit_that_is_set_later_is_notified_once_also_when_a_notification_is_
     both.wait(3)
     assert (interval_s(both, "nav/pose"), interval_s(both, "power/battery")) == (2.0, 0.0)
     both.log.clear()
-    uav.on_limits((ChannelLimit("nav/*", 0.5, 7.0),), both.now_ns)
+    uav.on_limits((ChannelLimit("nav/*", ChannelSettings(0.5), 7.0),), both.now_ns)
     both.wait(3)
     assert both.log == [], "how long it lasts is nothing that the subscriber needs"
     uav.on_limits((), both.now_ns)
@@ -428,7 +438,10 @@ def test_a_limit_that_is_set_later_is_notified_once_also_when_a_notification_is_
 def test_a_limit_that_concerns_nothing_of_a_subscriber_costs_it_nothing() -> None:
     both = pair("/uav1/nav/pose", "/uav1/health/faults")
     both.log.clear()
-    both.trees["uav1"].on_limits((ChannelLimit("power/*", 0.5), ChannelLimit("health/*", 0.1)), both.now_ns)
+    both.trees["uav1"].on_limits(
+        (ChannelLimit("power/*", ChannelSettings(0.5)), ChannelLimit("health/*", ChannelSettings(0.1))),
+        both.now_ns,
+    )
     both.wait(10)
     assert both.log == []
 
@@ -436,7 +449,7 @@ def test_a_limit_that_concerns_nothing_of_a_subscriber_costs_it_nothing() -> Non
 def test_a_limit_goes_with_the_values_that_come_in_the_same_moment() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
-    both.trees["uav1"].on_limits((ChannelLimit("power/*", 0.5),), both.now_ns)
+    both.trees["uav1"].on_limits((ChannelLimit("power/*", ChannelSettings(0.5)),), both.now_ns)
     battery(both, 0.9)
     both.carry()
     both.wait(1)
@@ -446,7 +459,7 @@ def test_a_limit_goes_with_the_values_that_come_in_the_same_moment() -> None:
 
 def test_a_platform_that_restarted_without_its_limits_is_not_taken_to_have_them() -> None:
     both = pair("/uav1/nav/pose")
-    both.trees["uav1"].on_limits((ChannelLimit("**", 0.5),), both.now_ns)
+    both.trees["uav1"].on_limits((ChannelLimit("**", ChannelSettings(0.5)),), both.now_ns)
     both.wait(1)
     assert limits_known(both) == (BoardLimit("**", 0.5),)
     both.replace(core("uav1", epoch=2))
@@ -463,7 +476,7 @@ def test_a_limit_that_forbids_everything_makes_no_age_good_and_a_rule_of_its_own
     both.carry()
     assert interval_s(both, "nav/pose") == 5.0
     for max_hz, expected in ((0.0, 5.0), (10.0, 5.0), (0.1, 10.0)):
-        both.trees["uav1"].on_limits((ChannelLimit("**", max_hz),), both.now_ns)
+        both.trees["uav1"].on_limits((ChannelLimit("**", ChannelSettings(max_hz)),), both.now_ns)
         both.wait(1)
         assert interval_s(both, "nav/pose") == expected
 

@@ -20,7 +20,7 @@ from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types import registry
-from swarmware.types.net import ChannelLimit
+from swarmware.types.channel import ChannelLimit, ChannelSettings
 from swarmware.types.vehicle import Pose
 
 GOTO = Resource(path="cmd/goto", kind=Kind.COMMAND, type="Goal", owner="navigator")
@@ -96,7 +96,7 @@ def test_a_board_under_a_limit_is_live_for_three_of_its_intervals_at_other_platf
         for age_s, expected in ((1.2, "live"), (1.3, "stale")):
             given.now_ns = round(age_s * S)
             assert given.qualities() == (expected, expected)
-        given.limit(ChannelLimit("nav/*", 0.5))
+        given.limit(ChannelLimit("nav/*", ChannelSettings(0.5)))
         for age_s, expected in ((5.9, "live"), (6.1, "stale")):
             given.now_ns = round(age_s * S)
             assert given.qualities() == (expected, expected)
@@ -104,7 +104,7 @@ def test_a_board_under_a_limit_is_live_for_three_of_its_intervals_at_other_platf
         assert given.qualities() == ("live", "live")
         given.limit()
         assert given.qualities() == ("stale", "stale")
-        given.limit(ChannelLimit("**", 0.0))
+        given.limit(ChannelLimit("**", ChannelSettings(0.0)))
         assert given.qualities() == ("stale", "stale"), "an operator forbade it: nothing new comes"
 
     seen(tmp_path, test)

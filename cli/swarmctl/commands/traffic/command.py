@@ -1,4 +1,4 @@
-"""`swarmctl traffic`: bytes and frames per channel; set a channel's rate."""
+"""`swarmctl traffic`: bytes and frames per channel, and the rules of channels."""
 
 import click
 
@@ -9,7 +9,7 @@ from swarmctl.commandline.settings import settings
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Bytes and frames per link and channel; set a channel's rate.
+    """Bytes and frames per link and channel; how resources travel.
 
     Example: swarmctl traffic top --node uav1
     """
@@ -53,22 +53,112 @@ def top(ctx: click.Context, period_s: float, count: int | None) -> None:
 
 @cmd.command(name="set")
 @click.argument("pattern")
-@click.option("--rate", required=True, metavar="RATE", help="5hz, 0hz (nothing), or `auto` (no limit).")
+@click.option("--link", metavar="PLATFORMS", default="", help="Name or pattern of receivers; none: all.")
+@click.option("--rate", metavar="RATE", help="5hz, 0hz (nothing), max (no limit).")
+@click.option(
+    "--protocol",
+    type=click.Choice(["udp", "zmq", "rtp", "auto"]),
+    help="Of boards: in beacons or by notification.",
+)
+@click.option("--compress", metavar="METHOD", help="none, zlib:6, zstd:3, jpeg:80 (images), auto.")
+@click.option("--buffer", metavar="SIZE/TIME", help="2MB/30s, 2MB, 30s: what waits for its transmission.")
+@click.option(
+    "--priority",
+    type=click.Choice(["high", "normal", "low", "auto"]),
+    help="Order among the channels to one platform.",
+)
+@click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: then the former settings return.")
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
-@click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: the limit ends after that.")
 @click.pass_context
-def set_(ctx: click.Context, pattern: str, rate: str, span: str, yes: bool) -> None:
-    """Limit the rate at which platforms send matching boards; then show all their limits.
+def set_(
+    ctx: click.Context,
+    pattern: str,
+    link: str,
+    rate: str | None,
+    protocol: str | None,
+    compress: str | None,
+    buffer: str | None,
+    priority: str | None,
+    span: str,
+    yes: bool,
+) -> None:
+    """Set how matching resources travel to other platforms; then show all rules.
 
-    It asks for a confirmation where the limit silences boards, or slows the states that barriers wait for.
+    `auto` for rate, protocol, buffer or priority: the rule sets it no longer. It asks for a confirmation
+    where the rate silences resources, or slows the states that barriers wait for.
 
-    Example: swarmctl traffic set 'nav/*' --rate 5hz --for 5m --node uav1
+    Example: swarmctl traffic set 'sensor/**' --rate 5hz --compress zstd:1 --buffer 2MB/30s -n uav1
     """
-    from swarmctl.commands.traffic.rates import set_limit
+    from swarmctl.commands.traffic.channels import change, set_channel
     from swarmctl.session.each_node import run_each
-    from swarmctl.terminal.quantities import rate_hz, span_s
-    from swarmware.model.names import Pattern
+    from swarmctl.terminal.quantities import span_s
+    from swarmware.types.channel import SetChannel, check_rule_names
 
     chosen, local = at_path(ctx, pattern)
-    Pattern(local)  # an invalid one is refused before the node is joined
-    run_each(chosen, set_limit, local, rate_hz(rate), span_s(span) if span else 0.0, yes=yes)
+    check_rule_names(local, link)  # invalid ones are refused before the node is joined
+    settings_, unset = change(rate, protocol, compress, buffer, priority)
+    request = SetChannel(local, settings_, span_s(span) if span else 0.0, link, unset)
+    run_each(chosen, set_channel, request, yes=yes)
+
+
+@cmd.command()
+@click.pass_context
+def undo(ctx: click.Context) -> None:
+    """Take back the last change of the rules of channels by an operator; then show all rules.
+
+    Example: swarmctl traffic undo --node uav1
+    """
+    from swarmctl.commands.traffic.channels import undo_channel
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), undo_channel)
+
+
+@cmd.command()
+@click.argument("pattern", default="")
+@click.pass_context
+def clear(ctx: click.Context, pattern: str) -> None:
+    """Remove the rules of channels that operators have set; those of channels.toml stay.
+
+    Example: swarmctl traffic clear 'sensor/**' --node uav1
+    """
+    from swarmctl.commands.traffic.channels import clear_channels
+    from swarmctl.session.each_node import run_each
+
+    chosen, local = at_path(ctx, pattern)
+    run_each(chosen, clear_channels, local)
+
+
+@cmd.command()
+@click.pass_context
+def channels(ctx: click.Context) -> None:
+    """Show the rules of channels, what waits, what was dropped, and what compression saved.
+
+    Example: swarmctl traffic channels --node uav1
+    """
+    from swarmctl.commands.traffic.channels import list_channels
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), list_channels)
+
+
+@cmd.command()
+@click.argument("pattern", default="**")
+@click.option("--capacity", required=True, metavar="RATE", help="Of the link: 250kbit, 5mbit, 1gbit.")
+@click.option(
+    "--link", metavar="PLATFORM", default="", help="Receiver whose rules count; none: those for all."
+)
+@click.pass_context
+def needs(ctx: click.Context, pattern: str, capacity: str, link: str) -> None:
+    """Compare what resources need with the capacity of a link, and show the rates at which they fit.
+
+    Example: swarmctl traffic needs 'sensor/**' --capacity 1mbit --node uav1
+    """
+    from swarmctl.commands.traffic.needs import show_needs
+    from swarmctl.session.each_node import run_each
+    from swarmctl.terminal.quantities import bit_rate_bytes_s
+    from swarmware.types.channel import check_rule_names
+
+    chosen, local = at_path(ctx, pattern)
+    check_rule_names(local, link)
+    run_each(chosen, show_needs, local, link, bit_rate_bytes_s(capacity))

@@ -25,9 +25,9 @@ from swarmd.broker.core.beacon.beacon_codec import (
 from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, IDLE_HZ, MIN_HZ, Slowdown, allowed_hz
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon.medium_parts import media_bytes
+from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.claims import SETTLED_NS, OriginBeacon, OwnClaims
 from swarmd.broker.core.boards.published_boards import PublishedBoards
-from swarmd.broker.core.boards.rate_limits import RateLimits
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.media.medium_table import MediumTable
 from swarmd.broker.core.received_beacon import ReceivedBeacon
@@ -115,13 +115,14 @@ class BeaconProtocol:
         declared_period: DeclaredPeriod | None = None,
         structures: StructureBroadcasts | None = None,
         media: MediumTable | None = None,
+        channels: ChannelTable | None = None,
     ) -> None:
         """`media`: where there are several; None: one network."""
         self._media = media
         self.identity = identity
         self.topology = topology
         self.counters = counters
-        self.rate_limits = RateLimits()
+        self.channels = channels or ChannelTable()
         self.nodes = NodeTable(identity.hw)
         self.published = PublishedBoards()
         self.relay_cache = RelayCache()
@@ -166,7 +167,7 @@ class BeaconProtocol:
             self._replanned_ns = self._now_ns
         self._plan = plan
         self.structures.set_plan(plan)
-        self.published.offer(plan.offers, self.rate_limits.max_hz)
+        self.published.offer(plan.offers, self.channels.max_hz)
         wants = {
             (hardware_id(want.platform, want.unit), want.data_id): _Subscription(want) for want in plan.wants
         }
@@ -319,10 +320,10 @@ class BeaconProtocol:
     def advance(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Handles deadlines and expiry; call at each beacon and at `deadline_ns`."""
         self._now_ns = now_ns
-        self.rate_limits.advance(now_ns)
-        if self.rate_limits.version != self._limits_version:
-            self._limits_version = self.rate_limits.version
-            self.published.offer(self._plan.offers, self.rate_limits.max_hz)
+        self.channels.advance(now_ns)
+        if self.channels.version != self._limits_version:
+            self._limits_version = self.channels.version
+            self.published.offer(self._plan.offers, self.channels.max_hz)
         if now_ns >= self._forget_ns:
             self._forget_ns = now_ns + _FORGET_NS
             self.relay_cache.forget(now_ns)

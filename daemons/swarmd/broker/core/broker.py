@@ -37,7 +37,7 @@ from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
-from swarmd.broker.core.boards.rate_limits import unlimited_channels
+from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.clock_batches import ClockBatches
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.media.medium_table import ByMedium, MediumTable, media_of, transport_of
@@ -48,10 +48,9 @@ from swarmd.broker.core.topology.link_targets import LinkTargets
 from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmware.model.resource import Resource
 from swarmware.runtime.core import AT_ONCE
 from swarmware.transport.security.roster import RosterChange
-from swarmware.types.net import UNACCEPTED, ChannelLimits, SetChannel, TreePlan
+from swarmware.types.net import UNACCEPTED, TreePlan
 
 DUPLICATE_NS: Final = 5_000_000_000
 """A duplicate of a platform name is cleared after this time without a datagram of the second computer."""
@@ -87,9 +86,10 @@ class BrokerCore:
         chance: Callable[[], float],
         exchange: RosterExchange | None = None,
         signing: SigningKeys | None = None,
+        channels: ChannelTable | None = None,
     ) -> None:
         """`connections`: whether sessions can be proven over connections; not without keys. `exchange`: of
-        the roster, `signing`: of structures; None without keys.
+        the roster, `signing`: of structures; None without keys. `channels`: with the rules of the file.
 
         `chance`: uniform from 0 to 1, for the jitter of beacons.
         """
@@ -113,12 +113,14 @@ class BrokerCore:
             declared_period=DeclaredPeriod(former.declared_period_ns, now_ns),
             structures=StructureBroadcasts(identity.hw, session, signing, self.counters.refused),
             media=self.media,
+            channels=channels,
         )
         self.exchange = exchange
         if exchange is not None:
             protocol.set_roster_version(exchange.version)
         self.nodes = protocol.nodes
         self.published = protocol.published
+        self.channels = protocol.channels
         self.forwarder = FrameForwarder(identity.hw, topology.routing)
         self.targets = LinkTargets(
             topology.neighbours, protocol.nodes, None if self.media is None else self.media.host
@@ -173,7 +175,7 @@ class BrokerCore:
     def on_inputs_read(self, now_ns: int) -> list[Action]:
         """Handles expired deadlines: silent links, expired routes and limits, the next beacon, the tables."""
         protocol, actions = self._protocol, list[Action]()
-        limits = protocol.rate_limits
+        limits = protocol.channels
         version = limits.version
         if self.media is not None:
             self._choose_media(self.media, actions, now_ns)
@@ -457,18 +459,6 @@ class BrokerCore:
     def on_plan(self, plan: TreePlan, now_ns: int) -> list[Action]:
         """Takes the publications and subscriptions of the tree."""
         return [KeepMirrors(plan.wants), WriteMirrors(self._protocol.set_plan(plan))]
-
-    def on_set_channel(
-        self, request: SetChannel, resources: Iterable[Resource], now_ns: int
-    ) -> tuple[ChannelLimits, list[Action]]:
-        """An operator limits the rate of boards, among the resources of this node.
-
-        Raises: OutOfRange, InvalidInput when the request does not fit them.
-        """
-        limits, unlimited = self._protocol.rate_limits, unlimited_channels(request, resources)
-        limits.set(request, now_ns)
-        present = limits.limits(now_ns)
-        return msgspec.structs.replace(present, unlimited=unlimited), [WriteLimits(present)]
 
     # queries
 

@@ -68,7 +68,7 @@ class NetReport:
         self._media = media
         self._nodes = protocol.nodes
         self._published = protocol.published
-        self._rate_limits = protocol.rate_limits
+        self._channels = protocol.channels
         self._slowdown = protocol.slowdown
         self._beacon_hz = protocol.beacon_hz
         self._neighbours = topology.neighbours
@@ -171,7 +171,7 @@ class NetReport:
         for board in self._published.boards.values():
             counters.channel(board.path).held_back = board.held_back
         for name, channel in counters.channels.items():
-            channel.max_hz = self._rate_limits.max_hz(name)
+            channel.max_hz = self._channels.max_hz(name)
         return Traffic(
             since_ns=self._since_ns,
             at_ns=now_ns,

@@ -1,8 +1,11 @@
 """Actions of the tree's core, which the shell executes; it reports results by events."""
 
+from collections.abc import Mapping
+
 import msgspec
 
 from swarmware.errors import WireError
+from swarmware.model.compression import Compression
 from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.model.names import MAIN, hardware_id
 from swarmware.model.resource import Resource
@@ -23,11 +26,23 @@ class RequestSubscription(msgspec.Struct, frozen=True, gc=False):
     request: SubscribeRequest
 
 
+class Coding(msgspec.Struct, frozen=True, gc=False):
+    """How the values of a resource are sent to one subscriber."""
+
+    type: str
+    """Type of the values."""
+    compression: Compression
+    reads: frozenset[str]
+    """Methods and layouts that the subscriber reads."""
+
+
 class SendNotify(msgspec.Struct, frozen=True, gc=False):
     """Send a message to `sys/tree/notify`; its outcome goes to `on_notified`."""
 
     platform: str
     notify: TreeNotify
+    codings: Mapping[str, Coding] = {}
+    """How the values of a path are compressed on the way; others are not."""
 
     @property
     def kind(self) -> FrameKind:

@@ -12,8 +12,9 @@ from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.access import Access, Sender
 from swarmware.model.names import MAIN, Address
-from swarmware.model.resource import Resource
-from swarmware.types.net import ChannelLimit, StructureBroadcast
+from swarmware.model.resource import Kind, Link, Resource
+from swarmware.types.channel import ChannelLimit, ChannelProtocol, settings_of
+from swarmware.types.net import StructureBroadcast
 from swarmware.types.tree import (
     Rule,
     StructureReply,
@@ -116,7 +117,9 @@ class SwarmTree:
         return self._take_actions()
 
     def on_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> list[Action]:
-        """Rate limits of resources, set by operators."""
+        """Rules of channels, of operators and of the file."""
+        if self.local.set_links(lambda resource: _link(resource, limits)):
+            self.subscribers.on_structure(now_ns)
         self.subscribers.on_limits(limits, now_ns)
         return self._take_actions()
 
@@ -246,3 +249,15 @@ class SwarmTree:
 
 def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
+
+
+def _link(resource: Resource, limits: tuple[ChannelLimit, ...]) -> Link:
+    """How the values of a resource travel by the rules of channels."""
+    if resource.kind is not Kind.BOARD:
+        return resource.link
+    match settings_of(limits, resource.path).protocol:
+        case ChannelProtocol.UDP:
+            return "tick"
+        case ChannelProtocol.ZMQ if resource.link == "tick":
+            return "notify"
+    return resource.link

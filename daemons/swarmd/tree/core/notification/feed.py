@@ -4,13 +4,15 @@ from collections import deque
 from typing import Final
 
 from swarmd.tree.core.notification.condition import INTERVAL_MAX_S, differs
+from swarmd.tree.core.notification.feed_channel import FeedChannel
 from swarmware.model.resource import Kind, Resource
+from swarmware.types.channel import ChannelSettings
 from swarmware.types.tree import Rule, TreeItem
 
-QUEUE_LIMIT: Final = 4096
-"""Maximum number of waiting items: those of minutes without a link, not of hours."""
-QUEUE_BYTES: Final = 1024 * 1024
-"""Maximum bytes of values in them; one item is always kept."""
+CATCH_UP: Final = 2
+"""Rate at which a limited stream sends what waits, by the rate of its limit."""
+BURST_NS: Final = 20_000_000
+"""Items of this time may be sent together by a stream of a high rate."""
 LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
 """Kinds of which only the newest value is sent."""
 
@@ -19,6 +21,8 @@ class Feed:
     """Of a board: the newest value if it differs enough. Of events and streams: each item, in order."""
 
     __slots__ = (
+        "_admit_ns",
+        "_channel",
         "_each",
         "_in_flight",
         "_interval_ns",
@@ -31,6 +35,7 @@ class Feed:
         "_sent_ns",
         "_size",
         "dropped",
+        "held_back",
         "latest_only",
         "resource",
         "rule",
@@ -66,17 +71,44 @@ class Feed:
         self._in_flight = False
         """Of a board: a value is unacknowledged, the next one waits for it."""
         self.dropped = 0
-        """Items that were dropped from the full queue."""
+        """Items that were dropped from the full queue, or became too old in it."""
+        self.held_back = 0
+        """Items of a stream that a limit of its rate left out."""
+        self._channel = FeedChannel()
+        self._admit_ns: int | None = None
+        """Of a limited stream: stamp from which the next item is sent; None: that of the next one."""
 
-    def limit(self, max_hz: float | None) -> None:
-        """Set an operator's limit; None: none. Ignored for events and streams, of which each item is sent."""
-        if self.latest_only:
-            self._limit_ns = 0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz)
+    @property
+    def channel(self) -> FeedChannel:
+        """How its values travel."""
+        return self._channel
+
+    @property
+    def waiting(self) -> tuple[int, int]:
+        """Number and bytes of the items that wait."""
+        return (1, len(self._pending.data)) if self._pending is not None else (len(self._queue), self._size)
+
+    def set_channel(self, settings: ChannelSettings) -> None:
+        """Set rate, buffer, compression and priority, as operators and the file set them."""
+        channel = FeedChannel.of(settings)
+        if channel == self._channel:
+            return
+        if channel.limit_ns != self._channel.limit_ns:
+            self._admit_ns = None
+        self._channel = channel
+        self._limit_ns = channel.limit_ns
+        if self.resource.kind is Kind.STREAM and channel.limit_ns:
+            # what waits after an outage is sent faster than new items come: else it never ends
+            self._limit_ns = channel.limit_ns // CATCH_UP
+        self._shorten()
 
     def offer(self, item: TreeItem) -> None:
         """Add a value of the resource."""
         if not self.latest_only:
-            self._push(item)
+            if self._admits(item.stamp_ns):
+                self._push(item)
+            else:
+                self.held_back += 1
             return
         self._newest = item
         changed = self._sent is None or self._each or differs(self._sent, item.data, self.rule.deadband)
@@ -88,11 +120,37 @@ class Feed:
         self._size += len(item.data)
         self._shorten()
 
+    def _admits(self, stamp_ns: int) -> bool:
+        """Whether an item of a stream with this stamp is sent: of a limited one, items at equal distances."""
+        period_ns = self._channel.limit_ns
+        if self.resource.kind is not Kind.STREAM or period_ns == 0:
+            return True
+        if period_ns is None:
+            return False
+        due_ns = self._admit_ns
+        if due_ns is not None and due_ns - period_ns <= stamp_ns < due_ns:
+            return False
+        # from due time to due time, so that the rate is met exactly; after a pause or a step from now on
+        on_time = due_ns is not None and due_ns <= stamp_ns < due_ns + period_ns
+        self._admit_ns = (due_ns if on_time and due_ns is not None else stamp_ns) + period_ns
+        return True
+
     def _shorten(self) -> None:
-        queue = self._queue
-        while len(queue) > QUEUE_LIMIT or (self._size > QUEUE_BYTES and len(queue) > 1):
-            self._size -= len(queue.popleft().data)
-            self.dropped += 1
+        queue, channel = self._queue, self._channel
+        while len(queue) > channel.buffer_items or (self._size > channel.buffer_bytes and len(queue) > 1):
+            self._drop_first()
+        if queue:
+            self._drop_before(queue[-1].stamp_ns)
+
+    def _drop_before(self, now_ns: int) -> None:
+        """Drop what is too old at this instant."""
+        queue, age_ns = self._queue, self._channel.buffer_ns
+        while age_ns is not None and queue and now_ns - queue[0].stamp_ns > age_ns:
+            self._drop_first()
+
+    def _drop_first(self) -> None:
+        self._size -= len(self._queue.popleft().data)
+        self.dropped += 1
 
     def reset(self) -> None:
         """Send the newest value again: the subscriber has lost its values."""
@@ -121,6 +179,9 @@ class Feed:
             self._in_flight = True
             self._sent, self._sent_ns = item.data, now_ns
             return [item]
+        self._drop_before(now_ns)
+        if self._limit_ns:
+            limit = min(limit, max(1, min(now_ns - self._sent_ns, BURST_NS) // self._limit_ns))
         self._sent_ns = now_ns
         taken: list[TreeItem] = []
         while self._queue and len(taken) < limit and (room > 0 or not taken):

@@ -1,14 +1,14 @@
 """The tree of this computer: the template of its platform, and the resources of running applications."""
 
 import logging
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Final
 
 import msgspec
 
 from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmd.tree.core.structure.structure import History, StructureEncoding, encode, version
-from swarmware.model.resource import Kind, Resource
+from swarmware.model.resource import Kind, Link, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 
 log = logging.getLogger("swarm.tree")
@@ -48,6 +48,10 @@ def merge(base: Resource | None, live: Resource) -> Resource:
     return msgspec.structs.replace(base, **facts)
 
 
+def _own_link(resource: Resource) -> Link:
+    return resource.link
+
+
 class LocalTree:
     """The template's resources, merged with those of running applications.
 
@@ -76,6 +80,8 @@ class LocalTree:
         """Incremented when applications provide other paths."""
         self._gone: dict[str, int] = {}
         """Path of an ended owner → when it ended."""
+        self._link_of: Callable[[Resource], Link] = _own_link
+        """How values travel by the rules of channels."""
         self._history = History()
         self._answers: dict[tuple[int, bool], StructureReply] = {}
 
@@ -105,8 +111,18 @@ class LocalTree:
         changed = {path for path, resource in live.items() if self._live.get(path) != resource}
         self.held_version += self._live.keys() != live.keys()
         self._live = live
-        leaves = {path: leaf(merge(self._base.get(path), live[path])) for path in changed}
-        return self._change(leaves.values(), ended & self._elsewhere)
+        return self._change(map(self._leaf, changed), ended & self._elsewhere)
+
+    def _leaf(self, path: str) -> Leaf:
+        """The leaf of a resource that an application provides."""
+        resource = merge(self._base.get(path), self._live[path])
+        link = self._link_of(resource)
+        return leaf(resource if link == resource.link else msgspec.structs.replace(resource, link=link))
+
+    def set_links(self, link_of: Callable[[Resource], Link]) -> bool:
+        """Set how the values of resources travel; whether the structure changed."""
+        self._link_of = link_of
+        return self._change(map(self._leaf, self._live), ())
 
     def set_elsewhere(self, paths: Collection[str]) -> bool:
         """Set what other units of this platform provide; whether the structure changed."""

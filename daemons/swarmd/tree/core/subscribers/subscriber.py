@@ -1,12 +1,15 @@
 """One platform with a subscription here: its lease, its feeds, and what it has to be notified of."""
 
+from collections.abc import Iterable
 from typing import Final
 
+from swarmd.tree.core.action import Coding
 from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
 from swarmd.tree.core.subscription import NO_SUBSCRIPTION, Subscription
 from swarmware.model.access import Sender
+from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
 from swarmware.types.tree import BoardLimit
 
@@ -22,7 +25,7 @@ class Subscriber:
 
     __slots__ = (
         "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns", "limits_sent",
-        "over_wire", "plan", "platform", "sender", "structure", "structure_ns", "subscription", "up",
+        "over_wire", "plan", "platform", "reads", "sender", "structure", "structure_ns", "subscription", "up",
     )  # fmt: skip
 
     def __init__(self, platform: str, epoch: int, serial: int = 0, *, over_wire: bool = False) -> None:
@@ -33,6 +36,8 @@ class Subscriber:
         self.epoch = epoch
         self.sender: Sender | None = None
         """As authenticated; None: without keys."""
+        self.reads: frozenset[str] = frozenset()
+        """Compressions that it reads."""
         self.up = True
         self.lease_span_ns = 0
         self.lease_ns = 0
@@ -92,6 +97,15 @@ class Subscriber:
 
     # -- its notifications
 
+    def codings(self, paths: Iterable[str]) -> dict[str, Coding]:
+        """Compressions that are set for feeds of these paths."""
+        return {
+            path: Coding(feed.resource.type, feed.channel.compression, self.reads)
+            for path in paths
+            if (feed := self.feeds.get(path)) is not None
+            and feed.channel.compression.method is not Method.NONE
+        }
+
     def due_ns(self, lane: NotificationLane) -> int | None:
         """When the next notification or retransmission of a lane is due."""
         repeat_ns = lane.due_ns()
@@ -137,11 +151,18 @@ class Subscriber:
         return parts
 
     def _feeds_of(self, number: LaneNumber) -> list[Feed]:
-        """The feeds of a lane in round-robin order."""
+        """The feeds of a lane by priority, then in round-robin order."""
         streams = number is LaneNumber.STREAMS
         feeds = [feed for feed in self.feeds.values() if (feed.resource.kind is Kind.STREAM) is streams]
         served = self._turn.get(number)
         for index, feed in enumerate(feeds):
             if feed.resource.path == served:
-                return feeds[index + 1 :] + feeds[: index + 1]
+                feeds = feeds[index + 1 :] + feeds[: index + 1]
+                break
+        if any(feed.channel.priority for feed in feeds):
+            feeds.sort(key=_priority)  # in turns within a priority
         return feeds
+
+
+def _priority(feed: Feed) -> int:
+    return -feed.channel.priority

@@ -17,7 +17,8 @@ from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmd.tree.core.timers import Timers
 from swarmware.model.access import Access, Role, Sender
 from swarmware.model.names import Address
-from swarmware.types.net import BoardPublication, ChannelLimit
+from swarmware.types.channel import NO_SETTINGS, ChannelLimit, ChannelState
+from swarmware.types.net import BoardPublication
 from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 LEASE_MAX_S: Final = 3600.0
@@ -89,6 +90,17 @@ class Subscribers:
         """Number of pairs of subscriber and resource."""
         return sum(len(one.feeds) for one in self._subscribers.values())
 
+    def channels(self) -> tuple[ChannelState, ...]:
+        """State of the feeds of which something is set or was lost, by path and subscriber."""
+        found = []
+        for one in self._subscribers.values():
+            for path, feed in one.feeds.items():
+                settings = self._planner.settings(path, one.platform)
+                if settings != NO_SETTINGS or feed.dropped or feed.held_back:
+                    lost = (feed.dropped, feed.held_back)
+                    found.append(ChannelState(path, one.platform, settings, *feed.waiting, *lost))
+        return tuple(sorted(found, key=lambda state: (state.path, state.link)))
+
     def platforms(self) -> list[str]:
         """Platforms with a lease."""
         return list(self._subscribers)
@@ -138,7 +150,7 @@ class Subscribers:
         if one is None:
             one = Subscriber(request.platform, request.epoch, self._serial, over_wire=over_wire)
             self._subscribers[request.platform] = one
-        one.sender = sender
+        one.sender, one.reads = sender, frozenset(request.reads)
         one.lease_span_ns = lease_span_ns
         one.lease_ns = now_ns + lease_span_ns
         one.on_reachable()
@@ -225,10 +237,10 @@ class Subscribers:
             self._flush(one, now_ns)
 
     def on_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> None:
-        """Rate limits of operators are in force; the first that matches applies."""
+        """Rules of channels are in force; of each setting, the first that matches and has it applies."""
         self._planner.set_limits(limits)
         for one in self._subscribers.values():
-            one.set_limits(self._planner.limit(one.plan), now_ns + self._intervals.coalesce_ns)
+            one.set_limits(self._planner.limit(one.plan, one.platform), now_ns + self._intervals.coalesce_ns)
             self._flush(one, now_ns)
 
     def rule_of(self, path: str) -> Rule | None:
@@ -298,7 +310,7 @@ class Subscribers:
         before, one.plan = one.plan, plan
         self.plan_version += plan.beacon_boards != before.beacon_boards
         self._watched.replace(one, before.feeds, plan.feeds)
-        one.set_limits(self._planner.limit(plan), now_ns + self._intervals.coalesce_ns)
+        one.set_limits(self._planner.limit(plan, one.platform), now_ns + self._intervals.coalesce_ns)
 
     def _flush(self, one: Subscriber, now_ns: int) -> None:
         """Send what is due, and set the timer for the rest."""
@@ -319,7 +331,7 @@ class Subscribers:
     def _send(self, one: Subscriber, lane: NotificationLane, now_ns: int) -> None:
         if lane.due_ns() is not None:
             for notify in lane.repeat(now_ns):
-                self._emit(SendNotify(one.platform, notify))
+                self._notify(one, notify)
             return
         parts = one.take_items(lane, now_ns)
         items = tuple(item for _, taken in parts for item in taken)
@@ -332,7 +344,12 @@ class Subscribers:
             structure = self._tree.changes_since(one.structure) or b""
         limits = one.take_limits() if one.owes_limits(lane) else None
         notify = TreeNotify(self._name, self._tree.epoch, 0, items, base, digest, structure, limits=limits)
-        self._emit(SendNotify(one.platform, lane.send(notify, parts, now_ns)))
+        if items or structure or limits is not None or digest:
+            self._notify(one, lane.send(notify, parts, now_ns))
+
+    def _notify(self, one: Subscriber, notify: TreeNotify) -> None:
+        codings = one.codings({item.path for item in notify.items})
+        self._emit(SendNotify(one.platform, notify, codings))
 
 
 def _asked(request: SubscribeRequest) -> Subscription:

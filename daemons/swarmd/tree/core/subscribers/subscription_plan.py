@@ -7,12 +7,12 @@ import msgspec
 
 from swarmd.tree.core.notification.condition import first_rule, rule_for
 from swarmd.tree.core.notification.feed import LATEST_ONLY, Feed
-from swarmd.tree.core.structure.index import Leaf, pattern
+from swarmd.tree.core.structure.index import Leaf
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.subscription import Subscription, subscribable
 from swarmware.model.access import Access, Sender, Verb
 from swarmware.model.resource import Resource
-from swarmware.types.net import ChannelLimit
+from swarmware.types.channel import ChannelLimit, ChannelSettings, settings_of
 from swarmware.types.tree import BOARD_LIMITS_LIMIT, BoardLimit, Rule, TreeItem
 
 CACHE_LIMIT: Final = 2000
@@ -101,28 +101,37 @@ class SubscriptionPlanner:
         in_beacons = () if over_wire else (one.resource for one in matched if one.resource.link == "tick")
         return SubscriptionPlan(tuple(in_beacons), feeds)
 
-    def limit(self, plan: SubscriptionPlan) -> tuple[BoardLimit, ...]:
-        """Apply the limits in force to the feeds of a plan; returns those that hold for its boards."""
+    def limit(self, plan: SubscriptionPlan, platform: str) -> tuple[BoardLimit, ...]:
+        """Apply the rules in force to the feeds of a plan; returns the limits that hold for its boards.
+
+        `platform`: the subscriber, at the other end of the link.
+        """
         for path, feed in plan.feeds.items():
-            feed.limit(self._max_hz(path))
+            feed.set_channel(self.settings(path, platform))
+        beacons = {resource.path for resource in plan.beacon_boards}
         paths = plan.board_paths
         # exact paths come first: a pattern of an operator's limit would hide a slower rule
-        found = [limit for path in paths if (limit := self._rule_limit(path)) is not None]
-        matching = (one for one in self._limits if any(map(pattern(one.pattern).matches, paths)))
-        found += [BoardLimit(one.pattern, one.max_hz) for one in matching]
+        found = [limit for path in paths if (limit := self._rule_limit(path, platform)) is not None]
+        for rule in self._limits:
+            max_hz = rule.settings.max_hz
+            if max_hz is not None and any(
+                rule.matches(path, "" if path in beacons else platform) for path in paths
+            ):
+                found.append(BoardLimit(rule.pattern, max_hz))
         return tuple(found[:BOARD_LIMITS_LIMIT])
 
-    def _rule_limit(self, path: str) -> BoardLimit | None:
+    def settings(self, path: str, platform: str) -> ChannelSettings:
+        """The settings in force of a resource on the way to a subscriber."""
+        return settings_of(self._limits, path, platform)
+
+    def _rule_limit(self, path: str, platform: str) -> BoardLimit | None:
         """The minimum interval of the operators' rule: subscribers know by it what age to expect."""
         rule = self.own_rule(path)
         if rule is None or rule.min_interval_s <= 0:
             return None
-        limited = self._max_hz(path)
+        limited = self.settings(path, platform).max_hz
         rule_hz = 1 / rule.min_interval_s
         return BoardLimit(path, rule_hz if limited is None else min(rule_hz, limited))
-
-    def _max_hz(self, path: str) -> float | None:
-        return next((one.max_hz for one in self._limits if pattern(one.pattern).matches(path)), None)
 
     def _match(self, subscription: Subscription) -> tuple[Leaf, ...]:
         matched = self._matched.get(subscription.digest)

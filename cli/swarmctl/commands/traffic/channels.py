@@ -1,0 +1,221 @@
+"""Rules of channels: set, taken back, removed, shown with the state of the channels."""
+
+from collections.abc import Iterable
+
+import msgspec
+
+from swarmctl.resources.limits import MISSION_STATE
+from swarmctl.resources.newest import owned
+from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import rate_hz, size_bytes, span_s
+from swarmctl.terminal.table import Column
+from swarmware.errors import InvalidInput
+from swarmware.model import names
+from swarmware.model.compression import Compression
+from swarmware.model.names import Pattern
+from swarmware.types import registry
+from swarmware.types.channel import (
+    NO_SETTINGS,
+    RATE_MAX_HZ,
+    ChannelLimit,
+    ChannelLimits,
+    ChannelPriority,
+    ChannelProtocol,
+    ChannelRefusal,
+    ChannelSettings,
+    ChannelStates,
+    ClearChannels,
+    SetChannel,
+    UndoChannel,
+)
+from swarmware.types.rpc import Empty
+
+AUTO = "auto"
+"""In an option: this rule sets it no longer."""
+_NAMED = 3
+"""Paths that a warning names."""
+
+
+class ChannelsView(msgspec.Struct, frozen=True):
+    """Rules of a platform and the state of its channels."""
+
+    platform: str
+    limits: ChannelLimits
+    states: ChannelStates
+
+
+def change(
+    rate: str | None, protocol: str | None, compress: str | None, buffer: str | None, priority: str | None
+) -> tuple[ChannelSettings, tuple[str, ...]]:
+    """The settings of options, and those that the rule sets no longer.
+
+    Raises: InvalidInput, OutOfRange for an option that is invalid.
+    """
+    found: dict[str, object] = {}
+    unset: list[str] = []
+    if rate == AUTO:
+        unset.append("max_hz")
+    elif rate is not None:
+        found["max_hz"] = RATE_MAX_HZ if rate == "max" else rate_hz(rate)
+    for name, text, kind in (
+        ("protocol", protocol, ChannelProtocol),
+        ("priority", priority, ChannelPriority),
+    ):
+        if text == AUTO:
+            unset.append(name)
+        elif text is not None:
+            found[name] = kind(text)
+    if compress is not None:
+        found["compression"] = str(Compression.parse(compress))
+    if buffer == AUTO:
+        unset += ["buffer_bytes", "buffer_s"]
+    elif buffer is not None:
+        for part in buffer.split("/"):
+            if part[-1:] in ("B", "b"):
+                found["buffer_bytes"] = size_bytes(part)
+            else:
+                found["buffer_s"] = span_s(part)
+    if not found and not unset:
+        raise InvalidInput("nothing to set: expected --rate, --protocol, --compress, --buffer or --priority")
+    settings = msgspec.structs.replace(NO_SETTINGS, **found)
+    settings.check()
+    return settings, tuple(unset)
+
+
+def effect(request: SetChannel) -> str:
+    """What a change does to the swarm that an operator must confirm; empty: no confirmation."""
+    max_hz = request.settings.max_hz
+    end = f"for {request.for_s:g} s" if request.for_s else "without an end"
+    if max_hz == 0.0:
+        return f"boards and streams that match {request.pattern} are not sent {end}"
+    if max_hz is not None and max_hz < RATE_MAX_HZ and Pattern(request.pattern).matches(MISSION_STATE):
+        return f"{MISSION_STATE} is sent at {max_hz:g} Hz at most {end}: barriers of a mission wait for it"
+    return ""
+
+
+async def set_channel(session: Session, request: SetChannel, *, yes: bool) -> None:
+    """Sets channels and prints all rules. Raises: as `confirm` and `Session.ask`."""
+    target = session.platform
+    await session.reach(target)
+    await session.confirm(yes, effect(request))
+    limits = await session.ask(names.join(target, "sys/broker/set_channel"), request, ChannelLimits)
+    _show_refused(session, limits.refused)
+    _show_rules(session, limits)
+
+
+async def undo_channel(session: Session) -> None:
+    """Takes back the last change of an operator and prints all rules. Raises: as `Session.ask`."""
+    path = names.join(session.platform, "sys/broker/undo_channel")
+    _show_rules(session, await session.ask(path, UndoChannel(), ChannelLimits))
+
+
+async def clear_channels(session: Session, pattern: str) -> None:
+    """Removes rules of operators and prints the others. Raises: as `Session.ask`."""
+    path = names.join(session.platform, "sys/broker/clear_channels")
+    _show_rules(session, await session.ask(path, ClearChannels(pattern), ChannelLimits))
+
+
+async def list_channels(session: Session) -> None:
+    """Prints the rules and the state of the channels. Raises: as `Session.ask`."""
+    target = session.platform
+    found = await owned(session, names.join(target, "net/limits"))
+    limits = registry.decode(ChannelLimits, found.data)
+    states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
+    if session.settings.structured:
+        session.out.document(ChannelsView(target, limits, states))
+        return
+    _show_rules(session, limits)
+    session.out.text("")
+    columns = [
+        Column("CHANNEL"),
+        Column("LINK"),
+        Column("SETTINGS", drop=1),
+        Column("WAITING", right=True),
+        Column("BYTES", right=True),
+        Column("DROPPED", right=True),
+        Column("HELD BACK", right=True),
+    ]
+    rows = [
+        (
+            one.path,
+            one.link,
+            str(one.settings),
+            one.waiting,
+            one.waiting_bytes,
+            one.dropped,
+            one.held_back,
+        )
+        for one in states.channels
+    ]
+    session.out.table(columns, rows, empty=f"{target}: nothing is set for what it notifies")
+    if not states.compressions:
+        return
+    session.out.text("")
+    columns = [
+        Column("COMPRESSED"),
+        Column("AUTO"),
+        Column("BYTES", right=True),
+        Column("SENT AS", right=True),
+        Column("SAVED %", right=True),
+        Column("CPU s", right=True),
+    ]
+    compressed = [
+        (
+            one.path,
+            one.auto,
+            one.plain_bytes,
+            one.coded_bytes,
+            f"{100 * (1 - one.coded_bytes / one.plain_bytes):.1f}" if one.plain_bytes else "",
+            f"{one.spent_s:.2f}",
+        )
+        for one in states.compressions
+    ]
+    session.out.table(columns, compressed)
+    for one in states.compressions:
+        if one.refused:
+            session.out.warn(f"{one.path}: sent without its compression: {one.refused}")
+
+
+def _show_refused(session: Session, refused: Iterable[ChannelRefusal]) -> None:
+    by_reason: dict[str, list[str]] = {}
+    for one in refused:
+        by_reason.setdefault(one.reason, []).append(one.path)
+    for reason, paths in by_reason.items():
+        more = f" and {len(paths) - _NAMED} more" if len(paths) > _NAMED else ""
+        session.out.warn(f"not for {', '.join(paths[:_NAMED])}{more}: {reason}")
+
+
+def _show_rules(session: Session, limits: ChannelLimits) -> None:
+    if session.settings.structured:
+        session.out.document(limits)
+        return
+    columns = [
+        Column("PATTERN"),
+        Column("LINK"),
+        Column("RATE", right=True),
+        Column("PROTOCOL"),
+        Column("COMPRESSION"),
+        Column("BUFFER"),
+        Column("PRIORITY"),
+        Column("LEFT s", right=True),
+        Column("BY", drop=1),
+    ]
+    empty = f"{session.platform}: no rule is set for channels"
+    session.out.table(columns, [_row(one) for one in limits.limits], empty=empty)
+
+
+def _row(rule: ChannelLimit) -> tuple[str | float | None, ...]:
+    settings = rule.settings
+    rate = settings.max_hz
+    size, age = settings.buffer_bytes, settings.buffer_s
+    return (
+        rule.pattern,
+        rule.link or "all",
+        "" if rate is None else "max" if rate == RATE_MAX_HZ else f"{rate:g} Hz",
+        settings.protocol or "",
+        settings.compression or "",
+        " / ".join(filter(None, ("" if size is None else f"{size} B", "" if age is None else f"{age:g} s"))),
+        settings.priority or "",
+        rule.remaining_s,
+        "file" if rule.from_file else "operator",
+    )

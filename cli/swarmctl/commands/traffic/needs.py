@@ -1,0 +1,184 @@
+"""Needs of the resources of a platform, compared with the capacity of a link (S3.29)."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import msgspec
+
+from swarmctl.resources.listing import pages
+from swarmctl.resources.newest import owned
+from swarmctl.session.session import Session
+from swarmctl.terminal.table import Column
+from swarmware.errors import NotFound
+from swarmware.model import names
+from swarmware.model.resource import Kind
+from swarmware.types import registry
+from swarmware.types.channel import ChannelLimit, ChannelLimits, ChannelStates, settings_of
+from swarmware.types.net import Traffic
+from swarmware.types.rpc import Empty
+from swarmware.types.tree import TreeEntry
+
+VALUED: Final = frozenset({Kind.BOARD, Kind.STREAM, Kind.EVENT})
+
+
+class ChannelNeed(msgspec.Struct, frozen=True):
+    """What one resource takes of a link."""
+
+    path: str
+    kind: Kind
+    written_hz: float
+    value_bytes: float
+    """Payload of a value."""
+    written_bytes_s: float
+    sent_bytes_s: float
+    """With the rate and the compression that are set."""
+    fair_hz: float | None = None
+    """Rate at which all resources fit, if it is lower than the present one: each gets an equal share, and
+    those that need less leave the rest to the others."""
+
+
+class LinkNeeds(msgspec.Struct, frozen=True):
+    """Needs of a platform's resources, and whether a link has room for them."""
+
+    platform: str
+    link: str
+    """Receivers whose rules count; empty: the rules for all."""
+    capacity_bytes_s: float
+    written_bytes_s: float
+    sent_bytes_s: float
+    fits: bool
+    channels: list[ChannelNeed]
+    """Those with the largest needs first."""
+
+
+def compare(
+    entries: Iterable[TreeEntry],
+    sizes: Mapping[str, float],
+    limits: Iterable[ChannelLimit],
+    ratios: Mapping[str, float],
+    link: str,
+    capacity_bytes_s: float,
+) -> list[ChannelNeed]:
+    """The needs by resource, with the rates at which all fit.
+
+    `sizes`: bytes of a value; `ratios`: of compressed values, coded bytes by plain ones.
+    """
+    rules = tuple(limits)
+    found = []
+    for entry in entries:
+        local = names.split(entry.path)[1]
+        written_hz, size = entry.measured_hz or 0.0, sizes.get(local, 0.0)
+        max_hz = settings_of(rules, local, link).max_hz
+        sent_hz = written_hz if max_hz is None else min(written_hz, max_hz)
+        found.append(
+            ChannelNeed(
+                local,
+                entry.kind,
+                written_hz,
+                size,
+                written_hz * size,
+                sent_hz * size * ratios.get(local, 1.0),
+            )
+        )
+    found.sort(key=lambda need: -need.sent_bytes_s)
+    share = _fair_share([need.sent_bytes_s for need in found], capacity_bytes_s)
+    return [
+        need
+        if share is None or need.sent_bytes_s <= share
+        else msgspec.structs.replace(need, fair_hz=_sent_hz(need, rules, link) * share / need.sent_bytes_s)
+        for need in found
+    ]
+
+
+def _sent_hz(need: ChannelNeed, rules: tuple[ChannelLimit, ...], link: str) -> float:
+    max_hz = settings_of(rules, need.path, link).max_hz
+    return need.written_hz if max_hz is None else min(need.written_hz, max_hz)
+
+
+def _fair_share(needs: list[float], capacity: float) -> float | None:
+    """The largest share of one need, so that all fit; None: they fit as they are."""
+    if sum(needs) <= capacity:
+        return None
+    left, rest = capacity, len(needs)
+    for need in sorted(needs):
+        if need > left / rest:
+            return left / rest
+        left -= need
+        rest -= 1
+    return None
+
+
+async def show_needs(session: Session, pattern: str, link: str, capacity_bytes_s: float) -> None:
+    """Prints the needs of matching resources and whether a link of this capacity has room for them.
+
+    Raises: NotFound when no resource that is written matches; as `Session.ask`.
+    """
+    target = session.platform
+    listed = await pages(session, names.join(target, pattern), target)
+    entries = [one for one in listed.entries if one.kind in VALUED and one.measured_hz]
+    if not entries:
+        raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
+    traffic = await session.ask("sys/broker/traffic", Empty(), Traffic)
+    states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
+    board = await owned(session, names.join(target, "net/limits"))
+    sizes = {
+        one.channel: one.offered_bytes / one.offered_frames
+        for one in traffic.channels
+        if one.offered_frames and one.offered_bytes
+    }
+    for entry in entries:
+        local = names.split(entry.path)[1]
+        if local not in sizes:
+            sizes[local] = float(len((await owned(session, entry.path)).data))
+    ratios = {
+        one.path: one.coded_bytes / one.plain_bytes
+        for one in states.compressions
+        if one.plain_bytes and one.auto != "off"
+    }
+    limits = registry.decode(ChannelLimits, board.data).limits
+    channels = compare(entries, sizes, limits, ratios, link, capacity_bytes_s)
+    sent = sum(one.sent_bytes_s for one in channels)
+    written = sum(one.written_bytes_s for one in channels)
+    found = LinkNeeds(target, link, capacity_bytes_s, written, sent, sent <= capacity_bytes_s, channels)
+    if session.settings.structured:
+        session.out.document(found)
+        return
+    _show(session, found)
+
+
+def _show(session: Session, found: LinkNeeds) -> None:
+    columns = [
+        Column("RESOURCE"),
+        Column("KIND", drop=1),
+        Column("WRITTEN /s", right=True),
+        Column("BYTES", right=True),
+        Column("WRITTEN B/s", right=True),
+        Column("SENT B/s", right=True),
+        Column("% OF LINK", right=True),
+        Column("FITS AT Hz", right=True),
+    ]
+    rows = [
+        (
+            one.path,
+            str(one.kind),
+            f"{one.written_hz:.1f}",
+            f"{one.value_bytes:.0f}",
+            f"{one.written_bytes_s:.0f}",
+            f"{one.sent_bytes_s:.0f}",
+            f"{100 * one.sent_bytes_s / found.capacity_bytes_s:.1f}",
+            "" if one.fair_hz is None else f"{one.fair_hz:.1f}",
+        )
+        for one in found.channels
+    ]
+    verdict = "fits" if found.fits else "does not fit"
+    title = (
+        f"{found.platform}: {found.written_bytes_s / 1000:.1f} kB/s are written,"
+        f" {found.sent_bytes_s / 1000:.1f} kB/s sent to each receiver; a link of"
+        f" {found.capacity_bytes_s / 1000:.1f} kB/s: {verdict}"
+    )
+    session.out.table(columns, rows, title)
+    for one in found.channels:
+        if one.fair_hz is not None:
+            to = f" --link {found.link}" if found.link else ""
+            path = f"/{found.platform}/{one.path}"
+            session.out.say(f"it fits with: swarmctl traffic set {path}{to} --rate {one.fair_hz:.1f}hz")

@@ -1,0 +1,95 @@
+"""Requests of operators about channels: each is recorded with its requester, also a refused one."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Final
+
+import msgspec
+
+from swarmd.broker.core.boards.channel_table import ChannelTable, refusals
+from swarmware.errors import SwarmError
+from swarmware.model import names, template
+from swarmware.model.resource import Kind, Resource
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.module.requester import requester
+from swarmware.module.writer import BoardWriter
+from swarmware.types.channel import ChannelLimits, ClearChannels, SetChannel, UndoChannel
+from swarmware.types.tree import TreeChange
+
+PATH: Final = "net/limits"
+"""The board that changes, in the record."""
+
+
+class ChannelApi:
+    """Serves the changes of the rules of channels."""
+
+    def __init__(self, module: Module, table: ChannelTable, limits: BoardWriter[ChannelLimits]) -> None:
+        self._module = module
+        self._table = table
+        self._limits = limits
+        self._changes = module.stream_writer(
+            "net/changes", TreeChange, kind="event", description="Changes of channels by operators"
+        )
+        self._write()
+
+    def serve(self) -> None:
+        """Registers the handlers of the requests."""
+        serve = self._module.serve
+        serve("sys/broker/set_channel", SetChannel, self._serve_set, reply=ChannelLimits)
+        serve("sys/broker/undo_channel", UndoChannel, self._serve_undo, reply=ChannelLimits)
+        serve("sys/broker/clear_channels", ClearChannels, self._serve_clear, reply=ChannelLimits)
+
+    def _serve_set(self, request: SetChannel, meta: Meta) -> ChannelLimits:
+        with self._recorded(meta, str(request)):
+            present = self._table.limits(self._module.now_ns()).limits
+            refused = refusals(request, self._resources(), present)
+            self._table.set(request, self._module.now_ns())
+        return ChannelLimits(self._write().limits, refused)
+
+    def _serve_undo(self, _request: UndoChannel, meta: Meta) -> ChannelLimits:
+        with self._recorded(meta, "undo"):
+            self._table.undo()
+        return self._write()
+
+    def _serve_clear(self, request: ClearChannels, meta: Meta) -> ChannelLimits:
+        with self._recorded(meta, f"clear {request.pattern}".rstrip()):
+            self._table.clear(request.pattern)
+        return self._write()
+
+    @contextmanager
+    def _recorded(self, meta: Meta, change: str) -> Iterator[None]:
+        """Records a change that is made in the meantime, or its refusal."""
+        before = self._text()
+        shown = names.join(self._module.platform, PATH)
+        by, via = requester(self._module, meta), () if meta.sender is None else meta.sender.via
+        try:
+            yield
+        except SwarmError as error:
+            self._changes.write(TreeChange(shown, by, before, change, str(error), via))
+            raise
+        self._changes.write(TreeChange(shown, by, before, self._text(), via=via))
+
+    def _text(self) -> str:
+        """The rules of operators, one after the other."""
+        rules = self._table.limits(self._module.now_ns()).limits
+        return ", ".join(str(rule) for rule in rules if not rule.from_file)
+
+    def _write(self) -> ChannelLimits:
+        limits = self._table.limits(self._module.now_ns())
+        self._limits.write(limits)
+        return limits
+
+    def _resources(self) -> list[Resource]:
+        """Resources of local applications; how they travel is decided by the template, where it has them."""
+        node = self._module.node
+        node.table.refresh()
+        resources = template.load(node.config.template, node.config.share_path / "templates").resources
+        links = {each.path: each.link for each in resources if each.kind is Kind.BOARD}
+        return [
+            msgspec.structs.replace(each, link=links[each.path])
+            if each.kind is Kind.BOARD and each.path in links
+            else each
+            for entry in node.table
+            for each in entry.provides
+        ]

@@ -1,0 +1,202 @@
+"""Rules of channels by resource pattern and link: those of the file, and those of operators."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import InvalidInput, NotFound, OutOfRange
+from swarmware.model.compression import Compression, Method
+from swarmware.model.resource import Kind, Resource
+from swarmware.types.channel import (
+    NO_SETTINGS,
+    SETTING_NAMES,
+    SPAN_MAX_S,
+    ChannelLimit,
+    ChannelLimits,
+    ChannelProtocol,
+    ChannelRefusal,
+    ChannelSettings,
+    SetChannel,
+    check_rule_names,
+    merged,
+    settings_of,
+)
+
+UNDO_LIMIT: Final = 32
+"""Changes that can be taken back."""
+RULES_LIMIT: Final = 200
+"""Rules of operators: each is compared with each path."""
+_IMAGE: Final = "Image"
+_UNLIMITED: Final = {
+    Kind.COMMAND: "each message is delivered",
+    Kind.FILE: "files take what all other channels leave",
+    Kind.BRANCH: "it has no values",
+}
+
+
+class _Rule(msgspec.Struct, frozen=True):
+    settings: ChannelSettings
+    ends_ns: int | None = None
+    former: ChannelSettings | None = None
+    """What applies again after the end; None: nothing."""
+
+
+_Key = tuple[str, str]
+"""Pattern and link of a rule."""
+
+
+class ChannelTable:
+    """Rules of channels; for each setting, the first that matches and has it applies."""
+
+    def __init__(self, file_rules: Iterable[ChannelLimit] = ()) -> None:
+        self._file_rules = tuple(file_rules)
+        self._rules: dict[_Key, _Rule] = {}
+        """Those of operators, the newest first."""
+        self._before: list[dict[_Key, _Rule]] = []
+        """The rules before each of the last changes."""
+        self.version = 0
+        """Incremented by each change."""
+
+    def set(self, request: SetChannel, now_ns: int) -> None:
+        """Sets, changes or removes the rule for a pattern and a link.
+
+        Raises: OutOfRange, InvalidInput when a setting, the time or a name is invalid.
+        """
+        check_rule_names(request.pattern, request.link)
+        request.settings.check()
+        if not 0 <= request.for_s <= SPAN_MAX_S:
+            raise OutOfRange(f"for_s {request.for_s}: expected 0 to {SPAN_MAX_S:g} seconds")
+        key = (request.pattern, request.link)
+        present = self._rules.get(key)
+        settings = NO_SETTINGS
+        if request.settings != NO_SETTINGS or request.unset:
+            before = present.settings if present is not None else NO_SETTINGS
+            settings = merged(before, request.settings, request.unset)
+        if present is None and len(self._rules) >= RULES_LIMIT:
+            raise OutOfRange(f"{RULES_LIMIT} rules are set: expected fewer; `traffic clear` removes them")
+        rules = {other: rule for other, rule in self._rules.items() if other != key}
+        if settings != NO_SETTINGS:
+            rules = {key: _timed(settings, request.for_s, present, now_ns), **rules}
+        self._change(rules)
+
+    def undo(self) -> None:
+        """Takes back the last change. Raises: NotFound when there is none."""
+        if not self._before:
+            raise NotFound("channels: no change by an operator is left to take back")
+        self._rules = self._before.pop()
+        self.version += 1
+
+    def clear(self, pattern: str) -> None:
+        """Removes the rules of operators with this pattern; empty: all.
+
+        Raises: NotFound when there is none.
+        """
+        kept = {key: rule for key, rule in self._rules.items() if pattern and key[0] != pattern}
+        if len(kept) == len(self._rules):
+            raise NotFound(f"channels: no operator has set a rule{f' for {pattern!r}' if pattern else ''}")
+        self._change(kept)
+
+    def _change(self, rules: dict[_Key, _Rule]) -> None:
+        self._before = [*self._before[-UNDO_LIMIT + 1 :], self._rules]
+        self._rules = rules
+        self.version += 1
+
+    def advance(self, now_ns: int) -> None:
+        """Ends rules whose time is over."""
+        if all(rule.ends_ns is None or rule.ends_ns > now_ns for rule in self._rules.values()):
+            return
+        rules: dict[_Key, _Rule] = {}
+        for key, rule in self._rules.items():
+            if rule.ends_ns is None or rule.ends_ns > now_ns:
+                rules[key] = rule
+            elif rule.former is not None:
+                rules[key] = _Rule(rule.former)
+        self._rules = rules
+        self.version += 1
+
+    def max_hz(self, path: str) -> float | None:
+        """Rate limit of a local path towards all platforms; None: unlimited."""
+        return settings_of(self._all(None), path).max_hz
+
+    def limits(self, now_ns: int) -> ChannelLimits:
+        """All present rules, for the tree and for reports."""
+        return ChannelLimits(self._all(now_ns))
+
+    def _all(self, now_ns: int | None) -> tuple[ChannelLimit, ...]:
+        return (
+            *(
+                ChannelLimit(pattern, rule.settings, _remaining_s(rule, now_ns), link)
+                for (pattern, link), rule in self._rules.items()
+            ),
+            *self._file_rules,
+        )
+
+
+def _timed(settings: ChannelSettings, for_s: float, present: _Rule | None, now_ns: int) -> _Rule:
+    if not for_s:
+        return _Rule(settings)
+    former = None
+    if present is not None:
+        former = present.settings if present.ends_ns is None else present.former
+    return _Rule(settings, now_ns + round(for_s * 1e9), former)
+
+
+def _remaining_s(rule: _Rule, now_ns: int | None) -> float | None:
+    return None if rule.ends_ns is None or now_ns is None else (rule.ends_ns - now_ns) / 1e9
+
+
+def refusals(
+    request: SetChannel, resources: Iterable[Resource], present: Iterable[ChannelLimit] = ()
+) -> tuple[ChannelRefusal, ...]:
+    """Resources to which a change does not apply, each with the reasons. `present`: the rules in force.
+
+    Raises: InvalidInput when it applies to none of those that match, and one does.
+    """
+    rules = tuple(present)
+    rule = ChannelLimit(request.pattern, request.settings)
+    given = {name for name in SETTING_NAMES if getattr(request.settings, name) is not None}
+    # an application may have an inbox at the path of its board: the board is the resource
+    ordered = sorted(resources, key=lambda one: one.kind is not Kind.COMMAND)
+    matching = {one.path: one for one in ordered if rule.matches(one.path, "")}
+    found, applies = [], not matching or not given
+    for resource in matching.values():
+        protocol = request.settings.protocol or settings_of(rules, resource.path).protocol
+        reasons = _reasons(request.settings, request.link, resource, protocol)
+        refused = {name: reason for name, reason in reasons.items() if name in given}
+        applies |= len(refused) < len(given)
+        if refused:
+            found.append(ChannelRefusal(resource.path, "; ".join(dict.fromkeys(refused.values()))))
+    if not applies:
+        first = ", ".join(f"{one.path} ({one.reason})" for one in found[:3])
+        raise InvalidInput(f"pattern {request.pattern!r}: matches only what cannot be set so: {first}")
+    # a pattern such as `**` names no command, and a list of all of them hides the rest
+    return tuple(one for one in found if matching[one.path].kind not in _UNLIMITED)
+
+
+def _reasons(
+    settings: ChannelSettings, link: str, resource: Resource, protocol: ChannelProtocol | None
+) -> dict[str, str]:
+    """Settings that cannot hold for a resource, with the reason."""
+    kind = resource.kind
+    if kind in _UNLIMITED:
+        return dict.fromkeys(SETTING_NAMES, _UNLIMITED[kind])
+    reasons: dict[str, str] = {}
+    in_beacons = kind is Kind.BOARD and (
+        resource.link == "tick" if protocol is None else protocol == ChannelProtocol.UDP
+    )
+    if in_beacons and link:
+        return dict.fromkeys(SETTING_NAMES, "its beacons go to all neighbours, not over one link")
+    if in_beacons:
+        reasons["compression"] = "values in beacons are packed already"
+        reasons["priority"] = "beacons take the values that have waited longest first"
+    if kind is not Kind.BOARD:
+        reasons["protocol"] = f"items of kind {kind} are acknowledged, which beacons are not"
+    elif link:
+        reasons["protocol"] = "the protocol holds for all links"
+    if kind in (Kind.BOARD, Kind.SETTING):
+        reasons["buffer_bytes"] = reasons["buffer_s"] = "only its newest value waits"
+    compression = Compression.parse(settings.compression or str(Method.NONE))
+    if compression.method is Method.JPEG and resource.type != _IMAGE:
+        reasons["compression"] = f"JPEG is for values of type {_IMAGE}, not {resource.type}"
+    return reasons

@@ -1,0 +1,43 @@
+"""How the values of one feed travel: its rate, its buffer, its compression, its priority."""
+
+from typing import Final, Self
+
+import msgspec
+
+from swarmware.model.compression import Compression
+from swarmware.types.channel import ChannelPriority, ChannelSettings
+
+QUEUE_LIMIT: Final = 4096
+"""Maximum number of waiting items: those of minutes without a link, not of hours."""
+QUEUE_BYTES: Final = 1024 * 1024
+"""Maximum bytes of values in them; one item is always kept."""
+ITEM_BYTES: Final = 64
+"""Smallest item for which a buffer of a set size has room: it bounds the number of items."""
+_PRIORITIES: Final = {ChannelPriority.HIGH: 1, ChannelPriority.LOW: -1}
+
+
+class FeedChannel(msgspec.Struct, frozen=True):
+    """Settings in force of one feed."""
+
+    limit_ns: int | None = 0
+    """Minimum interval of its values; None: nothing is sent."""
+    buffer_bytes: int = QUEUE_BYTES
+    buffer_items: int = QUEUE_LIMIT
+    buffer_ns: int | None = None
+    """Maximum age of what waits; None: any."""
+    compression: Compression = Compression()
+    priority: int = 0
+    """Feeds of a higher one are served first."""
+
+    @classmethod
+    def of(cls, settings: ChannelSettings) -> Self:
+        """The settings with the defaults of those that are not set."""
+        max_hz, size = settings.max_hz, settings.buffer_bytes
+        return cls(
+            0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz),
+            QUEUE_BYTES if size is None else size,
+            QUEUE_LIMIT if size is None else max(QUEUE_LIMIT, size // ITEM_BYTES),
+            None if settings.buffer_s is None else round(settings.buffer_s * 1e9),
+            Compression.parse(settings.compression or "none"),
+            0 if settings.priority is None else _PRIORITIES.get(settings.priority, 0),
+        )

@@ -1,0 +1,259 @@
+"""Channels: how values travel to other platforms, as operators and the file `channels.toml` set it."""
+
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Annotated, Final
+
+import msgspec
+
+from swarmware.errors import InvalidInput, OutOfRange
+from swarmware.model.compression import Compression
+from swarmware.model.names import Pattern
+from swarmware.model.open_enum import OpenEnum
+from swarmware.types.registry import register
+
+RATE_MAX_HZ: Final = 1e6
+"""As good as no limit: it lifts those of later rules."""
+BUFFER_MAX_BYTES: Final = 64 * 1024 * 1024
+BUFFER_MAX_S: Final = 3600.0
+SPAN_MAX_S: Final = 86_400.0
+
+
+class ChannelProtocol(OpenEnum):
+    """What carries the values of a channel."""
+
+    UDP = "udp"
+    """Beacons: the newest value only, never sent again."""
+    ZMQ = "zmq"
+    """Notifications: acknowledged and sent again."""
+    RTP = "rtp"
+    """Video to a standard receiver."""
+
+
+class ChannelPriority(OpenEnum):
+    """Order among the channels to one platform."""
+
+    HIGH = "high"
+    NORMAL = "normal"
+    LOW = "low"
+
+
+@register
+class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Settings of a channel; of a rule, those that it does not set are None."""
+
+    max_hz: float | None = None
+    """Maximum rate; 0: nothing is sent, 1000000: no limit."""
+    protocol: ChannelProtocol | None = None
+    compression: str | None = None
+    """`none`, `zlib:6`, `zstd:3`, `jpeg:80`, `auto`."""
+    buffer_bytes: int | None = None
+    """Maximum size of what waits for its transmission; the oldest is dropped."""
+    buffer_s: float | None = None
+    """Maximum age of what waits."""
+    priority: ChannelPriority | None = None
+
+    def check(self) -> None:
+        """Checks each setting. Raises: OutOfRange, InvalidInput for one that is not supported."""
+        if self.max_hz is not None and not 0 <= self.max_hz <= RATE_MAX_HZ:
+            raise OutOfRange(f"max_hz {self.max_hz}: expected 0 to {RATE_MAX_HZ:.0f}")
+        if self.compression is not None:
+            Compression.parse(self.compression)
+        if self.buffer_bytes is not None and not 1 <= self.buffer_bytes <= BUFFER_MAX_BYTES:
+            raise OutOfRange(f"buffer_bytes {self.buffer_bytes}: expected 1 to {BUFFER_MAX_BYTES}")
+        if self.buffer_s is not None and not 0 < self.buffer_s <= BUFFER_MAX_S:
+            raise OutOfRange(f"buffer_s {self.buffer_s}: expected more than 0, at most {BUFFER_MAX_S:g}")
+        if self.protocol == ChannelProtocol.RTP:
+            raise InvalidInput("protocol rtp: video is not sent yet; expected udp or zmq")
+        if self.protocol is not None and self.protocol not in (ChannelProtocol.UDP, ChannelProtocol.ZMQ):
+            raise InvalidInput(f"protocol {self.protocol}: expected udp or zmq")
+        if self.priority is not None and self.priority not in tuple(ChannelPriority):
+            raise InvalidInput(f"priority {self.priority}: expected {', '.join(ChannelPriority)}")
+
+    def __str__(self) -> str:
+        """As an operator sets them: `--rate 5hz --compress zlib:6`."""
+        words = []
+        if self.max_hz is not None:
+            words.append(f"--rate {'max' if self.max_hz == RATE_MAX_HZ else f'{self.max_hz:g}hz'}")
+        for option, value in (
+            ("protocol", self.protocol),
+            ("compress", self.compression),
+            ("priority", self.priority),
+        ):
+            if value is not None:
+                words.append(f"--{option} {value}")
+        size = "" if self.buffer_bytes is None else f"{self.buffer_bytes}B"
+        age = "" if self.buffer_s is None else f"{self.buffer_s:g}s"
+        if size or age:
+            words.append(f"--buffer {'/'.join(filter(None, (size, age)))}")
+        return " ".join(words)
+
+
+NO_SETTINGS: Final = ChannelSettings()
+SETTING_NAMES: Final = ChannelSettings.__struct_fields__
+LinkPattern = Annotated[str, msgspec.Meta(max_length=100)]
+
+
+@register
+class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Sets the channels of all own resources whose path matches (`sys/broker/set_channel`)."""
+
+    pattern: str
+    """Pattern of local paths: `nav/*`."""
+    settings: ChannelSettings = NO_SETTINGS
+    """What changes; without any, the rule for pattern and link is removed."""
+    for_s: float = 0.0
+    """Time after which the former settings apply again; 0: until they are changed or the broker ends."""
+    link: LinkPattern = ""
+    """Name or pattern of the platforms at the other end; empty: all."""
+    unset: tuple[str, ...] = ()
+    """Settings that the rule sets no longer."""
+
+    def __str__(self) -> str:
+        """As an operator asked for it."""
+        span = f" --for {self.for_s:g}s" if self.for_s else ""
+        unset = "".join(f" without {name}" for name in self.unset)
+        return f"{_rule_text(self.pattern, self.link, self.settings)}{unset}{span}"
+
+
+@register
+class UndoChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Takes back the last change by an operator that is still in force (`sys/broker/undo_channel`)."""
+
+
+@register
+class ClearChannels(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Removes rules that operators have set; those of the file stay (`sys/broker/clear_channels`)."""
+
+    pattern: str = ""
+    """The rules with this pattern; empty: all."""
+
+
+@register
+class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A rule in force: settings of the channels that match."""
+
+    pattern: str
+    settings: ChannelSettings
+    remaining_s: float | None = None
+    """Time until its end; None: no end."""
+    link: str = ""
+    """Platforms at the other end; empty: all."""
+    from_file: bool = False
+    """Whether it is one of `channels.toml`."""
+
+    def __str__(self) -> str:
+        """As an operator sets it."""
+        return _rule_text(self.pattern, self.link, self.settings)
+
+    def matches(self, path: str, link: str) -> bool:
+        """Whether it holds for a resource on the way to a platform; `link` empty: to all at once."""
+        return _pattern(self.pattern).matches(path) and (
+            not self.link or (bool(link) and _names(self.link).matches(link))
+        )
+
+
+@register
+class ChannelRefusal(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A resource to which a change does not apply."""
+
+    path: str
+    reason: str
+
+
+@register
+class ChannelLimits(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """All rules in force (board `net/limits`): the first that matches and has a setting decides it."""
+
+    limits: tuple[ChannelLimit, ...] = ()
+    """Those of operators, the newest first, then those of the file in their order."""
+    refused: tuple[ChannelRefusal, ...] = ()
+    """In the reply to a change: matching resources to which it does not apply."""
+
+
+@register
+class CompressionState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """What compression did with the values of one resource since the start."""
+
+    path: str
+    auto: str
+    """Of `auto`: trial, on or off; else empty."""
+    plain_bytes: int
+    """Values before their compression, each once for all subscribers."""
+    coded_bytes: int
+    spent_s: float
+    """Processor time."""
+    refused: str = ""
+    """Why values were sent without it; empty: they were not."""
+
+
+@register
+class ChannelState(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """A resource on the way to one subscriber, by notification."""
+
+    path: str
+    link: str
+    """The subscriber."""
+    settings: ChannelSettings
+    """In force."""
+    waiting: int
+    """Items in the buffer."""
+    waiting_bytes: int
+    dropped: int
+    """Items that the buffer dropped."""
+    held_back: int
+    """Items that the limit of the rate left out."""
+
+
+@register
+class ChannelStates(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """State of the channels by notification (`sys/tree/channels`)."""
+
+    channels: tuple[ChannelState, ...] = ()
+    compressions: tuple[CompressionState, ...] = ()
+
+
+def settings_of(rules: Iterable[ChannelLimit], path: str, link: str = "") -> ChannelSettings:
+    """The settings of a resource on the way to a platform; `link` empty: to all at once, as in beacons."""
+    found: dict[str, object] = {}
+    for rule in rules:
+        if rule.matches(path, link):
+            for name in SETTING_NAMES:
+                value = getattr(rule.settings, name)
+                if value is not None:
+                    found.setdefault(name, value)
+    return msgspec.structs.replace(NO_SETTINGS, **found) if found else NO_SETTINGS
+
+
+def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[str] = ()) -> ChannelSettings:
+    """Settings with a change.
+
+    Raises: InvalidInput for the name of a setting that does not exist.
+    """
+    fields = {name: value for name in SETTING_NAMES if (value := getattr(change, name)) is not None}
+    for name in unset:
+        if name not in SETTING_NAMES:
+            raise InvalidInput(f"channel setting {name!r}: expected one of {', '.join(SETTING_NAMES)}")
+        fields[name] = None
+    return msgspec.structs.replace(settings, **fields)
+
+
+def _rule_text(pattern: str, link: str, settings: ChannelSettings) -> str:
+    return " ".join(filter(None, (pattern, f"--link {link}" if link else "", str(settings))))
+
+
+@lru_cache(maxsize=512)
+def _pattern(text: str) -> Pattern:
+    return Pattern(text)
+
+
+@lru_cache(maxsize=128)
+def _names(text: str) -> Pattern:
+    return Pattern(text, of_computers=True)
+
+
+def check_rule_names(pattern: str, link: str) -> None:
+    """Raises: InvalidInput for a pattern of paths or of platforms that is none."""
+    _pattern(pattern)
+    if link:
+        _names(link)

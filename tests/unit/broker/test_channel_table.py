@@ -1,0 +1,238 @@
+"""Rules of channels: which applies, how long, what takes them back, and what cannot be set."""
+
+import pytest
+
+from swarmd.broker.core.boards.channel_table import RULES_LIMIT, UNDO_LIMIT, ChannelTable, refusals
+from swarmware.errors import InvalidInput, NotFound, OutOfRange
+from swarmware.model.resource import Kind, Resource
+from swarmware.types.channel import (
+    RATE_MAX_HZ,
+    ChannelLimit,
+    ChannelPriority,
+    ChannelProtocol,
+    ChannelSettings,
+    SetChannel,
+    settings_of,
+)
+
+S = 1_000_000_000
+FILE = (
+    ChannelLimit("sensor/**", ChannelSettings(10.0, compression="zlib:6"), link="gcs", from_file=True),
+    ChannelLimit("**", ChannelSettings(priority=ChannelPriority.LOW), from_file=True),
+)
+POSE = Resource(path="nav/pose", type="Pose", rate_hz=20.0)
+BATTERY = Resource(path="power/battery", type="Battery")
+PICTURE = Resource(path="sensor/camera/image", kind=Kind.STREAM, type="Image")
+CLOUD = Resource(path="sensor/lidar/packets", kind=Kind.STREAM, type="Blob")
+FAULTS = Resource(path="health/faults", kind=Kind.EVENT, type="Fault")
+GOTO = Resource(path="cmd/goto", kind=Kind.COMMAND, type="Goto")
+MAP = Resource(path="map/tiles", kind=Kind.FILE, type="Blob")
+
+
+@pytest.fixture
+def table() -> ChannelTable:
+    return ChannelTable(FILE)
+
+
+def settings(table: ChannelTable, path: str, link: str = "", now_ns: int = 0) -> ChannelSettings:
+    return settings_of(table.limits(now_ns).limits, path, link)
+
+
+def test_each_setting_is_that_of_the_first_rule_that_has_it(table: ChannelTable) -> None:
+    assert settings(table, "sensor/lidar", "gcs") == ChannelSettings(
+        10.0, compression="zlib:6", priority=ChannelPriority.LOW
+    )
+    assert settings(table, "sensor/lidar", "uav2") == ChannelSettings(priority=ChannelPriority.LOW)
+    table.set(SetChannel("sensor/*", ChannelSettings(2.0)), 0)
+    table.set(SetChannel("**", ChannelSettings(priority=ChannelPriority.HIGH), link="g*"), 0)
+    assert settings(table, "sensor/lidar", "gcs") == ChannelSettings(
+        2.0, compression="zlib:6", priority=ChannelPriority.HIGH
+    )
+
+
+def test_a_rule_for_links_does_not_hold_for_what_goes_to_all(table: ChannelTable) -> None:
+    assert settings(table, "sensor/lidar").max_hz is None
+    assert table.max_hz("sensor/lidar") is None
+    table.set(SetChannel("sensor/lidar", ChannelSettings(1.0)), 0)
+    assert table.max_hz("sensor/lidar") == 1.0
+
+
+def test_a_change_keeps_the_other_settings_of_the_rule_and_may_take_one_out(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(compression="zstd:1")), 0)
+    assert settings(table, "nav/pose").max_hz == 5.0
+    assert settings(table, "nav/pose").compression == "zstd:1"
+    table.set(SetChannel("nav/*", unset=("max_hz",)), 0)
+    assert settings(table, "nav/pose").max_hz is None
+    table.set(SetChannel("nav/*", unset=("compression",)), 0)
+    assert table.limits(0).limits == FILE, "a rule that sets nothing is none"
+
+
+def test_a_request_without_settings_removes_the_rule_of_this_pattern_and_link(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(1.0), link="gcs"), 0)
+    table.set(SetChannel("nav/*"), 0)
+    assert settings(table, "nav/pose", "uav2").max_hz is None
+    assert settings(table, "nav/pose", "gcs").max_hz == 1.0
+
+
+def test_the_rate_max_lifts_a_limit_of_the_file(table: ChannelTable) -> None:
+    table.set(SetChannel("sensor/**", ChannelSettings(RATE_MAX_HZ)), 0)
+    assert settings(table, "sensor/lidar", "gcs").max_hz == RATE_MAX_HZ
+
+
+def test_after_its_time_the_former_settings_apply_again(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=10.0), S)
+    table.set(SetChannel("nav/*", ChannelSettings(2.0), for_s=20.0), 2 * S)
+    [rule, *_] = table.limits(7 * S).limits
+    assert rule.remaining_s == 15.0
+    before = table.version
+    table.advance(21 * S)
+    assert table.version == before
+    table.advance(22 * S)
+    assert table.version == before + 1
+    assert settings(table, "nav/pose").max_hz == 5.0
+    table.set(SetChannel("power/*", ChannelSettings(1.0), for_s=1.0), 22 * S)
+    table.advance(23 * S)
+    assert settings(table, "power/battery").max_hz is None
+
+
+def test_changes_are_taken_back_one_after_the_other(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(1.0)), 0)
+    table.clear("")
+    assert table.limits(0).limits == FILE
+    table.undo()
+    assert settings(table, "nav/pose").max_hz == 1.0
+    table.undo()
+    assert settings(table, "nav/pose").max_hz == 5.0
+    table.undo()
+    assert table.limits(0).limits == FILE
+    with pytest.raises(NotFound, match="no change"):
+        table.undo()
+
+
+def test_a_change_of_which_the_time_is_over_does_not_return(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=1.0), 0)
+    table.set(SetChannel("power/*", ChannelSettings(1.0)), 0)
+    table.advance(2 * S)
+    table.undo()
+    table.advance(2 * S)
+    assert table.limits(2 * S).limits == FILE
+
+
+def test_only_the_last_changes_can_be_taken_back(table: ChannelTable) -> None:
+    for number in range(UNDO_LIMIT + 5):
+        table.set(SetChannel("nav/*", ChannelSettings(float(number))), 0)
+    for _ in range(UNDO_LIMIT):
+        table.undo()
+    assert settings(table, "nav/pose").max_hz == 4.0
+    with pytest.raises(NotFound):
+        table.undo()
+
+
+def test_rules_are_removed_by_their_pattern_and_a_wrong_one_is_named(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(5.0), link="gcs"), 0)
+    table.set(SetChannel("power/*", ChannelSettings(5.0)), 0)
+    table.clear("nav/*")
+    assert [rule.pattern for rule in table.limits(0).limits[:1]] == ["power/*"]
+    for pattern in ("nav/*", "sensor/**"):
+        with pytest.raises(NotFound, match="no operator"):
+            table.clear(pattern)
+
+
+@pytest.mark.parametrize(
+    ("request_", "error", "reason"),
+    [
+        (SetChannel("**", ChannelSettings(-1.0)), OutOfRange, "max_hz -1.0: expected 0"),
+        (SetChannel("**", ChannelSettings(float("nan"))), OutOfRange, "max_hz nan"),
+        (SetChannel("**", ChannelSettings(1.0), for_s=1e9), OutOfRange, "for_s"),
+        (SetChannel("Not a path", ChannelSettings(1.0)), InvalidInput, "Not a path"),
+        (SetChannel("**", ChannelSettings(1.0), link="Not a name"), InvalidInput, "Not a name"),
+        (SetChannel("**", ChannelSettings(compression="lzma")), InvalidInput, "lzma"),
+        (SetChannel("**", ChannelSettings(compression="h264")), InvalidInput, "video is not sent yet"),
+        (SetChannel("**", ChannelSettings(protocol=ChannelProtocol.RTP)), InvalidInput, "rtp"),
+        (SetChannel("**", ChannelSettings(protocol=ChannelProtocol("sctp"))), InvalidInput, "sctp"),
+        (SetChannel("**", ChannelSettings(priority=ChannelPriority("top"))), InvalidInput, "top"),
+        (SetChannel("**", ChannelSettings(buffer_bytes=0)), OutOfRange, "buffer_bytes 0"),
+        (SetChannel("**", ChannelSettings(buffer_s=float("inf"))), OutOfRange, "buffer_s inf"),
+        (SetChannel("**", unset=("color",)), InvalidInput, "color"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_and_changes_nothing(
+    table: ChannelTable, request_: SetChannel, error: type[Exception], reason: str
+) -> None:
+    with pytest.raises(error, match=reason):
+        table.set(request_, 0)
+    assert table.limits(0).limits == FILE
+    assert table.version == 0
+
+
+def test_the_number_of_rules_is_bounded(table: ChannelTable) -> None:
+    for number in range(RULES_LIMIT):
+        table.set(SetChannel(f"nav/n{number}", ChannelSettings(1.0)), 0)
+    with pytest.raises(OutOfRange, match="traffic clear"):
+        table.set(SetChannel("nav/other", ChannelSettings(1.0)), 0)
+    table.set(SetChannel("nav/n7", ChannelSettings(2.0)), 0)
+
+
+@pytest.mark.parametrize(
+    ("resource", "change", "link", "reason"),
+    [
+        (GOTO, ChannelSettings(1.0), "", "each message is delivered"),
+        (MAP, ChannelSettings(1.0), "", "files take what all other channels leave"),
+        (POSE, ChannelSettings(1.0), "gcs", "beacons go to all neighbours"),
+        (POSE, ChannelSettings(compression="zlib:6"), "", "packed already"),
+        (POSE, ChannelSettings(priority=ChannelPriority.HIGH), "", "waited longest"),
+        (BATTERY, ChannelSettings(1.0, ChannelProtocol.UDP), "gcs", "beacons go to all neighbours"),
+        (BATTERY, ChannelSettings(protocol=ChannelProtocol.ZMQ), "gcs", "holds for all links"),
+        (BATTERY, ChannelSettings(buffer_bytes=5), "", "only its newest value waits"),
+        (BATTERY, ChannelSettings(buffer_s=5.0), "", "only its newest value waits"),
+        (CLOUD, ChannelSettings(protocol=ChannelProtocol.UDP), "", "items of kind stream are acknowledged"),
+        (FAULTS, ChannelSettings(protocol=ChannelProtocol.ZMQ), "", "items of kind event are acknowledged"),
+        (CLOUD, ChannelSettings(compression="jpeg:80"), "", "JPEG is for values of type Image, not Blob"),
+    ],
+)
+def test_what_cannot_hold_for_a_resource_is_refused_with_the_reason(
+    resource: Resource, change: ChannelSettings, link: str, reason: str
+) -> None:
+    with pytest.raises(InvalidInput, match=f"{resource.path} \\(.*{reason}"):
+        refusals(SetChannel(resource.path, change, link=link), [resource])
+
+
+@pytest.mark.parametrize(
+    ("resource", "change", "link"),
+    [
+        (POSE, ChannelSettings(1.0), ""),
+        (POSE, ChannelSettings(1.0, ChannelProtocol.ZMQ, "zlib:6"), ""),
+        (BATTERY, ChannelSettings(1.0, compression="auto", priority=ChannelPriority.HIGH), "gcs"),
+        (BATTERY, ChannelSettings(protocol=ChannelProtocol.UDP), ""),
+        (CLOUD, ChannelSettings(5.0, None, "zstd:1", 2_000_000, 30.0, ChannelPriority.LOW), "gcs"),
+        (FAULTS, ChannelSettings(5.0, None, "zlib:1", 10_000, 3.0), ""),
+        (PICTURE, ChannelSettings(compression="jpeg:80"), "gcs"),
+        (GOTO, ChannelSettings(), ""),
+    ],
+)
+def test_what_can_hold_is_accepted(resource: Resource, change: ChannelSettings, link: str) -> None:
+    assert refusals(SetChannel(resource.path, change, link=link), [resource]) == ()
+
+
+def test_a_board_that_a_rule_has_taken_out_of_the_beacons_has_links() -> None:
+    present = [ChannelLimit("nav/*", ChannelSettings(protocol=ChannelProtocol.ZMQ))]
+    assert refusals(SetChannel("nav/pose", ChannelSettings(1.0), link="gcs"), [POSE], present) == ()
+
+
+def test_of_a_pattern_the_resources_that_it_can_hold_for_decide_and_commands_are_not_listed() -> None:
+    resources = [GOTO, POSE, CLOUD, FAULTS, BATTERY, MAP]
+    [pose, battery] = refusals(SetChannel("**", ChannelSettings(1.0, buffer_s=3.0)), resources)
+    assert (pose.path, battery.path) == ("nav/pose", "power/battery")
+    assert pose.reason == "only its newest value waits"
+    assert refusals(SetChannel("future/**", ChannelSettings(1.0)), resources) == (), "it may come"
+
+
+def test_the_board_is_the_resource_where_an_inbox_has_its_path() -> None:
+    inbox = Resource(path="nav/pose", kind=Kind.COMMAND, type="Pose")
+    for order in ([inbox, POSE], [POSE, inbox]):
+        assert refusals(SetChannel("nav/pose", ChannelSettings(1.0)), order) == ()

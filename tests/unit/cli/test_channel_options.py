@@ -1,0 +1,152 @@
+"""Options of `traffic set`, and what the commands of channels print."""
+
+from typing import Any
+
+import pytest
+from tests.unit.cli.test_commands import ScriptedSession
+
+from swarmctl.commands.traffic.channels import (
+    change,
+    clear_channels,
+    list_channels,
+    set_channel,
+    undo_channel,
+)
+from swarmware.errors import InvalidInput, OutOfRange
+from swarmware.types import registry
+from swarmware.types.channel import (
+    RATE_MAX_HZ,
+    ChannelLimit,
+    ChannelLimits,
+    ChannelPriority,
+    ChannelProtocol,
+    ChannelRefusal,
+    ChannelSettings,
+    ChannelState,
+    ChannelStates,
+    CompressionState,
+    SetChannel,
+)
+from swarmware.types.tree import TreeValue
+
+WHOLE = ChannelSettings(5.0, ChannelProtocol.ZMQ, "zstd:1", 2_000_000, 30.0, ChannelPriority.LOW)
+LIMITS = ChannelLimits(
+    (
+        ChannelLimit("sensor/**", WHOLE, 12.5, "gcs"),
+        ChannelLimit("**", ChannelSettings(RATE_MAX_HZ), from_file=True),
+    )
+)
+
+
+def options(**given: str) -> tuple[ChannelSettings, tuple[str, ...]]:
+    names = ("rate", "protocol", "compress", "buffer", "priority")
+    return change(*(given.get(name) for name in names))
+
+
+def test_all_options_together_are_settings() -> None:
+    found, unset = options(rate="5hz", protocol="zmq", compress="zstd:1", buffer="2MB/30s", priority="low")
+    assert found == WHOLE
+    assert unset == ()
+    assert str(found) == "--rate 5hz --protocol zmq --compress zstd:1 --priority low --buffer 2000000B/30s"
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"rate": "0hz"}, ChannelSettings(0.0)),
+        ({"rate": "max"}, ChannelSettings(RATE_MAX_HZ)),
+        ({"compress": "zlib"}, ChannelSettings(compression="zlib:6")),
+        ({"compress": "none"}, ChannelSettings(compression="none")),
+        ({"buffer": "64kB"}, ChannelSettings(buffer_bytes=64_000)),
+        ({"buffer": "1MiB"}, ChannelSettings(buffer_bytes=1_048_576)),
+        ({"buffer": "5m"}, ChannelSettings(buffer_s=300.0)),
+        ({"buffer": "30s/500B"}, ChannelSettings(buffer_bytes=500, buffer_s=30.0)),
+    ],
+)
+def test_an_option_is_a_setting(given: dict[str, str], expected: ChannelSettings) -> None:
+    assert options(**given) == (expected, ())
+
+
+def test_auto_takes_a_setting_out_of_the_rule() -> None:
+    found, unset = options(rate="auto", protocol="auto", buffer="auto", priority="auto")
+    assert found == ChannelSettings()
+    assert unset == ("max_hz", "protocol", "priority", "buffer_bytes", "buffer_s")
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "reason"),
+    [
+        ({}, InvalidInput, "nothing to set: expected --rate"),
+        ({"rate": "fast"}, InvalidInput, "expected 5hz"),
+        ({"rate": "2000000hz"}, OutOfRange, "max_hz"),
+        ({"compress": "h264"}, InvalidInput, "video"),
+        ({"protocol": "rtp"}, InvalidInput, "rtp"),
+        ({"buffer": "2MB/"}, InvalidInput, "time ''"),
+        ({"buffer": "2GB"}, InvalidInput, "size '2GB'"),
+        ({"buffer": "900MB"}, OutOfRange, "buffer_bytes"),
+        ({"buffer": "2d"}, OutOfRange, "buffer_s"),
+    ],
+)
+def test_an_invalid_option_is_refused_before_a_node_is_joined(
+    given: dict[str, str], error: type[Exception], reason: str
+) -> None:
+    with pytest.raises(error, match=reason):
+        options(**given)
+
+
+def session(**answers: Any) -> ScriptedSession:
+    found = {f"/uav1/sys/broker/{verb}": answer for verb, answer in answers.items()}
+    return ScriptedSession(found, node="uav1")
+
+
+async def test_rules_are_printed_with_what_they_do_not_apply_to_by_reason() -> None:
+    refused = tuple(ChannelRefusal(f"nav/{name}", "only its newest value waits") for name in "abcde")
+    one = session(set_channel=ChannelLimits(LIMITS.limits, refused))
+    await set_channel(one, SetChannel("sensor/**", WHOLE, link="gcs"), yes=False)
+    text = one.stdout.getvalue()
+    for word in ("sensor/**", "gcs", "5 Hz", "zmq", "zstd:1", "2000000 B / 30 s", "low", "12.5", "operator"):
+        assert word in text
+    assert "max" in text
+    assert "file" in text
+    assert "not for nav/a, nav/b, nav/c and 2 more: only its newest value waits" in one.stderr.getvalue()
+
+
+async def test_undo_and_clear_print_the_rules_that_are_left() -> None:
+    for act in (undo_channel, lambda one: clear_channels(one, "nav/*")):
+        one = session(undo_channel=ChannelLimits(), clear_channels=ChannelLimits())
+        await act(one)
+        assert "uav1: no rule is set for channels" in one.stdout.getvalue() + one.stderr.getvalue()
+
+
+async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved() -> None:
+    states = ChannelStates(
+        (ChannelState("sensor/lidar", "gcs", WHOLE, 7, 8442, 3, 1234),),
+        (
+            CompressionState("sensor/lidar", "on", 100_000, 28_000, 0.25),
+            CompressionState("camera", "", 0, 0, 0.0, "expected an Image"),
+        ),
+    )
+    board = TreeValue(
+        "/uav1/net/limits",
+        "ChannelLimits",
+        registry.encode(LIMITS),
+        1,
+        1,
+        1,
+        0.1,
+        "live",  # type: ignore[arg-type]
+    )
+    answers = {
+        "/uav1/sys/tree/get /uav1/net/limits": board,
+        "sys/tree/channels": states,
+        "/uav1/sys/tree/channels": states,
+    }
+    one = ScriptedSession(answers, node="uav1")
+    await list_channels(one)
+    text = one.stdout.getvalue()
+    for word in ("sensor/lidar", "gcs", "8442", "1234", "72.0", "0.25"):
+        assert word in text
+    assert "camera: sent without its compression: expected an Image" in one.stderr.getvalue()
+    structured = ScriptedSession(answers, node="uav1", output="json")
+    await list_channels(structured)
+    assert structured.document["states"]["channels"][0]["dropped"] == 3

@@ -1,0 +1,111 @@
+"""Needs of resources against the capacity of a link: rates, limits, compression, fair shares."""
+
+import msgspec
+import pytest
+from tests.unit.cli.test_commands import ScriptedSession
+
+from swarmctl.commands.traffic.needs import ChannelNeed, compare, show_needs
+from swarmware.errors import NotFound
+from swarmware.model.resource import Kind
+from swarmware.types import registry
+from swarmware.types.channel import (
+    ChannelLimit,
+    ChannelLimits,
+    ChannelSettings,
+    ChannelStates,
+    CompressionState,
+)
+from swarmware.types.net import ChannelTraffic, Traffic
+from swarmware.types.tree import TreeEntry, TreeListing, TreeValue
+
+LIDAR, CAMERA, POSE = "sensor/lidar", "sensor/camera", "nav/pose"
+SIZES = {LIDAR: 1200.0, CAMERA: 50_000.0, POSE: 25.0}
+
+
+def entry(path: str, hz: float | None, kind: Kind = Kind.STREAM) -> TreeEntry:
+    return TreeEntry(f"/uav1/{path}", kind, "Blob", measured_hz=hz)
+
+
+ENTRIES = [entry(LIDAR, 750.0), entry(CAMERA, 10.0), entry(POSE, 10.0, Kind.BOARD)]
+
+
+def needs(
+    capacity: float, *limits: ChannelLimit, link: str = "", ratios: dict[str, float] | None = None
+) -> dict[str, ChannelNeed]:
+    found = compare(ENTRIES, SIZES, limits, ratios or {}, link, capacity)
+    return {need.path: need for need in found}
+
+
+def test_a_need_is_rate_times_size_and_the_largest_comes_first() -> None:
+    found = needs(1e9)
+    assert list(found) == [LIDAR, CAMERA, POSE]
+    assert [need.sent_bytes_s for need in found.values()] == [900_000, 500_000, 250]
+    assert {need.fair_hz for need in found.values()} == {None}
+
+
+def test_limits_and_compression_lessen_what_is_sent_and_not_what_is_written() -> None:
+    limit = ChannelLimit("sensor/camera", ChannelSettings(2.0), link="gcs")
+    found = needs(1e9, limit, link="gcs", ratios={LIDAR: 0.28})
+    assert found[LIDAR].sent_bytes_s == pytest.approx(252_000)
+    assert found[CAMERA].sent_bytes_s == 100_000
+    assert found[CAMERA].written_bytes_s == 500_000
+    assert needs(1e9, limit)[CAMERA].sent_bytes_s == 500_000, "not on the way to others"
+
+
+def test_where_a_link_is_too_small_the_large_ones_share_what_the_small_ones_leave() -> None:
+    found = needs(100_250)
+    assert found[POSE].fair_hz is None
+    assert found[LIDAR].fair_hz == pytest.approx(750 * 50_000 / 900_000)
+    assert found[CAMERA].fair_hz == pytest.approx(1.0)
+    share = sum(
+        need.sent_bytes_s * (1 if need.fair_hz is None else need.fair_hz / need.written_hz)
+        for need in found.values()
+    )
+    assert share == pytest.approx(100_250)
+
+
+def test_a_fair_rate_is_below_the_limit_in_force() -> None:
+    limit = ChannelLimit("sensor/camera", ChannelSettings(4.0))
+    assert needs(100_250, limit)[CAMERA].fair_hz == pytest.approx(1.0)
+
+
+def session(output: str = "table", *entries: TreeEntry) -> ScriptedSession:
+    counters = ChannelTraffic(LIDAR, offered_frames=10, offered_bytes=12_000)
+    traffic = msgspec.convert([0] * 16 + [1.0, [], [], [msgspec.to_builtins(counters)]], Traffic)
+    limits = registry.encode(ChannelLimits((ChannelLimit("sensor/*", ChannelSettings(100.0)),)))
+
+    def value(path: str, data: bytes) -> TreeValue:
+        return TreeValue(f"/uav1/{path}", "Blob", data, 1, 1, 1, 0.1, "live")  # type: ignore[arg-type]
+
+    states = ChannelStates((), (CompressionState(LIDAR, "on", 1000, 250, 0.1),))
+    answers = {
+        "/uav1/sys/tree/list": TreeListing(entries or tuple(ENTRIES)),
+        "sys/broker/traffic": traffic,
+        "/uav1/sys/broker/traffic": traffic,
+        "sys/tree/channels": states,
+        "/uav1/sys/tree/channels": states,
+        "/uav1/sys/tree/get /uav1/net/limits": value("net/limits", limits),
+        f"/uav1/sys/tree/get /uav1/{CAMERA}": value(CAMERA, bytes(50_000)),
+        f"/uav1/sys/tree/get /uav1/{POSE}": value(POSE, bytes(25)),
+    }
+    return ScriptedSession(answers, node="uav1", output=output)
+
+
+async def test_the_needs_of_a_platform_are_printed_with_the_command_that_makes_them_fit() -> None:
+    one = session()
+    await show_needs(one, "**", "gcs", 125_000.0)
+    text = one.stdout.getvalue()
+    for word in ("sensor/camera", "sensor/lidar", "nav/pose", "does not fit"):
+        assert word in text
+    said = one.stdout.getvalue() + one.stderr.getvalue()
+    assert "swarmctl traffic set /uav1/sensor/camera --link gcs --rate 1.9hz" in said
+    structured = session("json")
+    await show_needs(structured, "**", "", 1e6)
+    assert structured.document["fits"] is True
+    by_path = {one["path"]: one["sent_bytes_s"] for one in structured.document["channels"]}
+    assert by_path[LIDAR] == pytest.approx(100 * 1200 * 0.25)
+
+
+async def test_a_pattern_of_nothing_that_is_written_is_named() -> None:
+    with pytest.raises(NotFound, match=r"/uav1/\*\*: matches no resource"):
+        await show_needs(session("table", entry("plan/path", None)), "**", "", 1e6)

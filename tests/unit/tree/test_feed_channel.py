@@ -1,0 +1,151 @@
+"""Channels of feeds: rates of streams, buffers in bytes and seconds, recovery after an outage."""
+
+import pytest
+
+from swarmd.tree.core.notification.feed import CATCH_UP, Feed
+from swarmware.model.frame import FrameKind
+from swarmware.model.resource import Kind, Resource
+from swarmware.types.channel import ChannelSettings
+from swarmware.types.tree import Rule, TreeItem
+
+S = 1_000_000_000
+STREAM = Resource(path="sensor/packets", kind=Kind.STREAM, type="Blob")
+EVENT = Resource(path="health/faults", kind=Kind.EVENT, type="Text")
+
+
+def item(sequence: int, stamp_ns: int, size: int = 100) -> TreeItem:
+    return TreeItem("sensor/packets", 7, FrameKind.STREAM, sequence, stamp_ns, bytes(size))
+
+
+def feed(resource: Resource = STREAM, **settings: float) -> Feed:
+    one = Feed(resource, Rule("**"), 0)
+    one.set_channel(ChannelSettings(**settings))  # type: ignore[arg-type]
+    return one
+
+
+def drain(one: Feed, begin_ns: int, end_ns: int) -> list[tuple[int, int]]:
+    """Time and sequence of all that is sent on a link that takes everything."""
+    sent, now_ns = [], begin_ns
+    while (due_ns := one.due_ns()) is not None and max(due_ns, now_ns) <= end_ns:
+        now_ns = max(due_ns, now_ns)
+        sent += [(now_ns, each.sequence) for each in one.take(now_ns, 32, 10**9)]
+        one.on_acknowledged()
+    return sent
+
+
+@pytest.mark.parametrize(
+    ("written_hz", "max_hz"), [(30, 5.0), (30, 7.0), (753, 100.0), (10, 10.0), (5, 10.0)]
+)
+def test_a_limited_stream_sends_at_exactly_its_rate_and_counts_the_rest(
+    written_hz: int, max_hz: float
+) -> None:
+    one, sent = feed(max_hz=max_hz), []
+    for sequence in range(20 * written_hz):
+        now_ns = sequence * S // written_hz
+        one.offer(item(sequence, now_ns))
+        sent += drain(one, now_ns, now_ns + S // written_hz - 1)
+    sent += drain(one, 20 * S, 21 * S)
+    assert len(sent) == pytest.approx(20 * min(max_hz, written_hz), abs=2)
+    assert [sequence for _, sequence in sent] == sorted(sequence for _, sequence in sent)
+    assert one.held_back == 20 * written_hz - len(sent)
+    assert one.dropped == 0
+
+
+def test_items_of_a_limited_stream_are_the_newest_of_their_time_when_they_are_sent() -> None:
+    one = feed(max_hz=5.0)
+    for sequence in range(300):
+        now_ns = sequence * S // 30
+        one.offer(item(sequence, now_ns))
+        for sent_ns, sent in drain(one, now_ns, now_ns + S // 30 - 1):
+            assert sent_ns - sent * S // 30 < S // 30
+
+
+def test_after_an_outage_a_limited_stream_catches_up_at_twice_its_rate_and_then_is_level() -> None:
+    one = feed(max_hz=10.0)
+    for sequence in range(100):
+        one.offer(item(sequence, sequence * S // 10))  # ten seconds without a link
+    sent = []
+    for sequence in range(100, 300):
+        now_ns = sequence * S // 10
+        one.offer(item(sequence, now_ns))
+        sent += drain(one, now_ns, now_ns + S // 10 - 1)
+    assert [sequence for _, sequence in sent] == list(range(300)), "in order, nothing left out"
+    first_s = [sequence for sent_ns, sequence in sent if sent_ns < 11 * S]
+    assert len(first_s) == pytest.approx(CATCH_UP * 10, abs=2)
+    level_ns = next(sent_ns for sent_ns, sequence in sent if sequence * S // 10 > sent_ns - S // 10)
+    assert 19 * S < level_ns < 22 * S
+
+
+def test_a_buffer_keeps_the_newest_within_its_bytes() -> None:
+    one = feed(buffer_bytes=1000)
+    for sequence in range(50):
+        one.offer(item(sequence, sequence))
+    assert one.waiting == (10, 1000)
+    assert one.dropped == 40
+    assert [sequence for _, sequence in drain(one, S, S)] == list(range(40, 50))
+
+
+def test_a_buffer_keeps_one_item_that_is_larger_than_itself() -> None:
+    one = feed(buffer_bytes=10)
+    one.offer(item(1, 0))
+    one.offer(item(2, 0))
+    assert one.waiting == (1, 100)
+    assert one.dropped == 1
+
+
+def test_a_buffer_keeps_the_newest_of_its_seconds() -> None:
+    one = feed(buffer_s=2.0)
+    for sequence in range(100):
+        one.offer(item(sequence, sequence * S // 10))
+    assert one.waiting[0] == 21
+    assert one.dropped == 79
+
+
+def test_what_became_too_old_while_nothing_new_came_is_not_sent() -> None:
+    one = feed(buffer_s=2.0)
+    one.offer(item(1, 0))
+    one.offer(item(2, S))
+    assert one.take(2 * S + S // 2, 32, 10**9) == [item(2, S)]
+    assert one.dropped == 1
+    one.offer(item(3, 3 * S))
+    assert one.take(9 * S, 32, 10**9) == []
+    assert one.due_ns() is None
+
+
+def test_a_smaller_buffer_holds_at_once_and_a_larger_one_takes_more() -> None:
+    one = feed()
+    for sequence in range(50):
+        one.offer(item(sequence, 0))
+    one.set_channel(ChannelSettings(buffer_bytes=500))
+    assert one.waiting == (5, 500)
+    one.set_channel(ChannelSettings(buffer_bytes=4 * 2**20))
+    for sequence in range(20_000):
+        one.offer(item(sequence, 0))
+    assert one.waiting[0] == 20_005
+
+
+def test_a_stream_of_rate_nought_is_silent_and_counts_what_it_leaves_out() -> None:
+    one = feed(max_hz=0.0)
+    one.offer(item(1, 0))
+    assert one.due_ns() is None
+    assert (one.held_back, one.waiting) == (1, (0, 0))
+    one.set_channel(ChannelSettings())
+    one.offer(item(2, S))
+    assert [sequence for _, sequence in drain(one, S, S)] == [2]
+
+
+def test_events_wait_for_their_turn_and_none_is_left_out() -> None:
+    one = feed(EVENT, max_hz=2.0)
+    for sequence in range(10):
+        one.offer(item(sequence, 0))
+    sent = drain(one, 0, 100 * S)
+    assert [sequence for _, sequence in sent] == list(range(10))
+    assert sent[-1][0] == pytest.approx(4.5 * S, abs=S // 10)
+    assert one.held_back == 0
+
+
+def test_a_clock_that_steps_back_does_not_silence_a_limited_stream() -> None:
+    one = feed(max_hz=1.0)
+    for sequence, stamp_ns in enumerate((1000 * S, 1001 * S, 5 * S, 6 * S, 7 * S)):
+        one.offer(item(sequence, stamp_ns))
+    assert one.waiting[0] == 5
