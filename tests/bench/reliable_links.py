@@ -1,6 +1,6 @@
 """What a link that loses packets or is slow delivers: figures beside their goals.
 
-    python tests/bench/reliable_links.py [--json]
+    python tests/bench/reliable_links.py [--json] [--recording FILE]
 
 The cores of both ends in virtual time, 20 ms round trip, random loss in both directions, five seeds each; and
 two brokers over a loopback of 1 Mbit/s in a network namespace, which needs root.
@@ -134,21 +134,51 @@ def file_rows() -> Iterator[Row]:
         )
 
 
-def rows() -> Iterator[Row]:
-    """All rows."""
+def scanner_rows(recording: str) -> Iterator[Row]:
+    """Streams between two nodes with trees, over a loopback: lossy, or slower than the stream."""
+    packets = ("--recording", recording) if recording else ()
+    for what, options, tools in (
+        ("30 % loss", ("--loss", "30"), ("ip", "nft")),
+        ("a link of 1 Mbit/s", ("--link", "1mbit"), ("ip", "tc")),
+    ):
+        seen = figures_of("../tree/lossystream.py", "753", "8", *options, *packets, tools=tools)
+        missing = seen["written"] - seen["received"]
+        told = seen["reader_lost"] == seen["writer_lost"] and (missing == 0 or seen["reader_lost"] > 0)
+        gaps = f"told {seen['reader_lost']:.0f} and {seen['writer_lost']:.0f}"
+        yield Row(
+            f"scanner, 753 packets/s, {what}",
+            f"{missing:.0f} of {seen['written']:.0f} missing, {gaps}",
+            "none missing, or told at both ends",
+            bool(seen["in_order"] and told),
+        )
+    for loss, least in (("0", 29.5), ("30", 29.5), ("40", 29.0)):
+        seen = figures_of("../tree/lossystream.py", "30", "20", "--loss", loss, tools=("ip", "nft"))
+        share = seen["received"] / seen["written"]
+        yield Row(
+            f"stream 30 x 1 kB/s, {loss} % loss, two nodes",
+            f"{share:.1%}, {seen['received_s']:.1f} /s, p99 {seen['p99_ms']:.0f} ms",
+            f"100 % in order, ≥ {least} /s",
+            bool(seen["in_order"] and seen["received"] == seen["written"] and seen["received_s"] >= least),
+        )
+
+
+def rows(recording: str = "") -> Iterator[Row]:
+    """All rows; `recording`: file with packets of a scanner, 1 206 bytes each."""
     yield from stream_rows()
     yield from stream_rows(100)
     yield from message_rows()
     yield from overload_rows()
     yield from file_rows()
+    yield from scanner_rows(recording)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--json", action="store_true")
-    as_json = parser.parse_args().json
-    for row in rows():
-        if as_json:
+    parser.add_argument("--recording", default="")
+    args = parser.parse_args()
+    for row in rows(args.recording):
+        if args.json:
             print(json.dumps(row._asdict(), ensure_ascii=False), flush=True)
         else:
             met = "" if row.is_met else "   MISSED"

@@ -18,7 +18,12 @@ from swarmd.mission.core.announcement import INTERVAL_NS
 from swarmd.mission.core.barrier import ANNOUNCED, LATE_NS, PATIENCE
 from swarmd.timesync.core.exchange import ASK_FIRST_NS, ASK_NS
 from swarmd.tree.config import Config as TreeConfig
-from swarmd.tree.core.notification.lane import IN_FLIGHT_BYTES, WINDOW
+from swarmd.tree.core.notification.lane import (
+    IN_FLIGHT_BYTES,
+    IN_FLIGHT_FIRST,
+    IN_FLIGHT_MIN,
+    WINDOW,
+)
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
 from swarmd.tree.core.structure import structure
 from swarmd.tree.core.structure.index import Index, leaf
@@ -286,6 +291,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"at most {structure.PATHS_LIMIT // 1000} 000 resources",
         f"buffers later ones ({REORDER_WINDOW} from `first` on",
         f"at most {WINDOW} notifications and {IN_FLIGHT_BYTES // 1024} KiB unacknowledged",
+        f"are {IN_FLIGHT_FIRST // 1024} at first, are halved, down to {IN_FLIGHT_MIN // 1024},",
         f"a notification at most {ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB",
         f"Changes of the structure are collected for {tree.coalesce_s} s",
         f"waits at it, for {mission.start_timeout_s:g} s",

@@ -11,7 +11,13 @@ from tests.unit.tree.pair import S, Tree, core
 
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.notification.feed import Feed
-from swarmd.tree.core.notification.lane import IN_FLIGHT_BYTES, WINDOW, LaneNumber, NotificationLane
+from swarmd.tree.core.notification.lane import (
+    IN_FLIGHT_BYTES,
+    IN_FLIGHT_FIRST,
+    WINDOW,
+    LaneNumber,
+    NotificationLane,
+)
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW, ReorderBuffer
 from swarmware.errors import WireError
 from swarmware.model.frame import FrameKind
@@ -165,6 +171,43 @@ def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
         net.at(number * S // 4000, partial(owner.write, item("sensor/lidar", number)))
     net.run_until(S + S // 2)
     assert owner.most_under_way * 32_000 <= IN_FLIGHT_BYTES + 2 * 33_000
+
+
+def fill(lane: NotificationLane, now_ns: int) -> list[int]:
+    """Serials of notifications of 8 kB until the window is full."""
+    serials: list[int] = []
+    while lane.has_room:
+        notify = TreeNotify("uav1", 1, 0, (item("sensor/lidar", 1, bytes(8_192)),))
+        serials.append(lane.send(notify, [], now_ns).serial)
+    return serials
+
+
+def test_a_link_that_delivers_nothing_in_time_gets_less_at_a_time_and_more_again_when_it_does() -> None:
+    lane = NotificationLane(LaneNumber.STREAMS)
+    first = fill(lane, 0)
+    assert len(first) == IN_FLIGHT_FIRST // 8_192
+    for serial in first:
+        lane.failed(serial, 2 * S, (S,))
+    for serial in first:
+        lane.delivered(serial, 3 * S)
+    few = fill(lane, 3 * S)
+    assert 1 <= len(few) < len(first)
+    most = 0
+    for second in range(4, 40):
+        for serial in few:
+            lane.delivered(serial, second * S)
+        few = fill(lane, second * S)
+        most = max(most, len(few))
+    assert most == IN_FLIGHT_BYTES // 8_192
+
+
+def test_a_single_loss_among_deliveries_changes_nothing() -> None:
+    lane = NotificationLane(LaneNumber.STREAMS)
+    lost, *others = fill(lane, 0)
+    for serial in others:
+        lane.delivered(serial, S)
+    lane.failed(lost, 2 * S, (S,))
+    assert len(fill(lane, 2 * S)) >= len(others)
 
 
 @given(st.randoms(use_true_random=False), st.integers(1, 40), st.integers(1, 5))

@@ -15,6 +15,12 @@ WINDOW: Final = 64
 """Maximum number of unacknowledged notifications; less than the inbox of the other tree holds."""
 IN_FLIGHT_BYTES: Final = 256 * 1024
 """Maximum bytes of values in them; one notification is always sent."""
+IN_FLIGHT_FIRST: Final = 64 * 1024
+"""That maximum at first: half a second at 1 Mbit/s."""
+IN_FLIGHT_MIN: Final = 8 * 1024
+"""Least of it: each failure halves it, so that what a slow link has not sent is not sent twice."""
+IN_FLIGHT_GROWTH: Final = 1 / 4
+"""Part of the bytes of a delivered notification by which the maximum grows again."""
 SPAN: Final = REORDER_WINDOW
 """Maximum span of serials: the receiver holds all later ones back for the oldest."""
 SPAN_BYTES: Final = 1024 * 1024
@@ -71,6 +77,7 @@ class NotificationLane:
     __slots__ = (
         "_arrived_ns",
         "_failures",
+        "_limit",
         "_sent_bytes",
         "_size",
         "_unacknowledged",
@@ -91,6 +98,8 @@ class NotificationLane:
         """First failure since the last delivery; None: there was none."""
         self._arrived_ns = -(1 << 62)
         self._failures = 0
+        self._limit = float(IN_FLIGHT_FIRST)
+        """Bytes of values that may be unacknowledged."""
         self._unacknowledged: dict[int, UnacknowledgedNotification] = {}
         self._sent_bytes = 0
         self.serial = serial
@@ -108,7 +117,7 @@ class NotificationLane:
         first = next(iter(self._unacknowledged))
         return (
             len(self._unacknowledged) < WINDOW
-            and self._size < IN_FLIGHT_BYTES
+            and self._size < self._limit
             and self.serial - first < SPAN - 1
             and self._sent_bytes - self._unacknowledged[first].offset < SPAN_BYTES
         )
@@ -151,6 +160,7 @@ class NotificationLane:
         if flight is not None:
             self._size -= flight.size
             self._arrived_ns = now_ns
+            self._limit = min(self._limit + IN_FLIGHT_GROWTH * flight.size, IN_FLIGHT_BYTES)
             self.reset_backoff()
             for feed, _ in flight.parts:
                 feed.on_acknowledged()
@@ -165,6 +175,7 @@ class NotificationLane:
             self.failing_since_ns = now_ns
         # if a later one was delivered since, only this one was lost: retransmit at once
         if flight.sent_ns >= self._arrived_ns and now_ns >= self.backoff_until_ns:
+            self._limit = max(self._limit / 2, IN_FLIGHT_MIN)
             self._failures += 1
             self.backoff_until_ns = now_ns + pause_after(self._failures, pauses_ns)
         self._size -= flight.size
