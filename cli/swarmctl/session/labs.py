@@ -241,6 +241,20 @@ def find(name: str = "") -> LabState:
     return running[-1]
 
 
+def find_left(name: str = "") -> LabState:
+    """As `find`, also a lab of which no node runs, but another process, as its radio.
+
+    Raises: NotFound when there is none.
+    """
+    try:
+        return find(name)
+    except NotFound:
+        own = [lab for lab in running_labs() if Path(lab.folder).parent == labs_folder()]
+        if name or not own:
+            raise
+        return max(own, key=lambda lab: lab.created_utc_ns)
+
+
 def chosen(settings: CliSettings) -> LabState | None:
     """The lab to use: the named one, or the newest that runs; None: no lab, but a node of this machine.
 

@@ -169,7 +169,7 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
     `keep`: do not remove configuration and logs.
     Raises: NotFound when there is none, NoAnswer when a process does not end.
     """
-    found = labs.labs() if everything else [labs.find(name or out.settings.lab)]
+    found = labs.labs() if everything else [labs.find_left(name or out.settings.lab)]
     ended = []
     for lab in found:
         out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")

@@ -16,6 +16,7 @@ class Line:
         """Instant and number of the bytes that the first end wrote."""
         self.is_cut = False
         """Nothing passes from the first end to the second one."""
+        self._returns = True
         self._ends: list[PseudoTerminal] = []
         self.plug()
 
@@ -31,6 +32,14 @@ class Line:
         while self._ends:
             self._ends.pop().close()
 
+    def cut(self) -> None:
+        """Nothing passes in either direction; both ends stay."""
+        self.is_cut, self._returns = True, False
+
+    def heal(self) -> None:
+        """Bytes pass in both directions again."""
+        self.is_cut, self._returns = False, True
+
     def disturb(self, data: bytes) -> None:
         """Bytes that nobody sent arrive at the second end."""
         self._ends[1].write(data)
@@ -41,7 +50,7 @@ class Line:
             self._ends[1].write(data)
 
     def _from_second(self, data: bytes) -> None:
-        if self._ends:
+        if self._returns and self._ends:
             self._ends[0].write(data)
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformCode, RouteRow
+from swarmd.broker.core.beacon.beacon_rate import QUIET_HELLOS
 from swarmd.broker.core.beacon_protocol import (
     SILENCE_NS,
     BeaconProtocol,
@@ -177,6 +178,11 @@ def test_an_idle_node_sends_beacons_faster_while_links_come_and_go(one: Node, ot
     for slot in range(3, 60):
         other.transmit(slot * PERIOD, one)
         one.protocol.advance(slot * PERIOD)
+    for slot in range(60, 60 + QUIET_HELLOS):
+        assert one.protocol.beacon_hz() == 5.0, "its neighbours may not know the longer period yet"
+        hello = one.protocol.compose(slot * PERIOD).beacon.hello
+        assert hello is not None
+        assert hello.period_ms == 500
     assert one.protocol.beacon_hz() == 2.0
     one.protocol.advance(10 * SECOND)
     assert not is_up(one, other)

@@ -8,15 +8,18 @@ import pytest
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import (
     AIRTIME,
+    CHANGING_HZ,
     EVALUATED_MIN,
     EVALUATION_NS,
     IDLE_HZ,
     JITTER,
+    QUIET_HELLOS,
     SLOWDOWN_MAX,
     STEP_MAX,
     STEP_MIN,
     TRIGGERED_NS,
     BeaconSchedule,
+    QuietRate,
     Slowdown,
     airtime_s,
     allowed_hz,
@@ -209,3 +212,16 @@ def test_a_stretched_period_is_declared_before_links_fall() -> None:
     assert hello.period_ms == 1000
     judge(protocol.slowdown, 900, 1000, times=9)
     assert protocol.beacon_hz() == IDLE_HZ / SLOWDOWN_MAX
+
+
+def test_the_rate_falls_after_the_longer_period_was_declared_often_enough() -> None:
+    rate = QuietRate()
+    assert rate.hz() == IDLE_HZ, "a node that was never faster has nothing to declare"
+    rate.on_change()
+    for _ in range(QUIET_HELLOS):
+        assert rate.is_falling
+        assert rate.hz() == CHANGING_HZ
+        rate.on_hello()
+    assert rate.hz() == IDLE_HZ
+    rate.on_change()
+    assert rate.hz() == CHANGING_HZ

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,21 @@ def test_modules_of_others_are_named_before_a_lab_ends_and_are_left_running(fold
     left = f"ugv1: thermometer#1 (process {os.getpid()})"
     assert json.loads(stdout.getvalue())["ended"][0]["left"] == [left]
     assert left in stderr.getvalue() and "not ended" in stderr.getvalue()
+
+
+def test_a_lab_of_which_only_the_radio_runs_is_ended_without_its_name(folder: Path) -> None:
+    make(folder, "dead", living=False, created=3)
+    left = make(folder, "left", living=False)
+    stdout = io.StringIO()
+    out = Output(CliSettings(output="json"), stdout, io.StringIO())
+    with subprocess.Popen(["sleep", "60"], env={**os.environ, processes.MARK: left.mark}) as radio:
+        with pytest.raises(NotFound):
+            labs.find()
+        end_labs("", out, everything=False, keep=False)
+        assert radio.wait(20) != 0
+    assert [lab["name"] for lab in json.loads(stdout.getvalue())["ended"]] == ["left"]
+    with pytest.raises(NotFound, match="lab up"):
+        end_labs("", out, everything=False, keep=False)
 
 
 def test_an_unknown_node_is_named_beside_those_there_are(folder: Path) -> None:

@@ -22,7 +22,14 @@ from swarmd.broker.core.beacon.beacon_codec import (
     member_bytes,
     value_bytes,
 )
-from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, IDLE_HZ, MIN_HZ, Slowdown, allowed_hz
+from swarmd.broker.core.beacon.beacon_rate import (
+    CHANGING_HZ,
+    IDLE_HZ,
+    MIN_HZ,
+    QuietRate,
+    Slowdown,
+    allowed_hz,
+)
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon.medium_parts import media_bytes
 from swarmd.broker.core.boards.channel_table import ChannelTable
@@ -131,6 +138,7 @@ class BeaconProtocol:
         """Own values of the beacon that was composed last."""
         self.structures = structures or StructureBroadcasts(identity.hw, 0, None, counters.refused)
         self.slowdown = Slowdown()
+        self._quiet_rate = QuietRate()
         self.tcp_port = 0
         self.frame_port = 0
         self._roster_version = 0
@@ -188,9 +196,8 @@ class BeaconProtocol:
         if self.busy or self.topology.is_new(self._now_ns):
             wanted_hz = self._busy_hz
         else:
-            wanted_hz = min(
-                CHANGING_HZ if self.topology.is_changing(self._now_ns) else IDLE_HZ, self._busy_hz
-            )
+            is_changing = self.topology.is_changing(self._now_ns)
+            wanted_hz = min(CHANGING_HZ if is_changing else self._quiet_rate.hz(), self._busy_hz)
         return max(min(wanted_hz, self.allowed_hz()) / self.slowdown.factor, MIN_HZ)
 
     def allowed_hz(self) -> float:
@@ -436,12 +443,18 @@ class BeaconProtocol:
         left_out = self._sent_ns != NEVER_NS and now_ns - self._sent_ns >= FIRST_SILENCE_NS > slot_ns
         rests = self.busy and left_out
         period_ns = rest_ns if rests else max(slot_ns, min(self._gap_ns, rest_ns))
+        falls = not self.busy and not self.topology.is_changing(now_ns) and self._quiet_rate.is_falling
+        if falls:
+            period_ns = max(period_ns, round(1e9 / IDLE_HZ))
+        elif self.busy or self.topology.is_changing(now_ns):
+            self._quiet_rate.on_change()
         # half a period early: at 10 Hz every tenth, or twentieth, beacon has a hello
         calm = not self.topology.is_changing(now_ns) and now_ns - self._replanned_ns >= HELLO_NS
         again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
         waits = now_ns - self._hello_ns < again_ns - round(0.5e9 / self._busy_hz)
         waits = waits and not self._announcements
         waits = waits and not self.topology.is_new(now_ns)  # until then neighbours may use the former session
+        waits = waits and not falls
         waits = waits and not (rests and self._rest_hellos < REST_HELLOS)
         if waits and period_ns <= SLOWER * self._declared_ns:
             return None
@@ -449,6 +462,8 @@ class BeaconProtocol:
             self._rest_hellos += 1
         elif period_ns < rest_ns:
             self._rest_hellos = 0
+        if falls:
+            self._quiet_rate.on_hello()
         self._hello_ns = now_ns
         self._announcements = max(0, self._announcements - 1)
         self._declared_ns = period_ns

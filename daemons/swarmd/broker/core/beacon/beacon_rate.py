@@ -10,6 +10,9 @@ IDLE_HZ: Final = 2.0
 CHANGING_HZ: Final = 5.0
 """The same while links change: at 2 Hz a node at 10 m/s detects the end of a link too late."""
 MIN_HZ: Final = 0.2
+QUIET_HELLOS: Final = 4
+"""Consecutive hellos that declare a longer period before the rate falls: at a loss of 30 % a neighbour misses
+all of them once in a hundred times."""
 AIRTIME: Final = 0.24
 """Share of the channel for all beacons in range: less than a quarter, hellos included."""
 TRIGGERED_NS: Final = 60_000_000
@@ -43,6 +46,35 @@ def airtime_s(datagram_bytes: float) -> float:
 def allowed_hz(neighbours: int, datagram_bytes: float) -> float:
     """Maximum beacon rate for a number of neighbours, after ETSI's decentralised congestion control."""
     return max(AIRTIME / ((neighbours + 1) * airtime_s(datagram_bytes)), MIN_HZ)
+
+
+class QuietRate:
+    """The rate of a node without subscribers, which falls when its neighbours know the longer period.
+
+    A neighbour that has lost that hello would take the link down after three lost beacons at the lower rate,
+    and its change would raise the rate again.
+    """
+
+    def __init__(self) -> None:
+        self._hellos = QUIET_HELLOS
+        """Hellos that have declared the period of the lower rate; at first no shorter one was declared."""
+
+    @property
+    def is_falling(self) -> bool:
+        """Whether the next beacon declares the longer period, at the present rate."""
+        return self._hellos < QUIET_HELLOS
+
+    def on_change(self) -> None:
+        """Links change, or boards have subscribers."""
+        self._hellos = 0
+
+    def on_hello(self) -> None:
+        """A hello has declared the longer period."""
+        self._hellos += 1
+
+    def hz(self) -> float:
+        """The rate of the next beacons while no link changes."""
+        return CHANGING_HZ if self.is_falling else IDLE_HZ
 
 
 class Slowdown:
