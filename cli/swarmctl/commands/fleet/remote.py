@@ -31,19 +31,38 @@ _CALL: Final = (
     'printf "%s/bin/swarmd\\n" "$1" | grep -qsaFf - /proc/[0-9]*/cmdline; '
     f"then exit {RUNS_WITHOUT_AGENT}; fi; exit $code"
 )
+# checked before the node is stopped: whether its environment can be written
 _UPLOAD: Final = (
-    'set -e; umask 022; mkdir -p "$1/wheel"; cat >"$1/wheel/.received"; '
-    'printf "%s  %s\\n" "$3" "$1/wheel/.received" | sha256sum --check --status || '
-    '{ rm -f "$1/wheel/.received"; echo "the wheel arrived incomplete" >&2; exit 1; }; '
-    'mv -f "$1/wheel/.received" "$1/wheel/$2"'
+    'set -e; umask 022; wheels="$1/wheel"; '
+    'if test -x "$1/bin/python"; then '
+    '  site="$("$1/bin/python" -c "import sysconfig; print(sysconfig.get_path(\'purelib\'))")"; '
+    '  touch "$site/.swarm-written" 2>/dev/null || '
+    '  { echo "$site: cannot be written; expected an environment that this user may change" >&2; exit 1; }; '
+    '  rm -f "$site/.swarm-written"; '
+    "fi; "
+    'mkdir -p "$wheels/former"; cat >"$wheels/.received"; '
+    'printf "%s  %s\n" "$3" "$wheels/.received" | sha256sum --check --status || '
+    '{ rm -f "$wheels/.received"; echo "the wheel arrived incomplete" >&2; exit 1; }; '
+    'if test -f "$wheels/$2"; then mv -f "$wheels/$2" "$wheels/former/$2"; fi; '
+    'mv -f "$wheels/.received" "$wheels/$2"'
 )
 # a wheel of the same version is not "satisfied already": it is installed again, without its dependencies
 _INSTALL: Final = (
-    'set -e; umask 022; dir="$1"; wheel="$1/wheel/$2"; sum="$3"; shift 3; '
-    '"$dir/bin/python" -m pip --version >/dev/null 2>&1 || python3 -m venv "$dir" >&2; '
-    'pip() { "$dir/bin/python" -m pip --quiet --disable-pip-version-check --no-input "$@" >&2; }; '
-    'pip install "$@" "$wheel"; pip install --force-reinstall --no-deps "$@" "$wheel"; '
-    'echo "$sum" >"$dir/wheel/.sum"; mv -f "$dir/wheel/.sum" "$dir/wheel/installed"'
+    'umask 022; dir="$1"; wheel="$1/wheel/$2"; sum="$3"; shift 3; '
+    '"$dir/bin/python" -m pip --version >/dev/null 2>&1 || python3 -m venv "$dir" >&2 || exit 1; '
+    'pip() { "$dir/bin/python" -m pip --quiet --disable-pip-version-check --no-input install "$@" 2>&1; }; '
+    'renew() { pip --force-reinstall --no-deps "$@"; }; '
+    'if text="$(pip "$@" "$wheel" && renew "$@" "$wheel")"; then '
+    '  echo "$sum" >"$dir/wheel/.sum" && mv -f "$dir/wheel/.sum" "$dir/wheel/installed"; exit; '
+    "fi; "
+    'text="$(printf "%s\n" "$text" | tail -n 1)"; '
+    'for kept in "$dir"/wheel/*.whl "$dir"/wheel/former/*.whl; do '
+    '  printf "%s  %s\n" "$(cat "$dir/wheel/installed" 2>/dev/null)" "$kept" | sha256sum --check --status '
+    "  2>/dev/null || continue; "
+    '  if renew "$@" "$kept" >/dev/null; then echo "$text; the former wheel is installed again" >&2; '
+    '  else echo "$text; the former wheel cannot be installed either: $kept" >&2; fi; exit 1; '
+    "done; "
+    'echo "$text" >&2; exit 1'
 )
 
 
