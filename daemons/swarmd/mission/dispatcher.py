@@ -36,8 +36,9 @@ log = logging.getLogger("swarm.mission")
 ORDER_PATH = "cmd/mission"
 ABORT_PATH = "cmd/abort"
 
-Accept = Callable[[MissionOrder, int], Awaitable[MissionReceipt]]
-"""Accepts an order that arrived at this instant of the own clock."""
+Accept = Callable[[MissionOrder, int, str | None, str], Awaitable[MissionReceipt]]
+"""Accepts an order that arrived at this instant of the own clock, of this platform (None: not
+authenticated) and this user."""
 
 
 class Dispatcher:
@@ -204,7 +205,9 @@ class Dispatcher:
         """Sends the order before it returns; the coroutine waits for the reply."""
         sent_ns = self._module.now_ns()
         if platform == self._module.platform:
-            return self._receipt(order, platform, sent_ns, self._accept(order, sent_ns))
+            return self._receipt(
+                order, platform, sent_ns, self._accept(order, sent_ns, None, str(by or platform))
+            )
         path, timeout_s = join(platform, ORDER_PATH), self._config.order_timeout_s
         try:
             answer = self._module.request(

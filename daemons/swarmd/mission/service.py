@@ -104,6 +104,8 @@ class Mission(Service):
         self._checker = Checker(self._plugins.catalogue)
         self._admission = OrderAdmission(module.platform, self._kind)
         self._drain = Drain(paths.drain_record(node.data_path))
+        self._ordered = 0, ""
+        """Run of the last order that was accepted, and who sent it."""
         self._values = Values(module)
         self._core = MissionExecutor(
             module.platform,
@@ -217,10 +219,11 @@ class Mission(Service):
 
     def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
         received_ns = meta.arrived_ns or self.module.now_ns()
-        return self._accept(order, received_ns, requesting_platform(self.module, meta))
+        by = requester(self.module, meta)
+        return self._accept(order, received_ns, requesting_platform(self.module, meta), by)
 
     async def _accept(
-        self, order: MissionOrder, received_ns: int, sender: str | None = None
+        self, order: MissionOrder, received_ns: int, sender: str | None, by: str
     ) -> MissionReceipt:
         if self._has_taken(order):
             return MissionReceipt(True, received_ns)
@@ -232,6 +235,7 @@ class Mission(Service):
             self._values.open(run.mission.resources())
             if self._has_taken(order):  # accepted meanwhile by a repeated request
                 return MissionReceipt(True, received_ns)
+            self._ordered = order.epoch, by
             # the reply is sent first: the ground station waits for it, others get the state with the next
             # beacon
             self._driver.defer(self._core.on_order(run, self.module.now_ns()))
@@ -304,7 +308,7 @@ class Mission(Service):
         return self._on_status(Empty(), meta)
 
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
-        core = self._core
+        core, (epoch, ordered_by) = self._core, self._ordered
         return MissionStatus(
             self.module.platform,
             self._now_state(),
@@ -313,6 +317,7 @@ class Mission(Service):
             core.members,
             self._present(),
             core.unmet,
+            ordered_by if epoch == core.epoch else "",
         )
 
     def _on_drain(self, order: DrainOrder, meta: Meta) -> MissionStatus:

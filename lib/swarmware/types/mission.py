@@ -373,6 +373,8 @@ class MissionStatus(msgspec.Struct, frozen=True):
     """States of the other members, as received here."""
     unmet: tuple[str, ...] = ()
     """Requirements that do not hold now."""
+    ordered_by: str = ""
+    """Authenticated sender of the order, `user@platform`; empty: no order since the start of the node."""
 
 
 @register

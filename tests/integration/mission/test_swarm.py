@@ -143,6 +143,10 @@ async def test_a_navigator_that_is_blocked_ends_in_a_landing_for_all(tmp_path: P
         status = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
         assert "form ended with error:blocked" in status.state.text
         assert status.others["gcs"].state == "failed"
+        # the application of this test, on the node of the ground station
+        assert status.ordered_by.endswith("@gcs")
+        own = await s.ask("/gcs/sys/mission/status", Empty(), MissionStatus)
+        assert own.ordered_by.endswith("gcs")
 
 
 @on_uvloop

@@ -255,6 +255,11 @@ def hostile_input(shm_dir: Path) -> Iterator[CheckResult]:
     if traffic is None:
         return
     counts = msgspec.structs.asdict(traffic.refused)
+    if traffic.refused.undated:
+        text = (
+            f"{traffic.refused.undated} commands of neighbours whose clock was not known yet were not taken"
+        )
+        yield CheckResult("undated", "ok", f"{text}: their senders repeat them")
     found = ", ".join(f"{counts[name]} {name}" for name in HOSTILE if counts[name])
     if not any(counts[name] for name in CERTAINLY_HOSTILE):
         yield CheckResult("refused", "ok", found or "no forged or repeated input")

@@ -65,6 +65,8 @@ def _show(session: Session, found: MissionStatus) -> None:
         Column("SAYS"),
     ]
     session.out.table(columns, rows)
+    if found.ordered_by:
+        session.out.say(f"{found.platform}: ordered by {found.ordered_by}")
 
 
 def _remark(state: MissionState) -> str:
