@@ -11,6 +11,7 @@ from swarmctl.commands.mission import members
 from swarmctl.commands.mission.member_lines import MemberProgress, change_line, display_key, member_table
 from swarmctl.commands.mission.members import _raise_unsuccessful
 from swarmctl.commands.mission.start import start
+from swarmctl.commands.mission.status import print_status
 from swarmctl.terminal.output import Output
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.types.mission import (
@@ -126,3 +127,11 @@ async def test_before_a_first_mission_there_is_none_to_watch(
     session = ScriptedSession({"sys/mission/status": MissionStatus("uav1", idle, "", 0)}, node=node)
     with pytest.raises(NotFound, match="no mission was started; expected one"):
         await members.watch(session, ())
+
+
+async def test_the_status_names_who_ordered_the_mission() -> None:
+    found = MissionStatus("uav1", state(), "leader", 0, ordered_by="ann@gcs")
+    session = ScriptedSession({"sys/mission/status": found}, node="uav1")
+    await print_status(session)
+    assert "uav1: ordered by ann@gcs" in session.stderr.getvalue()
+    assert "formation" in session.stdout.getvalue()

@@ -79,3 +79,12 @@ def test_hostile_input_is_named(tmp_path: Path, refused: Refused, verdict: str, 
         ring.write(frame(0, 1.0, refused))
         [found] = hostile_input(tmp_path)
     assert (found.check, found.verdict, found.text) == ("refused", verdict, text)
+
+
+def test_commands_of_a_neighbour_whose_clock_was_not_known_are_told_without_a_warning(tmp_path: Path) -> None:
+    with RingWriter(ring_file(tmp_path, BOARD), slots=4, slot_bytes=1024) as ring:
+        ring.write(frame(0, 1.0, Refused(undated=3)))
+        undated, refused = hostile_input(tmp_path)
+    assert (undated.check, undated.verdict) == ("undated", "ok")
+    assert undated.text.startswith("3 commands came before the first beacon")
+    assert refused.verdict == "ok"

@@ -256,10 +256,8 @@ def hostile_input(shm_dir: Path) -> Iterator[CheckResult]:
         return
     counts = msgspec.structs.asdict(traffic.refused)
     if traffic.refused.undated:
-        text = (
-            f"{traffic.refused.undated} commands of neighbours whose clock was not known yet were not taken"
-        )
-        yield CheckResult("undated", "ok", f"{text}: their senders repeat them")
+        text = f"{traffic.refused.undated} commands came before the first beacon of their sender"
+        yield CheckResult("undated", "ok", f"{text}, which repeats them")
     found = ", ".join(f"{counts[name]} {name}" for name in HOSTILE if counts[name])
     if not any(counts[name] for name in CERTAINLY_HOSTILE):
         yield CheckResult("refused", "ok", found or "no forged or repeated input")

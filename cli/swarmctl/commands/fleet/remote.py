@@ -40,10 +40,10 @@ _UPLOAD: Final = (
     '  { echo "$site: cannot be written; expected an environment that this user may change" >&2; exit 1; }; '
     '  rm -f "$site/.swarm-written"; '
     "fi; "
-    'mkdir -p "$wheels/former"; cat >"$wheels/.received"; '
+    'mkdir -p "$wheels"; cat >"$wheels/.received"; '
     'printf "%s  %s\n" "$3" "$wheels/.received" | sha256sum --check --status || '
     '{ rm -f "$wheels/.received"; echo "the wheel arrived incomplete" >&2; exit 1; }; '
-    'if test -f "$wheels/$2"; then mv -f "$wheels/$2" "$wheels/former/$2"; fi; '
+    'if test -f "$wheels/$2"; then mkdir -p "$wheels/former"; mv -f "$wheels/$2" "$wheels/former/$2"; fi; '
     'mv -f "$wheels/.received" "$wheels/$2"'
 )
 # a wheel of the same version is not "satisfied already": it is installed again, without its dependencies
