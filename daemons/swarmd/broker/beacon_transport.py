@@ -228,7 +228,7 @@ class BeaconTransport:
             return
         header.session = opened.session
         try:
-            datagram = SealedDatagram(data[:start], opened.body, digest, address[0], is_new)
+            datagram = SealedDatagram(data[:start], opened.body, digest, address[0], is_new, medium.number)
             is_accepted, actions = self._core.on_datagram(
                 header,
                 beacon,

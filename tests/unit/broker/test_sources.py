@@ -271,3 +271,26 @@ def test_a_beacon_without_a_signature_proves_nothing_and_contradicts_nothing() -
     sent = Member("uav1", host=HOST).beacon(5, 0, signed=False)
     header = Header(0, sent.header.sender_hw, 5, 0)
     assert Receiver().sources.is_signed(header, Beacon(), sent.datagram) is None
+
+
+def test_a_signed_beacon_that_a_slow_medium_brings_late_contradicts_nothing() -> None:
+    pair = Pair()
+    pair.sequence += 1
+    late = pair.victim.beacon(pair.sequence, pair.now_ns, signed=True)  # lost on the first medium
+    for _ in range(10):
+        pair.true(signed=False)
+    slow = msgspec.structs.replace(late, datagram=msgspec.structs.replace(late.datagram, medium=1))
+    sources = pair.receiver.sources
+    verdict = sources.judge(slow.header, slow.beacon, slow.datagram, True, pair.now_ns)
+    assert verdict.is_taken
+    assert not verdict.is_evidence
+    again = sources.judge(late.header, late.beacon, late.datagram, True, pair.now_ns)
+    assert not again.is_evidence
+
+
+def test_a_false_beacon_over_another_medium_is_found_by_the_true_one() -> None:
+    pair = Pair()
+    false = pair.forger.beacon(pair.sequence + 1, pair.now_ns, signed=False, content=FALSE)
+    datagram = msgspec.structs.replace(false.datagram, medium=1)
+    assert pair.receiver.sources.judge(false.header, false.beacon, datagram, None, pair.now_ns).is_taken
+    assert pair.true().is_evidence

@@ -55,6 +55,8 @@ class SealedDatagram(msgspec.Struct, frozen=True, gc=False):
     """Source address, which its sender can falsify."""
     is_new: bool
     """The replay window has taken its number; otherwise it was not opened for that."""
+    medium: int = 0
+    """Number of the medium that it came over: each has a delay of its own."""
 
 
 class Verdict(msgspec.Struct, frozen=True, gc=False):
@@ -94,6 +96,7 @@ class _Source:
         "signed_ns",
         "signed_sequence",
         "signs_until_ns",
+        "tops",
     )
 
     def __init__(self, session: int) -> None:
@@ -110,6 +113,8 @@ class _Source:
         """Until when no unsigned beacon is taken."""
         self.signs_until_ns = NEVER_NS
         """Until when the node signs every beacon, as it states."""
+        self.tops: dict[int, int] = {}
+        """Highest number that was taken, by medium."""
         self.period_ns = 0
         """Declared in a signed beacon."""
         self.asked_ns = NEVER_NS
@@ -122,6 +127,11 @@ class _Source:
             return None
         self.asked_ns = now_ns
         return kind
+
+    def record(self, sequence: int, datagram: SealedDatagram) -> None:
+        """Remembers a beacon that is taken."""
+        self.history.record(sequence, datagram.digest)
+        self.tops[datagram.medium] = max(self.tops.get(datagram.medium, -1), sequence)
 
     def suspects(self, host: str) -> tuple[str, ...]:
         """Addresses that false beacons can have come from, when one arrives from this address."""
@@ -213,18 +223,18 @@ class Sources:
     ) -> Verdict:
         history = source.history
         if sequence <= source.signed_sequence:
-            history.record(sequence, datagram.digest)
+            source.record(sequence, datagram)
             return TAKEN if datagram.is_new else Verdict(is_taken=False, refusal="replayed")
         before = history.digest(sequence)
         is_evidence = (
-            history.top - sequence > OVERTAKEN
+            source.tops.get(datagram.medium, -1) - sequence > OVERTAKEN
             or (before is not None and before != datagram.digest)
             or history.contradicts(signature.salt, sequence, signature.groups)
         )
         if is_evidence:
-            source.history = history = BeaconHistory()
+            source.history, source.tops = BeaconHistory(), {}
             source.guarded_until_ns = now_ns + GUARD_NS
-        history.record(sequence, datagram.digest)
+        source.record(sequence, datagram)
         source.signed_host = datagram.host
         suspects = source.suspects(datagram.host) if is_evidence else ()
         source.former_hosts, source.hosts = source.hosts, set()
@@ -245,7 +255,7 @@ class Sources:
             is_ending = source.signs_until_ns - now_ns < EXTEND_NS
             ask = source.ask(CheckKind.SIGN, now_ns) if is_ending else None
             return Verdict(is_taken=False, refusal="unsigned", ask=ask)
-        if not datagram.is_new and source.history.digest(sequence) is not None:
+        if source.history.digest(sequence) not in (None, datagram.digest):
             return self._on_evidence(source, datagram.host, now_ns)
         age_ns = now_ns - source.signed_ns
         question = CheckKind.QUESTION
@@ -253,7 +263,7 @@ class Sources:
             return Verdict(is_taken=False, refusal="unproven", ask=source.ask(question, now_ns))
         if source.is_too_fast(now_ns):
             return Verdict(is_taken=False, refusal="unproven", ask=source.ask(question, now_ns))
-        source.history.record(sequence, datagram.digest)
+        source.record(sequence, datagram)
         if len(source.hosts) < HOSTS_MAX:
             source.hosts.add(datagram.host)
         if age_ns > max(RENEWAL_NS, (TRUST_PERIODS - 1) * source.period_ns):
