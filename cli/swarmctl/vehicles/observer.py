@@ -118,6 +118,8 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         if self.kind == PlatformKind.UAV:
             holding = "circling" if self.circle_m > 0.0 else "holding"
             doing = "landed" if self.vehicle.landed else holding if self.standing else "flying"
+            if not self.vehicle.armed and not self.vehicle.landed:
+                doing = "falling"
         elif self.pose is None:
             doing = "somewhere"
         else:

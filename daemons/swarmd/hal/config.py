@@ -91,6 +91,8 @@ class RecordingDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
     folder: str = "/var/lib/swarm/replay"
     """Folder of log segments (`*.mcap`), as a logger writes them."""
+    file: str = ""
+    """Export of a log instead, of `swarmctl log export --format msgpack`; empty: the folder."""
     platform: str = ""
     """Platform whose resources are published; empty: that of the first entry."""
     pattern: str = "sensor/*"

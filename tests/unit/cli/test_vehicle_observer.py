@@ -137,6 +137,8 @@ def test_a_vehicle_is_described_as_it_is_seen() -> None:
     high = Pose.planar(0, 0, 8.04)
     assert sight(vehicle=UP, pose=high).words() == "holding 8.0 m armed"
     assert sight(vehicle=UP, pose=high, nav=NavStatus(3, NavState.MOVING)).words() == "flying 8.0 m armed"
+    killed = VehicleState(False, False)
+    assert sight(vehicle=killed, pose=high).words() == "falling 8.0 m disarmed", "whatever its navigator says"
     assert sight(kind="ugv").words() == "stopped 0.0 m disarmed"
     assert sight(vehicle=None).words() == "unknown"
     assert math.isinf(sight(pose=None).speed_m_s)

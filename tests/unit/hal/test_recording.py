@@ -12,6 +12,8 @@ from tests.unit.hal.test_service import status
 from swarmd.hal.config import Config, RecordingDriver
 from swarmd.hal.core.playback import Playback
 from swarmd.hal.drivers.recording import RecordedDevices
+from swarmware.recorder import spool
+from swarmware.recorder.query import FolderSource, Query
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.scalar import Blob, Float
@@ -117,3 +119,31 @@ async def test_a_resource_that_another_program_writes_is_a_fault_that_names_it(t
         log(tmp_path / "log")
         note = (await status(board, "recording", state="failed")).note
         assert "sensor.height.ring: process" in note
+
+
+async def test_an_export_of_a_log_is_replayed_and_repeated_like_its_folder(tmp_path: Path) -> None:
+    export = tmp_path / "flight.msgpack"
+    with export.open("wb") as file:
+        entries = FolderSource([log(tmp_path / "log", count=5)]).entries(Query(pattern="/uav7/**"))
+        assert spool.write(entries, file) == 15
+    config = RecordingDriver(file=str(export), pattern="sensor/lidar", wake_hz=100.0)
+    async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
+        stream = other.stream_reader("sensor/lidar", Blob)
+        assert [(await stream.next(20.0)).value[0] for _ in range(12)] == [0, 1, 2, 3, 4] * 2 + [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [(None, "No such file"), (b"", "no entries of sensor"), (b"\xc1", "log export --format msgpack")],
+)
+async def test_a_file_that_is_missing_empty_or_no_export_is_named(
+    tmp_path: Path, content: bytes | None, expected: str
+) -> None:
+    file = tmp_path / "flight.msgpack"
+    if content is not None:
+        file.write_bytes(content)
+    driver = RecordedDevices(RecordingDriver(file=str(file)))
+    async with running(tmp_path, [driver], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        state = "waiting" if content is None else "failed"
+        assert expected in (await status(board, "recording", state=state)).note

@@ -372,7 +372,7 @@ def _monitored(computer: "ComputerFaults", silent: str) -> Iterator[CheckResult]
     if computer.silent:
         yield CheckResult("faults", "error", f"{of}{computer.silent}", silent)
     elif not computer.faults:
-        yield CheckResult("faults", "ok", f"{of}the node has found none")
+        yield CheckResult("faults", "ok", f"{of}{'its monitor' if of else 'the node'} has found none")
 
 
 def _settings(folder: Path, services: Iterable[str]) -> Iterator[CheckResult]:

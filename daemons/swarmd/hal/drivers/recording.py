@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final
 
 import msgspec
 
@@ -10,13 +10,13 @@ from swarmd.hal.blocking import BlockingDevice
 from swarmd.hal.config import Config, RecordingDriver
 from swarmd.hal.core.playback import Playback
 from swarmd.hal.driver import Device, DeviceError, DeviceGone, Sensor, Site
-from swarmware.errors import NotFound
+from swarmware.errors import NotFound, WireError
 from swarmware.model.resource import Kind
 from swarmware.module.module import Module
 from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.writer import BoardWriter
 from swarmware.recorder.entry import LogEntry
-from swarmware.recorder.query import FolderSource, Query
+from swarmware.recorder.query import FolderSource, LogSource, Query
 
 _BATCH: Final = 1000
 """Entries of one call: at most this many are written before other drivers have their turn."""
@@ -33,6 +33,9 @@ class RecordedDevices(BlockingDevice, Sensor):
     def __init__(self, config: RecordingDriver) -> None:
         self.period_s = 1 / config.wake_hz
         self._config = config
+        self._source = config.file or config.folder
+        """What is replayed, for messages."""
+        self._file: BinaryIO | None = None
         self._entries: Iterator[LogEntry] = iter(())
         self._next: LogEntry | None = None
         self._playback: Playback | None = None
@@ -53,17 +56,41 @@ class RecordedDevices(BlockingDevice, Sensor):
         self._rewind()
         first = self._next
         if first is None:
-            raise DeviceError(f"log {self._config.folder}: no entries of {self._config.pattern}")
+            raise DeviceError(f"log {self._source}: no entries of {self._config.pattern}")
         self._platform = first.platform
 
     def _rewind(self) -> None:
+        pattern = f"/{self._platform or '*'}/{self._config.pattern}"
+        self._entries = self._opened_source().entries(Query(pattern=pattern))
+        self._advance()
+
+    def _opened_source(self) -> LogSource:
+        """The log from its begin. Raises: DeviceGone when it is missing."""
         config = self._config
         try:
-            source = FolderSource([Path(config.folder)])
+            if not config.file:
+                return FolderSource([Path(config.folder)])
+            from swarmware.recorder.spool import SpoolSource  # few vehicles replay an export
+
+            self._close_file()
+            self._file = Path(config.file).open("rb")  # noqa: SIM115 - read until `disconnect`
+            return SpoolSource(self._file, config.file)
         except NotFound as error:
             raise DeviceGone(str(error)) from error
-        self._entries = source.entries(Query(pattern=f"/{self._platform or '*'}/{config.pattern}"))
-        self._next = next(self._entries, None)
+        except OSError as error:
+            raise DeviceGone(f"log {config.file}: {error.strerror}") from error
+
+    def _advance(self) -> None:
+        """Reads the next entry. Raises: DeviceError when the file is no export."""
+        try:
+            self._next = next(self._entries, None)
+        except WireError as error:
+            raise DeviceError(f"{error}; expected `swarmctl log export --format msgpack`") from error
+
+    def _close_file(self) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
     async def read(self, now_ns: int) -> bool:
         """Publishes the entries that are due."""
@@ -86,14 +113,14 @@ class RecordedDevices(BlockingDevice, Sensor):
                 self._rewind()
                 self._playback = None
                 if self._next is None:
-                    raise DeviceError(f"log {self._config.folder}: its entries were removed")
+                    raise DeviceError(f"log {self._source}: its entries were removed")
                 continue
             if self._playback is None:
                 self._playback = Playback(entry.utc_ns, now_ns, self._config.speed)
             if not self._playback.is_due(entry.utc_ns, now_ns):
                 return found
             found.append(entry)
-            self._next = next(self._entries, None)
+            self._advance()
         return found
 
     def _publish(self, entry: LogEntry, stamp_ns: int) -> None:
@@ -118,6 +145,7 @@ class RecordedDevices(BlockingDevice, Sensor):
     def disconnect(self) -> None:
         """Releases the entries of the log."""
         self._entries, self._next = iter(()), None
+        self._close_file()
 
     async def close(self) -> None:
         """Closes the log and all resources."""
