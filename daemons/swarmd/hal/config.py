@@ -152,11 +152,9 @@ class SonarDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Board of the height."""
 
 
-class CrsfDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `crsf`: a radio-control receiver with the switch and the sticks of the safety pilot."""
+class PilotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Channels of the transmitter of the safety pilot, and what its sticks mean."""
 
-    device: str = "/dev/ttyAMA0"
-    """Device file of the line, which has 420 000 baud."""
     rate_hz: Rate = 20.0
     """Rate at which the sticks are published, if the receiver sends as often."""
     switch_channel: RcChannel = 6
@@ -177,6 +175,22 @@ class CrsfDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Climb rate at full deflection."""
     turn_rad_s: StickLimit = 1.0
     """Yaw rate at full deflection."""
+
+
+class CrsfDriver(PilotSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `crsf`: a radio-control receiver with the switch and the sticks of the safety pilot."""
+
+    device: str = "/dev/ttyAMA0"
+    """Device file of the line, which has 420 000 baud."""
+
+
+class PpmDriver(PilotSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `ppm`: a radio-control receiver with a sum signal at a GPIO line."""
+
+    device: str = "/dev/gpiochip0"
+    """Device file of the chip."""
+    line: Annotated[int, msgspec.Meta(ge=0, le=1023)] = 17
+    """Number of the line at the chip; its rising edges separate the channels."""
 
 
 class SerialChassisDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -396,6 +410,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     vectornav: VectorNavDriver = VectorNavDriver()
     sonar: SonarDriver = SonarDriver()
     crsf: CrsfDriver = CrsfDriver()
+    ppm: PpmDriver = PpmDriver()
     serial_chassis: SerialChassisDriver = SerialChassisDriver()
     adc: AdcDriver = AdcDriver()
     bmp280: Bmp280Driver = Bmp280Driver()

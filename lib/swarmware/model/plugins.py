@@ -21,6 +21,7 @@ OWN_DRIVERS: Final = (
     "crsf",
     "invensense",
     "nmea",
+    "ppm",
     "pwm_flight",
     "recording",
     "replay",

@@ -136,7 +136,7 @@ async def test_an_export_of_a_log_is_replayed_and_repeated_like_its_folder(tmp_p
     ("content", "expected"),
     [(None, "No such file"), (b"", "no entries of sensor"), (b"\xc1", "log export --format msgpack")],
 )
-async def test_a_file_that_is_missing_empty_or_no_export_is_named(
+async def test_a_file_that_is_missing_empty_or_of_another_form_is_named(
     tmp_path: Path, content: bytes | None, expected: str
 ) -> None:
     file = tmp_path / "flight.msgpack"

@@ -8,7 +8,7 @@ from swarmware.devices.crsf import RcChannels
 from swarmware.types.vehicle import Setpoint, VehicleMode
 
 if TYPE_CHECKING:
-    from swarmd.hal.config import CrsfDriver
+    from swarmd.hal.config import PilotSettings
 
 CONFIRMATIONS: Final = 3
 """Frames in a row that move the switch: a CRC of eight bits passes one of 256 damaged frames."""
@@ -29,7 +29,7 @@ class PilotInput(msgspec.Struct, frozen=True, gc=False):
 class SafetyPilot:
     """Takes the channels of the receiver, of which a link without quality is ignored."""
 
-    def __init__(self, config: "CrsfDriver") -> None:
+    def __init__(self, config: "PilotSettings") -> None:
         self._config = config
         self._linked = True
         self._switch: VehicleMode | None = None

@@ -3,14 +3,11 @@
 from typing import Final
 
 from swarmd.hal.config import Config, CrsfDriver
-from swarmd.hal.core.safety_pilot import SafetyPilot
 from swarmd.hal.driver import Device, Site
+from swarmd.hal.pilot_boards import PilotBoards
 from swarmd.hal.serial_sensor import SerialSensor
 from swarmware.devices.crsf import BAUD, CrsfDecoder, RcChannels, RcLink
 from swarmware.module.module import Module
-from swarmware.module.writer import BoardWriter
-from swarmware.types.control import SafetySwitch
-from swarmware.types.vehicle import Setpoint, VehicleMode
 
 FRAME_BYTES: Final = 26
 """Frame of the channels: address, size, type, 22 bytes, CRC."""
@@ -30,46 +27,28 @@ class CrsfReceiver(SerialSensor[RcChannels | RcLink]):
     def __init__(self, config: CrsfDriver) -> None:
         super().__init__("crsf", config.device, BAUD, config.rate_hz, CrsfDecoder, FRAME_BYTES * FRAMES_HZ)
         self._config = config
-        self._pilot = SafetyPilot(config)
-        self._position: VehicleMode | None = None
-        self._sticks_ns = 0
-        self._switch: BoardWriter[SafetySwitch] | None = None
-        self._sticks: BoardWriter[Setpoint] | None = None
+        self._boards: PilotBoards | None = None
 
     async def open(self, module: Module) -> None:
         """Opens the line and both boards."""
         await super().open(module)
-        self._pilot, self._position = SafetyPilot(self._config), None
-        self._switch = module.writer(
-            "vehicle/switch", SafetySwitch, description="Position of the safety pilot's switch"
-        )
-        self._sticks = module.writer(
-            "vehicle/sticks", Setpoint, description="Set-point of the safety pilot's sticks"
-        )
+        self._boards = PilotBoards(module, self._config)
 
     def publish(self, value: RcChannels | RcLink, now_ns: int) -> bool:
         """Writes what the frame changes."""
+        if self._boards is None:
+            return False
         if isinstance(value, RcLink):
-            self._pilot.on_link(value.quality_ratio)
+            self._boards.on_link(value.quality_ratio)
             return False
-        found = self._pilot.on_channels(value)
-        if found is None or self._switch is None or self._sticks is None:
-            return False
-        if found.switch is not None and found.switch is not self._position:
-            self._position = found.switch
-            self._switch.write(SafetySwitch(found.switch), now_ns)
-        if found.sticks is not None and now_ns - self._sticks_ns >= 0.9e9 * self.period_s:
-            self._sticks_ns = now_ns
-            self._sticks.write(found.sticks, now_ns)
-        return True
+        return self._boards.on_channels(value, now_ns)
 
     async def close(self) -> None:
         """Closes the line and both boards."""
         await super().close()
-        for writer in (self._switch, self._sticks):
-            if self.module is not None and writer is not None:
-                self.module.close_writer(writer)
-        self._switch = self._sticks = None
+        if self._boards is not None:
+            self._boards.close()
+            self._boards = None
 
 
 def make(config: Config, site: Site) -> list[Device]:

@@ -81,7 +81,7 @@ class RecordedDevices(BlockingDevice, Sensor):
             raise DeviceGone(f"log {config.file}: {error.strerror}") from error
 
     def _advance(self) -> None:
-        """Reads the next entry. Raises: DeviceError when the file is no export."""
+        """Reads the next entry. Raises: DeviceError for a file of another form."""
         try:
             self._next = next(self._entries, None)
         except WireError as error:
