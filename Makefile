@@ -10,7 +10,7 @@ SITE ?= share/doc/site
 # tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
-.PHONY: lab test simulations lint check hooks bench figures docs site dist boot-test clean
+.PHONY: lab test simulations lint check hooks bench bench-links figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -36,7 +36,10 @@ hooks: $(VENV)/.test ## git runs the quick checks before each commit (.pre-commi
 	$(BIN)/pre-commit install
 
 bench: $(VENV)/.bench ## measures; ratios in one run
-	for file in $(filter-out tests/bench/lab.py, $(wildcard tests/bench/*.py)); do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+	for file in $(filter-out $(addprefix tests/bench/,lab.py links.py rows.py), $(wildcard tests/bench/*.py)); do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+
+bench-links: $(VENV)/.test ## measures the links and writes the table share/doc/links.md (root, for network namespaces)
+	$(BIN)/python tests/bench/links.py --write
 
 figures: $(VENV)/.test ## runs the experiment on this machine and takes its figures into the README
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)

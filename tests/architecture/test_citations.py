@@ -145,6 +145,7 @@ OF_OTHERS = frozenset(
         "_part2",
         "_ned",
         "utimensat",
+        "PREEMPT_RT",
         "u24",
         "u64",
         "u48",

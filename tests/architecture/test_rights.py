@@ -20,6 +20,7 @@ OBSERVER, NODE, OPERATOR, MAINTAINER = Role
 SERVED = {
     # what only shows something
     "sys/broker/links": OBSERVER,
+    "sys/broker/outages": OBSERVER,
     "sys/broker/routes": OBSERVER,
     "sys/broker/traffic": OBSERVER,
     "sys/guard/status": OBSERVER,

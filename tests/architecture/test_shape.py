@@ -75,5 +75,13 @@ def test_every_daemon_has_a_core_and_a_shell() -> None:
 
 def plain(value: Any) -> Any:
     """As TOML has it: lists for tuples, and no key for what may be absent."""
-    found: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(value))
-    return {key: item for key, item in found.items() if item is not None}
+    return present(msgspec.json.decode(msgspec.json.encode(value)))
+
+
+def present(value: Any) -> Any:
+    """Without the keys that have no value."""
+    if isinstance(value, list):
+        return [present(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    return {key: present(item) for key, item in value.items() if item is not None}

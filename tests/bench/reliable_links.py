@@ -7,13 +7,13 @@ two brokers over a loopback of 1 Mbit/s in a network namespace, which needs root
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
+from rows import Row, print_rows
 from tests.integration.broker.namespace import figures_of
 from tests.simulation.reliable.radio_link import Medium, Pair, S, latencies_ms
 
@@ -24,15 +24,6 @@ LASTS_S: Final = 20
 ITEM_BYTES: Final = 1000
 LOSSES: Final = (0.0, 0.1, 0.2, 0.3, 0.4)
 OVERLOAD_S: Final = 20
-
-
-class Row(NamedTuple):
-    """A line of the table of links."""
-
-    name: str
-    figure: str
-    goal: str
-    is_met: bool
 
 
 def in_order_s(received: list[int], end_ns: int) -> float:
@@ -177,12 +168,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--recording", default="")
     args = parser.parse_args()
-    for row in rows(args.recording):
-        if args.json:
-            print(json.dumps(row._asdict(), ensure_ascii=False), flush=True)
-        else:
-            met = "" if row.is_met else "   MISSED"
-            print(f"{row.name:<42}{row.figure:<48}{row.goal}{met}", flush=True)
+    print_rows(rows(args.recording), as_json=args.json)
 
 
 if __name__ == "__main__":

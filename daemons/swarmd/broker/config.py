@@ -102,6 +102,14 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     frames: FrameCarrier = FrameCarrier.AUTO
     """What carries frames to neighbours: tcp, udp (acknowledged datagrams), or auto: udp where a link loses
     packets, tcp elsewhere."""
+    outages: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 100
+    """Number of finished outages of links that the node keeps, also over a restart."""
+    metrics_port: Port = 0
+    """TCP port of the metrics page for Prometheus; 0: it is not served."""
+    metrics_address: str = "127.0.0.1"
+    """Address on which it is served; one that is not of this computer alone needs `metrics_token_file`."""
+    metrics_token_file: str = ""
+    """File with the bearer token that a request must have; empty: none is needed."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
     """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is lost."""
 
@@ -115,6 +123,11 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         twice = [name for name, count in names.items() if count > 1]
         if twice:
             raise InvalidInput(f"media: the name {twice[0]!r} twice; expected one medium of each name")
+        if self.metrics_port and not self.metrics_address.startswith("127.") and not self.metrics_token_file:
+            raise InvalidInput(
+                f"metrics_address {self.metrics_address}: others than this computer reach it; expected an"
+                " address that begins with 127., or metrics_token_file"
+            )
         delays = self.unit_delay_ms
         if delays and (len(delays) != 2 or delays[0] > delays[1]):
             found = ", ".join(f"{delay:g}" for delay in delays)

@@ -74,6 +74,7 @@ class FrameDelivery:
         for channel, size in self._accounts.channels(frame):
             channel.received(size)
         if arrival.first:
+            self._accounts.answered(frame)
             self._counters.notifications += self._accounts.values(frame)
             self._counters.requests += frame.kind is FrameKind.REPLY
 

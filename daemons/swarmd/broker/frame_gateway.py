@@ -112,9 +112,7 @@ class FrameGateway:
         """
         decision = self._forwarder.from_here(frame, self._clock.now_ns())
         self._onward(frame, decision, data)
-        if decision.first:  # counted when it was sent
-            for channel, size in self._accounts.channels(frame):
-                channel.offered(size)
+        self._accounts.offered(frame, first=decision.first)  # counted when it was sent
 
     @contextmanager
     def batch(self) -> Iterator[None]:

@@ -3,8 +3,16 @@
 from typing import Final
 
 from swarmware.module.module import Module
-from swarmware.types.channel import ChannelLimits
-from swarmware.types.net import Denial, Neighbours, Routes, StructureBroadcast, TimingBatch, Traffic
+from swarmware.types.net import (
+    ChannelLimits,
+    Denial,
+    Neighbours,
+    Routes,
+    StructureBroadcast,
+    Traffic,
+)
+from swarmware.types.outage import NodeLinks, OutageTable
+from swarmware.types.time import TimingBatch
 
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
@@ -31,6 +39,20 @@ class NetBoards:
             link="request",
             log="1hz",
             description="Traffic counters in bytes",
+        )
+        self.links = module.writer(
+            "net/links",
+            NodeLinks,
+            rate_hz=1,
+            link="request",
+            description="Links in a few numbers, for health rules",
+        )
+        self.outages = module.writer(
+            "net/outages",
+            OutageTable,
+            link="request",
+            log="1hz",
+            description="Outages of links, the newest first",
         )
         self.limits = module.writer(
             "net/limits", ChannelLimits, link="request", description="Rules of channels in force"

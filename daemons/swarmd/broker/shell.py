@@ -33,17 +33,22 @@ from swarmd.broker.core.admission.refusal_log import RefusalLog
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.media.medium import MediumProfile
+from swarmd.broker.core.metrics_page import metrics_page
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.media import Media
 from swarmd.broker.links.medium import MediumDatagram
+from swarmd.broker.links.metrics_server import MetricsServer
 from swarmd.broker.media_links import MediaLinks
 from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmd.broker.net_boards import NetBoards
+from swarmd.broker.outage_recorder import OutageRecorder
 from swarmd.broker.own_boards import OwnBoards
 from swarmware.model.acl import FILE as ACL_FILE
+from swarmware.model.names import Address
+from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.transport.security.keys import Keys
@@ -57,6 +62,7 @@ from swarmware.types.net import (
     Traffic,
     TreePlan,
 )
+from swarmware.types.outage import OutageTable
 from swarmware.types.rpc import Empty
 
 OF_DATAGRAMS: Final = (
@@ -131,9 +137,21 @@ class BrokerShell:
             stack.callback(self._own.close)
             self._mirrors = MirroredBoards(MirrorWriter(node), core.counters)
             stack.callback(self._mirrors.close)
+            self._boards = NetBoards(module)
+            self._outages = OutageRecorder(
+                config,
+                node.config.data_path,
+                self._boards.outages,
+                module.clock,
+                core,
+                self._gateway.links.waiting,
+            )
+            stack.callback(self._outages.close)
+            self._metrics: MetricsServer | None = None
+            if config.metrics_port:
+                self._metrics = MetricsServer(config, self._metrics_page, core.counters.refused)
+                stack.callback(self._metrics.close)
             self._closing = stack.pop_all()
-        self._boards = NetBoards(module)
-        self._channel_api = ChannelApi(module, core.channels, self._boards.limits)
         self._membership = Membership(service, keys, self._transport, self._gateway)
         self._plan = module.reader("tree/plan", TreePlan)
         links = self._gateway.links
@@ -144,6 +162,7 @@ class BrokerShell:
         module, messaging = self._module, self._module.node.messaging
         module.serve("sys/broker/links", Empty, self._serve_links, reply=Neighbours)
         module.serve("sys/broker/traffic", Empty, self._serve_traffic, reply=Traffic)
+        module.serve("sys/broker/outages", Empty, self._serve_outages, reply=OutageTable)
         module.serve("sys/broker/routes", Empty, self._serve_routes, reply=Routes)
         module.serve("sys/broker/roster", SignedRoster, self._membership.serve, reply=RosterState)
         self._channel_api.serve()
@@ -152,6 +171,8 @@ class BrokerShell:
         self._health.report("processor", description="Beacons are sent when they are due")
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
+        if self._metrics is not None:
+            module.start(self._metrics.run(), "metrics")
         gateway = self._gateway
         log.info("listening: udp %d, tcp %d", self._transport.port, gateway.links.tcp_port)
         messaging.set_gateway(gateway.from_here, gateway.batch, relay=gateway.from_here)
@@ -239,11 +260,14 @@ class BrokerShell:
             present = self._traffic()
             self._boards.traffic.write(present)
             self._log_refusals(present.refused)
-        self._gateway.links.on_qualities(self._core.report.link_qualities(self._clock.now_ns()))
+        report, now_ns = self._core.report, self._clock.now_ns()
+        self._gateway.links.on_qualities(report.link_qualities(now_ns))
         self._boards.neighbours.write(self._neighbours())
+        self._boards.links.write(report.links(self._gateway.links.waiting, self._outages.lost, now_ns))
         self._boards.routes.write(self._core.report.routes())
 
     def _on_link_changed(self, change: LinkChanged) -> None:
+        self._outages.on_link(change)
         name = self._core.nodes.platform(change.hw)
         if change.after is LinkState.UP:
             log.info("neighbour %s: up", name)
@@ -324,6 +348,10 @@ class BrokerShell:
         self._gateway.update_counters()
         return self._core.report.traffic(self._clock.now_ns())
 
+    def _metrics_page(self) -> str:
+        node = str(Address(self._module.platform, self._module.node.config.unit))
+        return metrics_page(node, self._traffic(), self._neighbours(), self._outages.table())
+
     def _log_refusals(self, refused: Refused) -> None:
         line = self._refusals.on_counters(refused, self._clock.now_ns())
         if line is not None:
@@ -331,6 +359,9 @@ class BrokerShell:
 
     def _serve_links(self, _request: Empty, _meta: object) -> Neighbours:
         return self._neighbours()
+
+    def _serve_outages(self, _request: Empty, _meta: object) -> OutageTable:
+        return self._outages.table()
 
     def _serve_routes(self, _request: Empty, _meta: object) -> Routes:
         return self._core.report.routes()

@@ -70,6 +70,15 @@ LIMITS = (
     LimitConfig(
         check="system/disk", path="system/load", field="disk_free_bytes", low=True, warn=5e8, error=5e7
     ),
+    LimitConfig(
+        check="link/loss",
+        path="net/links",
+        field="best_loss_ratio",
+        warn=0.4,
+        hysteresis=0.1,
+        confirm=(5, 8),
+    ),
+    LimitConfig(check="link/waiting", path="net/links", field="waiting_frames", warn=500.0, hysteresis=250.0),
 )
 
 

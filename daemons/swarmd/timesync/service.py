@@ -26,9 +26,9 @@ from swarmware.module.module import Module
 from swarmware.module.stream import StreamReader
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
-from swarmware.types.net import Routes, TimingBatch, TimingSample
+from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
-from swarmware.types.time import TimeFunctions
+from swarmware.types.time import TimeFunctions, TimingBatch, TimingSample
 
 
 class TimeSync(Service):

@@ -75,7 +75,7 @@ DEFAULT: Final = (
     ),
     AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset,rule}", "node"),
     AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions}", "observer"),
-    AccessRule(Verb.CALL, "sys/broker/{links,routes,traffic}", "observer"),
+    AccessRule(Verb.CALL, "sys/broker/{links,outages,routes,traffic}", "observer"),
     AccessRule(Verb.CALL, "sys/{files,mission,vehicle,health}/**", "operator"),
     AccessRule(Verb.CALL, "sys/**", "maintainer"),
     AccessRule(Verb.CALL, "cmd/**", "operator"),

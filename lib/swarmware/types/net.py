@@ -7,7 +7,7 @@ import msgspec
 from swarmware.model import names
 from swarmware.model.open_enum import OpenEnum
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types.bounds import Count, Instant, Uint32
+from swarmware.types.bounds import Count, Uint32
 from swarmware.types.registry import register
 
 UNACCEPTED: Final = "?"
@@ -183,6 +183,13 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     """Frames that were dropped: the queue was full, or they were too old."""
     repeated_bytes: int = 0
     """Bytes of frames that were sent again in datagrams, because they or their acknowledgements were lost."""
+    offered_frames: int = 0
+    """Frames that this node gave to the link; those that moved to the other transport count for both."""
+    delivered_frames: int = 0
+    """Frames that the neighbour acknowledged; udp alone, connections do not show it."""
+    waiting_frames: int = 0
+    """Frames that wait for the link now, or have not been acknowledged."""
+    waiting_bytes: int = 0
 
 
 @register
@@ -207,6 +214,11 @@ class ChannelTraffic(msgspec.Struct, array_like=True, gc=False):
     """Rate limit in force."""
     held_back: int = 0
     """Values that the limit delayed until a newer one replaced them."""
+    repeated_frames: int = 0
+    """Frames that their sender sent again, because no answer came; counted as sent, too."""
+    repeated_bytes: int = 0
+    delivered_frames: int = 0
+    """Messages and requests whose receiver answered; boards have no answer."""
 
 
 @register
@@ -265,6 +277,8 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Beacons that a member has sealed in the name of another one: of this node, or of one in range."""
     damaged: int = 0
     """Frames of serial lines that were damaged: noise, or another rate; the log has the reasons."""
+    scrapes: int = 0
+    """Requests for the metrics page that were malformed, too long, too many, or without the token."""
 
 
 CERTAINLY_HOSTILE: Final = (
@@ -383,32 +397,6 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Beacons that were delayed because the processor was overloaded."""
     slowdown: float = 1.0
     """Factor by which beacons are sent less often because the processor is overloaded; 1: it keeps up."""
-
-
-@register
-class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Clock differences measured from one datagram, theirs minus ours."""
-
-    platform: str
-    unit: str
-    hardware: int
-    boot_id: int
-    """Start of their clock: another one is another clock."""
-    received_ns: Instant
-    """Our clock at its arrival."""
-    lower_ns: Instant
-    """Their send time minus our receive time: lower bound of the offset of their clock."""
-    sent_ns: Instant = 0
-    """Our clock when the datagram that they echo left."""
-    upper_ns: Instant | None = None
-    """Their receive time minus our send time of that one: upper bound; None: no echo in this datagram."""
-
-
-@register
-class TimingBatch(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """All clock differences since the last beacon (stream `net/timing`)."""
-
-    samples: tuple[TimingSample, ...]
 
 
 @register

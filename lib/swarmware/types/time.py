@@ -227,3 +227,29 @@ class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
             if function.platform == platform and function.unit == unit:
                 return function
         return None
+
+
+@register
+class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Clock differences measured from one datagram, theirs minus ours."""
+
+    platform: str
+    unit: str
+    hardware: int
+    boot_id: int
+    """Start of their clock: another one is another clock."""
+    received_ns: Instant
+    """Our clock at its arrival."""
+    lower_ns: Instant
+    """Their send time minus our receive time: lower bound of the offset of their clock."""
+    sent_ns: Instant = 0
+    """Our clock when the datagram that they echo left."""
+    upper_ns: Instant | None = None
+    """Their receive time minus our send time of that one: upper bound; None: no echo in this datagram."""
+
+
+@register
+class TimingBatch(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """All clock differences since the last beacon (stream `net/timing`)."""
+
+    samples: tuple[TimingSample, ...]

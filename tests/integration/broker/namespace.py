@@ -6,13 +6,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 ROOT = Path(__file__).parents[3]
 
 
-def figures_of(program: str, *arguments: str, tools: tuple[str, ...] = ("ip",)) -> dict[str, float]:
+def figures_of(program: str, *arguments: str, tools: tuple[str, ...] = ("ip",)) -> dict[str, Any]:
     """What a program prints as JSON, by its path from this folder; skips the test without namespaces."""
     needed = ("unshare", *tools)
     if os.geteuid() != 0 or any(shutil.which(tool) is None for tool in needed):
@@ -28,5 +29,5 @@ def figures_of(program: str, *arguments: str, tools: tuple[str, ...] = ("ip",)) 
     if "unshare failed" in done.stderr:
         pytest.skip(f"no network namespace here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stderr
-    figures: dict[str, float] = json.loads(done.stdout)
+    figures: dict[str, Any] = json.loads(done.stdout)
     return figures

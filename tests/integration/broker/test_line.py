@@ -10,9 +10,9 @@ from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
 from swarmware.transport.delivery.outcome import Status
-from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
-from swarmware.types.net import TimingBatch, Traffic
+from swarmware.types.net import ChannelLimits, SetChannel, Traffic
 from swarmware.types.scalar import Float, Text
+from swarmware.types.time import TimingBatch
 from swarmware.types.vehicle import Pose
 
 NAMES = ("uav1", "uav2", "uav3")

@@ -17,9 +17,8 @@ from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.answer import reply
 from swarmware.types import registry
-from swarmware.types.net import TimingBatch, TimingSample
 from swarmware.types.rpc import Empty, Reply
-from swarmware.types.time import Conversion, TimeFunctions
+from swarmware.types.time import Conversion, TimeFunctions, TimingBatch, TimingSample
 
 PATIENCE_S = 20.0
 DELAY_NS = 100_000

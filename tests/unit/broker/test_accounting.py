@@ -4,8 +4,10 @@ import msgspec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.traffic import NOTIFY_ID, Counters, FrameAccounts, shares
+from swarmd.broker.core.traffic import ASKED_MAX, NOTIFY_ID, Counters, FrameAccounts, shares
 from swarmware.model.frame import Frame, FrameKind
+from swarmware.transport.delivery.answer import answer, reply
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
 from swarmware.types.net import ChannelTraffic
 from swarmware.types.tree import TreeItem, TreeNotify
@@ -93,3 +95,42 @@ def test_a_queued_frame_is_counted_where_its_address_is_known_by_the_time_it_lea
     [(channel, size)] = accounts.channels(frame)
     assert channel is counters.channel("cmd/stop")
     assert size == 2
+
+
+def question(sequence: int = 1) -> Frame:
+    return Frame(FrameKind.MESSAGE, 5, 1, 11, 2, 0, sequence, payload=b"12")
+
+
+def test_a_message_is_offered_once_repeated_when_sent_again_and_delivered_by_its_first_answer() -> None:
+    counters = Counters()
+    accounts = FrameAccounts(counters, Paths())
+    accounts.offered(question(), first=True)
+    accounts.offered(question(), first=False)
+    done = answer(question(), Status.DELIVERED, where="uav2", stamp_ns=0)
+    accounts.answered(done)
+    accounts.answered(done)
+    found = counters.channel("cmd/goto")
+    assert (found.offered_frames, found.repeated_frames, found.repeated_bytes) == (1, 1, 2)
+    assert found.delivered_frames == 1
+
+
+def test_a_refused_message_is_not_delivered_and_a_reply_delivers_its_request() -> None:
+    counters = Counters()
+    accounts = FrameAccounts(counters, Paths())
+    for sequence in (1, 2, 3):
+        accounts.offered(question(sequence), first=True)
+    accounts.answered(answer(question(1), Status.REFUSED, where="uav2", stamp_ns=0))
+    accounts.answered(reply(question(2), FrameKind.ACK, b"garbage", 0))
+    assert counters.channel("cmd/goto").delivered_frames == 0
+    accounts.answered(reply(question(3), FrameKind.REPLY, b"", 0))
+    assert counters.channel("cmd/goto").delivered_frames == 1
+
+
+def test_questions_without_an_answer_take_a_bounded_room() -> None:
+    accounts = FrameAccounts(Counters(), Paths())
+    for sequence in range(2 * ASKED_MAX):
+        accounts.offered(question(sequence), first=True)
+    accounts.answered(reply(question(0), FrameKind.REPLY, b"", 0))
+    assert accounts.channels(question())[0][0].delivered_frames == 0, "the oldest one was forgotten"
+    accounts.answered(reply(question(2 * ASKED_MAX - 1), FrameKind.REPLY, b"", 0))
+    assert accounts.channels(question())[0][0].delivered_frames == 1

@@ -27,15 +27,9 @@ from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame
 from swarmware.model.names import data_id, hardware_id
-from swarmware.types.net import (
-    BoardPublication,
-    BoardSubscription,
-    StructureBroadcast,
-    TimingBatch,
-    TimingSample,
-    TreePlan,
-)
+from swarmware.types.net import BoardPublication, BoardSubscription, StructureBroadcast, TreePlan
 from swarmware.types.registry import encode
+from swarmware.types.time import TimingBatch, TimingSample
 
 SECOND: Final = 1_000_000_000
 ME: Final = "uav1"

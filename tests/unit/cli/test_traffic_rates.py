@@ -8,10 +8,11 @@ import msgspec
 import pytest
 from tests.unit.cli.test_commands import R, ScriptedSession
 
-from swarmctl.commands.traffic import rates
+from swarmctl.commands.traffic import top
+from swarmctl.commands.traffic.command import SORT_KEYS
 from swarmware.module.module import Module
 from swarmware.testing.virtual import VirtualClock, VirtualTime
-from swarmware.types.net import ChannelTraffic, Traffic
+from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Traffic
 
 S = 1_000_000_000
 
@@ -58,8 +59,129 @@ async def offered(session: CountingSession, count: int, monkeypatch: pytest.Monk
     async def until(_clock: VirtualClock, instant_ns: int) -> None:
         session.time.run_until(instant_ns)
 
-    monkeypatch.setattr(rates, "until", until)
-    await rates.follow_rates(session, 2.0, count)
+    monkeypatch.setattr(top, "until", until)
+    await top.follow_rates(session, 2.0, count)
     periods = [json.loads(line) for line in session.stdout.getvalue().splitlines()]
     assert len(periods) == count
     return [pose["offered_hz"] for period in periods for pose in period["channels"]]
+
+
+def reading(at_s: float, channel: ChannelTraffic, *links: LinkTraffic) -> Traffic:
+    counters = msgspec.convert([0] * 16 + [1.0, []], Traffic)
+    return msgspec.structs.replace(counters, at_ns=round(at_s * S), channels=(channel,), links=links)
+
+
+BEFORE = reading(0, ChannelTraffic("cmd/goto"), LinkTraffic("uav2", LinkTransport.UDP))
+AFTER = reading(
+    2,
+    ChannelTraffic(
+        "cmd/goto",
+        offered_frames=20,
+        sent_frames=22,
+        sent_bytes=2200,
+        received_frames=4,
+        received_bytes=400,
+        dropped=2,
+        held_back=6,
+        repeated_frames=8,
+        repeated_bytes=800,
+        delivered_frames=18,
+    ),
+    LinkTraffic(
+        "uav2",
+        LinkTransport.UDP,
+        sent_frames=40,
+        sent_bytes=4000,
+        received_frames=10,
+        received_bytes=1000,
+        lost=4,
+        dropped=2,
+        repeated_bytes=500,
+        offered_frames=24,
+        delivered_frames=20,
+        waiting_frames=3,
+        waiting_bytes=700,
+    ),
+)
+
+
+def test_a_link_and_a_channel_have_all_their_rates() -> None:
+    found = top.rates("uav1", BEFORE, AFTER)
+    assert found.channels == [
+        top.ChannelRates("cmd/goto", 10, 11, 1100, 2, 200, 1, 3, 4, 400, delivered_hz=9),
+    ]
+    assert found.links == [top.LinkRates("uav2", "udp", 12, 20, 2000, 5, 500, 250, 1, 10, 2, 3, 700)]
+    assert top.rates("uav1", AFTER, msgspec.structs.replace(AFTER, at_ns=3 * S)).channels == []
+
+
+class ShownSession(ScriptedSession):
+    """A broker with two channels and two links, for a person who reads a table."""
+
+    def __init__(self) -> None:
+        super().__init__({})
+        self.time = VirtualTime()
+        self.module = cast("Module", SimpleNamespace(platform="gcs", clock=VirtualClock(self.time)))
+
+    async def ask(self, path: str, value: msgspec.Struct, reply: type[R], **_: Any) -> R:
+        self.time.run_for(1)
+        now = self.time.now_ns // S
+        slow = ChannelTraffic("a/slow", sent_bytes=10 * now, dropped=7 * now)
+        fast = ChannelTraffic("b/fast", sent_bytes=1000 * now)
+        found = msgspec.structs.replace(
+            AFTER,
+            at_ns=self.time.now_ns,
+            channels=(slow, fast),
+            links=(
+                LinkTraffic("uav2", LinkTransport.UDP, sent_bytes=1000 * now),
+                LinkTraffic(
+                    "uav3", LinkTransport.UDP, sent_bytes=10 * now, waiting_bytes=9, waiting_frames=1
+                ),
+            ),
+        )
+        assert isinstance(found, reply), path
+        return found
+
+
+@pytest.mark.parametrize(
+    ("sort", "order"),
+    [
+        ("bytes", ["uav2", "uav3", "b/fast", "a/slow"]),
+        ("dropped", ["uav2", "uav3", "a/slow", "b/fast"]),
+        ("held", ["uav3", "uav2", "a/slow", "b/fast"]),
+        ("name", ["uav2", "uav3", "a/slow", "b/fast"]),
+    ],
+)
+async def test_the_tables_are_ordered_by_the_column_that_was_asked_for(
+    sort: str, order: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = ShownSession()
+    text = await shown(session, monkeypatch, top.SortKey(sort))
+    firsts = [line.split()[0] for line in text.splitlines() if line.startswith(("uav", "a/", "b/"))]
+    assert firsts == order
+    assert text.startswith("gcs: "), "the sum of the node is above the tables"
+
+
+async def test_one_of_the_two_tables_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = await shown(ShownSession(), monkeypatch, parts=(top.TrafficTable.LINKS,))
+    assert "uav2" in text
+    assert "CHANNEL" not in text
+
+
+def test_the_help_offers_the_columns_that_exist() -> None:
+    assert list(SORT_KEYS) == list(top.SortKey)
+
+
+async def shown(
+    session: ShownSession,
+    monkeypatch: pytest.MonkeyPatch,
+    sort: top.SortKey = top.SortKey.BYTES,
+    parts: tuple[top.TrafficTable, ...] = tuple(top.TrafficTable),
+) -> str:
+    """What one period prints."""
+
+    async def until(_clock: VirtualClock, instant_ns: int) -> None:
+        session.time.run_until(instant_ns)
+
+    monkeypatch.setattr(top, "until", until)
+    await top.follow_rates(session, 2.0, 1, sort, parts)
+    return session.stdout.getvalue()

@@ -8,7 +8,7 @@ from swarmctl.commandline.settings import settings
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Links and their quality.
+    """Links, their quality and their outages.
 
     Example: swarmctl link ls --node uav1
     """
@@ -26,3 +26,17 @@ def ls(ctx: click.Context) -> None:
     from swarmctl.session.each_node import run_each
 
     run_each(settings(ctx), list_neighbours)
+
+
+@cmd.command()
+@click.option("--count", type=click.IntRange(min=1), metavar="N", help="The newest N of each node.")
+@click.pass_context
+def outages(ctx: click.Context, count: int | None) -> None:
+    """List the outages of links, the newest first: how long to detect, down, to recover, and to drain.
+
+    Example: swarmctl link outages --node uav1
+    """
+    from swarmctl.commands.link.outages import list_outages
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), list_outages, count)

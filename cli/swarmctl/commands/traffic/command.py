@@ -1,10 +1,25 @@
 """`swarmctl traffic`: bytes and frames per channel, and the rules of channels."""
 
+from typing import Final
+
 import click
 
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import at_path
 from swarmctl.commandline.settings import settings
+
+SORT_KEYS: Final = (
+    "bytes",
+    "offered",
+    "sent",
+    "resent",
+    "held",
+    "dropped",
+    "delivered",
+    "received",
+    "name",
+)
+"""Those of `traffic.top.SortKey`, which is imported when the command runs."""
 
 
 @click.group(cls=Group)
@@ -39,16 +54,27 @@ def ls(ctx: click.Context) -> None:
     help="Period of the output.",
 )
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N periods.")
+@click.option(
+    "--sort",
+    type=click.Choice(SORT_KEYS),
+    default="bytes",
+    show_default=True,
+    help="Column that orders the tables, the largest first.",
+)
+@click.option(
+    "--only", type=click.Choice(["links", "channels"]), help="One of the two tables, by link or by channel."
+)
 @click.pass_context
-def top(ctx: click.Context, period_s: float, count: int | None) -> None:
-    """Follow the rate of each channel, from the counters of brokers; Ctrl-C ends it.
+def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only: str | None) -> None:
+    """Follow what links and channels offer, send, repeat, hold back, drop and deliver; Ctrl-C ends it.
 
-    Example: swarmctl traffic top --node uav1 --count 5
+    Example: swarmctl traffic top --node uav1 --sort dropped --count 5
     """
-    from swarmctl.commands.traffic.rates import follow_rates
+    from swarmctl.commands.traffic.top import SortKey, TrafficTable, follow_rates
     from swarmctl.session.session import run
 
-    run(settings(ctx), follow_rates, period_s, count)
+    parts = (TrafficTable(only),) if only else tuple(TrafficTable)
+    run(settings(ctx), follow_rates, period_s, count, SortKey(sort), parts)
 
 
 @cmd.command(name="set")

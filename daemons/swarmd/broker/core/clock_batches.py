@@ -4,7 +4,7 @@ from typing import Final
 
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.node_table import NodeTable
-from swarmware.types.net import TimingBatch, TimingSample
+from swarmware.types.time import TimingBatch, TimingSample
 
 SAMPLES_NS: Final = 490_000_000
 """Time between two batches of clock samples while no link is new: clocks are estimated from them every three

@@ -26,6 +26,7 @@ from swarmware.types.net import (
     RouteState,
     Traffic,
 )
+from swarmware.types.outage import NodeLinks
 
 _FULL: Final = 255
 """Quality of a link without loss."""
@@ -138,6 +139,26 @@ class NetReport:
         if best is None:
             return min(neighbour.quality, neighbour.reported)
         return min(best.quality_in(now_ns), best.quality_out(now_ns))
+
+    def links(self, waiting: Callable[[int], tuple[int, int]], outages: int, now_ns: int) -> NodeLinks:
+        """Summary of all links, for health rules.
+
+        `waiting`: frames and bytes that wait for a neighbour; `outages`: links that are lost now.
+        """
+        found = self._neighbours.all()
+        losses = [quality.loss for _, quality in self.link_qualities(now_ns)]
+        trips_ns = [one.rtt_ns for one in found if one.state is LinkState.UP and one.rtt_ns]
+        queues = [waiting(one.hw) for one in found]
+        return NodeLinks(
+            up=sum(one.state is LinkState.UP for one in found),
+            half_open=sum(one.state is LinkState.HALF_OPEN for one in found),
+            best_loss_ratio=round(min(losses), 3) if losses else None,
+            worst_loss_ratio=round(max(losses), 3) if losses else None,
+            worst_rtt_ms=round(max(trips_ns) / 1e6, 4) if trips_ns else None,
+            outages=outages,
+            waiting_frames=sum(frames for frames, _ in queues),
+            waiting_bytes=sum(size for _, size in queues),
+        )
 
     def routes(self) -> Routes:
         """Table of all reachable nodes."""

@@ -7,8 +7,11 @@ from typing import Final, Protocol
 from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import data_id
+from swarmware.transport.delivery.answer import ANSWERS, answerable
+from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
 from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Refused
+from swarmware.types.rpc import Ack
 from swarmware.types.tree import TreeNotify
 
 IP_UDP_BYTES: Final = 28
@@ -20,6 +23,11 @@ _NAMED_BY_KIND: Final = frozenset({FrameKind.ACK, FrameKind.HELLO})
 CHANNEL_LIMIT: Final = 4096
 EVERYBODY: Final = "*"
 """Link of multicast datagrams."""
+ASKED_MAX: Final = 4096
+"""Questions whose answers are counted; more are not outstanding at a node that keeps up."""
+
+_Question = tuple[int, int, int, int]
+"""Asking application, receiver's hardware, data id and sequence."""
 
 
 class ChannelCounters(ChannelTraffic, gc=False):
@@ -29,6 +37,11 @@ class ChannelCounters(ChannelTraffic, gc=False):
         """Counts a value or frame offered for sending."""
         self.offered_frames += 1
         self.offered_bytes += size
+
+    def repeated(self, size: int) -> None:
+        """Counts a frame that its sender sends again."""
+        self.repeated_frames += 1
+        self.repeated_bytes += size
 
     def sent(self, size: int) -> None:
         """Counts a sent one."""
@@ -148,10 +161,18 @@ class ServedPaths(Protocol):
         ...
 
 
+def _is_delivered(frame: Frame) -> bool:
+    try:
+        return registry.decode(Ack, frame.payload, frame.codec).status == Status.DELIVERED
+    except WireError:
+        return False  # the router drops it
+
+
 class FrameAccounts:
     """Counters of the channels of frames.
 
-    A frame is offered and sent, or received, in one step: its channels are determined once.
+    A frame is offered and sent, or received, in one step: its channels are determined once. The channels of
+    a question are kept until its answer.
     """
 
     def __init__(self, counters: Counters, paths: ServedPaths) -> None:
@@ -160,6 +181,7 @@ class FrameAccounts:
         self._version = -1
         self._frame: Frame | None = None
         self._channels: list[tuple[ChannelCounters, int]] = []
+        self._asked: dict[_Question, list[tuple[ChannelCounters, int]]] = {}
 
     def channels(self, frame: Frame) -> list[tuple[ChannelCounters, int]]:
         """Channels of a frame, and its payload bytes in each."""
@@ -169,6 +191,29 @@ class FrameAccounts:
             self._channels = [(channel(name), size) for name, size in shares(frame, paths.path_of)]
             self._frame, self._version = frame, paths.version
         return self._channels
+
+    def offered(self, frame: Frame, *, first: bool) -> None:
+        """Counts a frame of an application of this node; not `first`: it is sent again."""
+        channels = self.channels(frame)
+        for channel, size in channels:
+            if first:
+                channel.offered(size)
+            else:
+                channel.repeated(size)
+        if first and answerable(frame):
+            if len(self._asked) >= ASKED_MAX:
+                del self._asked[next(iter(self._asked))]
+            self._asked[frame.sender_app, frame.receiver_hw, frame.data_id, frame.sequence] = channels
+
+    def answered(self, frame: Frame) -> None:
+        """Counts the question of an answer as delivered, unless the answer is a refusal."""
+        if frame.kind not in ANSWERS:
+            return
+        channels = self._asked.pop((frame.receiver_app, frame.sender_hw, frame.data_id, frame.sequence), ())
+        if frame.kind is FrameKind.ACK and not _is_delivered(frame):
+            return
+        for channel, _ in channels:
+            channel.delivered_frames += 1
 
     def values(self, frame: Frame) -> int:
         """Number of notified values in a frame."""

@@ -34,7 +34,7 @@ from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import ConnectionStatus, LinkTransport
+from swarmware.types.net import ConnectionStatus, LinkTraffic, LinkTransport
 
 BY_CONNECTION: Final = frozenset({FrameKind.HELLO, FrameKind.ROSTER})
 """Frames that prove something by the connection that they come over."""
@@ -108,6 +108,8 @@ class FrameLinks:
         except ConfigError:
             self._connections.close()
             raise
+        self._counted: dict[int, tuple[int, int, int]] = {}
+        """Of each reliable link: its session, repeated bytes and arrived frames when last counted."""
         self._core = ReliableLinks(config)
         self._driver = CoreDriver(
             self._core, self._perform, name="links", clock=clock, loop=asyncio.get_running_loop()
@@ -136,7 +138,10 @@ class FrameLinks:
         """Sends the first transmission of an urgent frame in a datagram of its own; False: use `send`."""
         if self._core.uses_datagrams(peer.hw) and not self._has_several(peer):
             return False  # its reliable link sends it at once, and again if it is lost
-        return self._datagrams.send(peer, frame)
+        if not self._datagrams.send(peer, frame):
+            return False
+        self._counters.link(peer.platform, LinkTransport.UDP).offered_frames += 1
+        return True
 
     def on_repeated(self, hw: int) -> None:
         """An urgent frame is repeated to a neighbour."""
@@ -147,7 +152,10 @@ class FrameLinks:
 
     def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> None:
         """Sends or queues a frame for a neighbour."""
-        if self._by_datagram(peer, frame):
+        by_datagram = self._by_datagram(peer, frame)
+        transport = LinkTransport.UDP if by_datagram else LinkTransport.TCP
+        self._counters.link(peer.platform, transport).offered_frames += 1
+        if by_datagram:
             self._send_datagrams(peer, QueuedFrame(data, frame, self._clock.now_ns()))
             return
         gone = self._connections.send(peer, data, frame)
@@ -214,10 +222,29 @@ class FrameLinks:
         counters.tcp_sent_bytes = count.sent_bytes
         counters.tcp_received_bytes = count.received_bytes
         counters.refused.denied_connections = self._connections.denied
+        for row in counters.links.values():
+            row.waiting_frames = row.waiting_bytes = 0
+        for peer in self._connections.peers():
+            frames, size = self._connections.waiting(peer.hw)
+            _add_waiting(counters.link(peer.platform, LinkTransport.TCP), frames, size)
         for link in self._core.links():
-            peer = self._find_peer(link.hw)
-            if peer is not None:
-                counters.link(peer.platform, LinkTransport.UDP).repeated_bytes = link.repeated_bytes
+            found = self._find_peer(link.hw)
+            if found is None:
+                continue
+            row = counters.link(found.platform, LinkTransport.UDP)
+            _add_waiting(row, len(link), link.waiting_bytes)
+            session, repeated, arrived = self._counted.get(link.hw, (link.session, 0, 0))
+            if session != link.session:
+                repeated = arrived = 0  # a new link, which counts from 0
+            row.repeated_bytes += link.repeated_bytes - repeated
+            row.delivered_frames += link.arrived_frames - arrived
+            self._counted[link.hw] = link.session, link.repeated_bytes, link.arrived_frames
+
+    def waiting(self, hw: int) -> tuple[int, int]:
+        """Frames that wait for a neighbour or have not arrived, and their bytes."""
+        frames, size = self._connections.waiting(hw)
+        link = self._core.link(hw)
+        return (frames, size) if link is None else (frames + len(link), size + link.waiting_bytes)
 
     def state(self, hw: int) -> ConnectionStatus:
         """How frames travel to a neighbour."""
@@ -251,3 +278,8 @@ class FrameLinks:
         self._driver.stop()
         self._datagrams.close()
         self._connections.close()
+
+
+def _add_waiting(row: LinkTraffic, frames: int, size: int) -> None:
+    row.waiting_frames += frames
+    row.waiting_bytes += size

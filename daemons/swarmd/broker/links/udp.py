@@ -243,6 +243,7 @@ def loopback_only(config: Config) -> Config:
         multicast_interface=LOOPBACK,
         serial=(),
         network=(),
+        metrics_address=config.metrics_address if config.metrics_address.startswith("127.") else LOOPBACK,
     )
 
 

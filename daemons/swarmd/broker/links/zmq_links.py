@@ -346,6 +346,15 @@ class ZmqLinks:
         connections = self._peers.get(hw)
         return [] if connections is None else connections.queue.clear()
 
+    def peers(self) -> list[LinkPeer]:
+        """The neighbours with connections."""
+        return [connections.peer for connections in self._peers.values()]
+
+    def waiting(self, hw: int) -> tuple[int, int]:
+        """Frames that wait for the connections to a neighbour, and their bytes."""
+        connections = self._peers.get(hw)
+        return (0, 0) if connections is None else (len(connections.queue), connections.queue.queued_bytes)
+
     def state(self, hw: int) -> ConnectionStatus:
         """State of the connections to a neighbour."""
         connections = self._peers.get(hw)

@@ -83,6 +83,11 @@ class SendQueue:
     def __len__(self) -> int:
         return self._frames
 
+    @property
+    def queued_bytes(self) -> int:
+        """Bytes of the queued frames."""
+        return self._bytes
+
     def has(self, connection_class: ConnectionClass) -> bool:
         """Whether frames are queued for a connection."""
         return any(self._by_connection[connection_class])

@@ -46,6 +46,7 @@ class OutgoingMessages:
         """Frames that wait or are in flight: a copy that their sender retransmits is not needed."""
         self._messages: dict[int, _OutgoingMessage] = {}
         self._next_number = 0
+        self.arrived_frames = 0
         self.repeated_bytes = 0
         """Bytes of pieces that were sent again."""
         self._lost: dict[Priority, deque[Piece]] = {rank: deque() for rank in Priority}
@@ -59,6 +60,11 @@ class OutgoingMessages:
     def waiting(self) -> int:
         """Frames that have not begun."""
         return len(self._queue)
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes of the frames that have not arrived."""
+        return self._queue.queued_bytes + sum(message.missing for message in self._messages.values())
 
     @property
     def floor(self) -> int:
@@ -150,6 +156,7 @@ class OutgoingMessages:
         message.arrived.add(piece.offset)
         message.missing -= len(piece.data)
         if not message.missing:
+            self.arrived_frames += 1
             del self._messages[piece.message]
             self._identities.discard(_identity(message.queued.frame))
 

@@ -107,6 +107,16 @@ class ReliableLink:
         return self._outgoing.repeated_bytes
 
     @property
+    def arrived_frames(self) -> int:
+        """Frames that the neighbour acknowledged."""
+        return self._outgoing.arrived_frames
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes of the frames that have not arrived."""
+        return self._outgoing.waiting_bytes
+
+    @property
     def smoothed_ns(self) -> int:
         """The smoothed round trip."""
         return self._recovery.smoothed_ns

@@ -49,3 +49,5 @@ class LinkChanged(msgspec.Struct, frozen=True, gc=False):
     before: LinkState
     after: LinkState
     event: LinkEvent
+    worked_ns: int = 0
+    """Own clock when the direction that failed worked last; of a link that does not fail without meaning."""

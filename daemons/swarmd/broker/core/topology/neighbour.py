@@ -318,8 +318,8 @@ class NeighbourTable:
             if hw != self.own_hw:
                 continue
             if not quality:
-                neighbour.listed_ns = NEVER_NS
                 self._event(neighbour, LinkEvent.UNLISTED, rx_ns, changes)
+                neighbour.listed_ns = NEVER_NS
                 continue
             if hold_us == NO_ECHO:
                 # It received nothing since its last listing. That keeps a link up, but cannot bring it
@@ -363,8 +363,7 @@ class NeighbourTable:
 
     def advance(self, now_ns: int) -> list[LinkChanged]:
         """Takes links down whose deadline has passed, and counts overdue datagrams."""
-        changes: list[LinkChanged] = []
-        forgotten: list[int] = []
+        changes, forgotten = list[LinkChanged](), list[int]()
         for neighbour in self._all.values():
             if neighbour.state is LinkState.DOWN:
                 if now_ns - neighbour.received_ns > FORGET_NS:
@@ -485,7 +484,8 @@ class NeighbourTable:
         after = TRANSITIONS.get((neighbour.state, event))
         if after is None:
             return
-        changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event))
+        worked_ns = neighbour.listed_ns if event is LinkEvent.UNLISTED else neighbour.received_ns
+        changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event, worked_ns))
         if LinkState.UP in (after, neighbour.state):
             self._common_ns = NEVER_NS
         self._active += (after is not LinkState.DOWN) - (neighbour.state is not LinkState.DOWN)

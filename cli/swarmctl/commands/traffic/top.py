@@ -1,0 +1,354 @@
+"""Rates of the links and channels of brokers, from their counters, redrawn once a period."""
+
+from collections.abc import Sequence
+from enum import StrEnum
+from functools import partial
+from typing import Final
+
+import msgspec
+
+from swarmctl.commandline.nodes import is_selection
+from swarmctl.resources.fanout import ask_all, warn_errors
+from swarmctl.session.session import Session
+from swarmctl.terminal.table import Cell, Column, fitted_table, show
+from swarmware.errors import Partial, SwarmError
+from swarmware.runtime.instant import until
+from swarmware.types.net import UNACCEPTED, ChannelTraffic, LinkTraffic, Traffic
+from swarmware.types.rpc import Empty
+
+
+class SortKey(StrEnum):
+    """Columns by which channels and links are ordered; `name` ascending, the others descending."""
+
+    BYTES = "bytes"
+    OFFERED = "offered"
+    SENT = "sent"
+    RESENT = "resent"
+    HELD = "held"
+    DROPPED = "dropped"
+    DELIVERED = "delivered"
+    RECEIVED = "received"
+    NAME = "name"
+
+
+class TrafficTable(StrEnum):
+    """Tables of the command."""
+
+    LINKS = "links"
+    CHANNELS = "channels"
+
+
+class ChannelRates(msgspec.Struct, frozen=True):
+    """Rates of one channel."""
+
+    channel: str
+    offered_hz: float
+    sent_hz: float
+    sent_bytes_s: float
+    received_hz: float
+    received_bytes_s: float
+    dropped_hz: float
+    held_back_hz: float
+    repeated_hz: float
+    repeated_bytes_s: float
+    delivered_hz: float
+    """Of frames whose receiver answered; boards have no answer."""
+
+
+class LinkRates(msgspec.Struct, frozen=True):
+    """Rates of one link."""
+
+    platform: str
+    transport: str
+    offered_hz: float
+    sent_hz: float
+    """udp: of datagrams, beacons included."""
+    sent_bytes_s: float
+    received_hz: float
+    received_bytes_s: float
+    repeated_bytes_s: float
+    dropped_hz: float
+    delivered_hz: float
+    """Of frames that the neighbour acknowledged, in datagrams."""
+    lost_hz: float
+    """Datagrams of the neighbour that did not arrive."""
+    waiting_frames: int
+    """At the end of the period."""
+    waiting_bytes: int
+
+
+class TrafficRates(msgspec.Struct, frozen=True):
+    """Rates of a platform's channels and links in one period."""
+
+    platform: str
+    at_ns: int
+    sent_bytes_s: float
+    """On the wire, of all channels."""
+    received_bytes_s: float
+    channels: list[ChannelRates]
+    links: list[LinkRates]
+
+
+_CHANNEL_KEYS: Final = {
+    SortKey.BYTES: ("sent_bytes_s", "received_bytes_s"),
+    SortKey.OFFERED: ("offered_hz",),
+    SortKey.SENT: ("sent_hz",),
+    SortKey.RESENT: ("repeated_hz",),
+    SortKey.HELD: ("held_back_hz",),
+    SortKey.DROPPED: ("dropped_hz",),
+    SortKey.DELIVERED: ("delivered_hz",),
+    SortKey.RECEIVED: ("received_hz",),
+}
+"""Fields whose sum orders the channels."""
+_LINK_KEYS: Final = _CHANNEL_KEYS | {
+    SortKey.RESENT: ("repeated_bytes_s",),
+    SortKey.HELD: ("waiting_bytes",),
+}
+
+
+class TrafficTop:
+    """The view of the rates: which tables, in which order."""
+
+    def __init__(self, session: Session, sort: SortKey, parts: Sequence[TrafficTable]) -> None:
+        self._session = session
+        self._sort = sort
+        self._parts = parts
+
+    async def follow(self, period_s: float, count: int | None) -> None:
+        """Prints the rates once per period; ends after `count` periods, when one is given.
+
+        Raises: as `Session.ask` where no platform answers; Partial when one did not answer in the last
+        period.
+        """
+        session = self._session
+        asked = await session.selected() if session.settings.node else [session.platform]
+        before, errors = await self._traffic(asked)
+        if not before:
+            raise errors[asked[0]]
+        clock = session.module.clock
+        turn = 0
+        while turn != count:
+            # from reading to reading: a period of the clock may end just after the command began
+            await until(clock, clock.now_ns() + round(period_s * 1e9))
+            now, errors = await self._traffic(asked)
+            if not now and len(asked) == 1:
+                raise errors[asked[0]]
+            found = [
+                rates(name, before[name], one)
+                for name, one in now.items()
+                if name in before and one.at_ns != before[name].at_ns
+            ]
+            before |= now
+            if not found and now:
+                continue
+            turn += 1
+            self._show([self._sorted(one) for one in found], last=turn == count)
+            warn_errors(session, errors)
+        if errors:
+            raise Partial(f"traffic: {', '.join(errors)} did not answer")
+
+    async def _traffic(self, asked: list[str]) -> tuple[dict[str, Traffic], dict[str, SwarmError]]:
+        return await ask_all(self._session, asked, "sys/broker/traffic", Empty(), Traffic)
+
+    def _sorted(self, found: TrafficRates) -> TrafficRates:
+        channels = sorted(found.channels, key=lambda one: one.channel)
+        links = sorted(found.links, key=lambda one: (one.platform, one.transport))
+        if self._sort is not SortKey.NAME:
+            channels.sort(key=partial(_sum, _CHANNEL_KEYS[self._sort]), reverse=True)
+            links.sort(key=partial(_sum, _LINK_KEYS[self._sort]), reverse=True)
+        return msgspec.structs.replace(found, channels=channels, links=links)
+
+    def _show(self, found: list[TrafficRates], *, last: bool) -> None:
+        """Prints a line per platform for programs, else tables; several nodes have a column of the node."""
+        session, out = self._session, self._session.out
+        if session.settings.structured:
+            for one in found:
+                out.line(one)
+            return
+        several = is_selection(session.settings.node)
+        width = None if session.settings.output == "wide" else out.width
+        sent = sum(one.sent_bytes_s for one in found) / 1000
+        received = sum(one.received_bytes_s for one in found) / 1000
+        again = sum(link.repeated_bytes_s for one in found for link in one.links) / 1000
+        whose = f"{len(found)} nodes" if several else session.platform
+        title = f"{whose}: {sent:.2f} kB/s out, {received:.2f} kB/s in, on the wire; {again:.2f} kB/s re-sent"
+        texts = [title]
+        for part in self._parts:
+            columns = _LINK_COLUMNS if part is TrafficTable.LINKS else _CHANNEL_COLUMNS
+            rows = [
+                (*((one.platform,) if several else ()), *row)
+                for one in found
+                for row in (
+                    map(_link_row, one.links)
+                    if part is TrafficTable.LINKS
+                    else map(_channel_row, one.channels)
+                )
+            ]
+            columns = (*((Column("NODE"),) if several else ()), *columns)
+            cells = [[show(cell) for cell in row] for row in rows]
+            texts.append(fitted_table(columns, cells, width).text if rows else f"no {part}")
+        text = "\n\n".join(texts)
+        if out.redraws:
+            out.redraw(text, last=last)
+        else:
+            out.now(text)
+
+
+async def follow_rates(
+    session: Session,
+    period_s: float,
+    count: int | None,
+    sort: SortKey = SortKey.BYTES,
+    parts: Sequence[TrafficTable] = tuple(TrafficTable),
+) -> None:
+    """Prints the rates of links and channels once per period. Raises: as `TrafficTop.follow`."""
+    await TrafficTop(session, sort, parts).follow(period_s, count)
+
+
+def _sum(fields: Sequence[str], one: ChannelRates | LinkRates) -> float:
+    return float(sum(getattr(one, field) for field in fields))
+
+
+def _right(name: str, drop: int = 0) -> Column:
+    return Column(name, right=True, drop=drop)
+
+
+_CHANNEL_COLUMNS: Final = (
+    Column("CHANNEL"),
+    _right("OFFERED /s"),
+    _right("SENT /s"),
+    _right("RE-SENT /s", 2),
+    _right("HELD BACK /s", 3),
+    _right("DROPPED /s"),
+    _right("DELIVERED /s", 1),
+    _right("kbit/s OUT"),
+    _right("RECEIVED /s"),
+    _right("kbit/s IN"),
+)
+_LINK_COLUMNS: Final = (
+    Column("LINK"),
+    Column("BY"),
+    _right("OFFERED /s", 3),
+    _right("SENT /s"),
+    _right("RE-SENT kbit/s"),
+    _right("WAITING"),
+    _right("DROPPED /s"),
+    _right("DELIVERED /s", 1),
+    _right("kbit/s OUT"),
+    _right("RECEIVED /s"),
+    _right("LOST /s", 2),
+    _right("kbit/s IN"),
+)
+
+
+def _channel_row(one: ChannelRates) -> tuple[Cell, ...]:
+    figures = (one.offered_hz, one.sent_hz, one.repeated_hz, one.held_back_hz, one.dropped_hz)
+    return (
+        one.channel,
+        *map(_rate, figures),
+        _rate(one.delivered_hz),
+        _kbit_s(one.sent_bytes_s),
+        _rate(one.received_hz),
+        _kbit_s(one.received_bytes_s),
+    )
+
+
+def _link_row(one: LinkRates) -> tuple[Cell, ...]:
+    return (
+        "unaccepted" if one.platform == UNACCEPTED else one.platform,
+        one.transport,
+        _rate(one.offered_hz),
+        _rate(one.sent_hz),
+        _kbit_s(one.repeated_bytes_s),
+        one.waiting_frames,
+        _rate(one.dropped_hz),
+        _rate(one.delivered_hz),
+        _kbit_s(one.sent_bytes_s),
+        _rate(one.received_hz),
+        _rate(one.lost_hz),
+        _kbit_s(one.received_bytes_s),
+    )
+
+
+def _rate(rate_hz: float) -> str:
+    return f"{rate_hz:.1f}"
+
+
+def _kbit_s(bytes_s: float) -> str:
+    return f"{bytes_s * 8 / 1000:.1f}"
+
+
+def rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
+    """Rates between two readings of the counters, of what has moved; the order is that of the counters.
+
+    After a restart of the broker in between, rates since that restart: its counters began again.
+    """
+    if now.since_ns != before.since_ns:
+        before = msgspec.structs.replace(
+            before, at_ns=now.since_ns, sent_bytes=0, received_bytes=0, channels=(), links=()
+        )
+    span_s = (now.at_ns - before.at_ns) / 1e9
+    channels = {one.channel: one for one in before.channels}
+    links = {(one.platform, one.transport): one for one in before.links}
+    moved = [(one, _deltas(one, channels.get(one.channel), _CHANNEL_FIELDS, span_s)) for one in now.channels]
+    carried = [
+        (one, _deltas(one, links.get((one.platform, one.transport)), _LINK_FIELDS, span_s))
+        for one in now.links
+    ]
+    return TrafficRates(
+        platform,
+        now.at_ns,
+        (now.sent_bytes - before.sent_bytes) / span_s,
+        (now.received_bytes - before.received_bytes) / span_s,
+        [ChannelRates(one.channel, **deltas) for one, deltas in moved if any(deltas.values())],
+        [
+            LinkRates(
+                one.platform,
+                one.transport,
+                **deltas,
+                waiting_frames=one.waiting_frames,
+                waiting_bytes=one.waiting_bytes,
+            )
+            for one, deltas in carried
+            if any(deltas.values()) or one.waiting_frames
+        ],
+    )
+
+
+_CHANNEL_FIELDS: Final = {
+    "offered_hz": "offered_frames",
+    "sent_hz": "sent_frames",
+    "sent_bytes_s": "sent_bytes",
+    "received_hz": "received_frames",
+    "received_bytes_s": "received_bytes",
+    "dropped_hz": "dropped",
+    "held_back_hz": "held_back",
+    "repeated_hz": "repeated_frames",
+    "repeated_bytes_s": "repeated_bytes",
+    "delivered_hz": "delivered_frames",
+}
+"""Counter of each rate of a channel."""
+_LINK_FIELDS: Final = {
+    "offered_hz": "offered_frames",
+    "sent_hz": "sent_frames",
+    "sent_bytes_s": "sent_bytes",
+    "received_hz": "received_frames",
+    "received_bytes_s": "received_bytes",
+    "repeated_bytes_s": "repeated_bytes",
+    "dropped_hz": "dropped",
+    "delivered_hz": "delivered_frames",
+    "lost_hz": "lost",
+}
+"""Counter of each rate of a link."""
+
+
+def _deltas(
+    now: ChannelTraffic | LinkTraffic,
+    before: ChannelTraffic | LinkTraffic | None,
+    fields: dict[str, str],
+    span_s: float,
+) -> dict[str, float]:
+    return {
+        rate: (getattr(now, counter) - (getattr(before, counter) if before else 0)) / span_s
+        for rate, counter in fields.items()
+    }

@@ -1,0 +1,174 @@
+"""The table of links: runs the benchmarks that measure its rows, and writes share/doc/links.md.
+
+    python tests/bench/links.py [--only NAME]... [--write]
+
+Each benchmark is a command of its own, which the table names. `--only`: one of them; the other rows stay as
+they were measured last. `--write`: keeps the figures in share/doc/links.json and writes the page from them.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from rows import Row
+
+ROOT: Final = Path(__file__).parents[2]
+KEPT: Final = ROOT / "share/doc/links.json"
+PAGE: Final = ROOT / "share/doc/links.md"
+BEGIN: Final = "<!-- rows: written by tests/bench/links.py -->\n"
+END: Final = "<!-- end of rows -->\n"
+
+
+def own_rows(lines: list[str]) -> Iterator[Row]:
+    """Rows that a benchmark prints itself."""
+    for line in lines:
+        yield Row(**json.loads(line))
+
+
+def message_rows(lines: list[str]) -> Iterator[Row]:
+    """Of tests/bench/message.py."""
+    found = json.loads(lines[-1])
+    ours, bare = found["app_broker_broker_app_us"]["p50"], found["zeromq_curve_tcp_us"]["p50"]
+    yield Row(
+        "message app → broker → broker → app with CURVE",
+        f"p50 {ours:.0f} µs, bare ZeroMQ with CURVE {bare:.0f} µs: {ours / bare:.1f} times",
+        "≤ 2.5 times",
+        ours <= 2.5 * bare,
+    )
+
+
+def pose_rows(lines: list[str]) -> Iterator[Row]:
+    """Of tests/bench/pose_ages.py."""
+    found: dict[str, dict[str, float]] = json.loads(lines[-1])
+    for swarm, limit_bytes_s in (("16 nodes", 2200), ("100 nodes", 3800)):
+        figures = found[swarm]
+        bytes_s, age_s = figures["bytes_s_of_a_node"], figures["2_hops_p95_s"]
+        yield Row(
+            f"{swarm} (virtual time), poses at 10 Hz",
+            f"{bytes_s / 1000:.2f} kB/s a node; age p95 at two hops {age_s:.2f} s",
+            f"≤ {limit_bytes_s / 1000:g} kB/s; ≤ 0.3 s",
+            bytes_s <= limit_bytes_s and age_s <= 0.3,
+        )
+    cell_bytes_s = found["16 nodes in one cell"]["bytes_s_of_all"]
+    yield Row(
+        "one cell of 16 (virtual time), poses at 10 Hz",
+        f"{cell_bytes_s / 1000:.2f} kB/s in all",
+        "≤ 16 kB/s",
+        cell_bytes_s <= 16_000,
+    )
+
+
+class LinkBench(NamedTuple):
+    """A benchmark, its command, and how its output becomes rows."""
+
+    name: str
+    script: str
+    rows: Callable[[list[str]], Iterator[Row]]
+    cases: str
+    """What it measures, for the page where it was not run."""
+
+
+BENCHES: Final = (
+    LinkBench("boards", "board_loss.py", own_rows, "board 30 Hz, 1 kB, 20 % loss"),
+    LinkBench("radio", "radio_links.py", own_rows, "messages over 1 and 3 bad hops; cuts and returns"),
+    LinkBench("reliable", "reliable_links.py", own_rows, "streams, bytes sent again, overload, files"),
+    LinkBench("message", "message.py", message_rows, "message with CURVE against bare ZeroMQ"),
+    LinkBench("poses", "pose_ages.py", pose_rows, "bytes and ages of poses, 16 and 100 nodes"),
+)
+ELSEWHERE: Final = (
+    (
+        "real VLP-16 stream, 753 packets/s, to another node",
+        "none missing, or gaps reported at both ends",
+    ),
+    ("`lab run formation --net netns` with the radio `s3`", "complete, 0 collisions"),
+    ("32 nodes in one cell on two cores", "complete, 0 collisions"),
+)
+"""Cases that no benchmark here measures, with their goals."""
+
+
+def measured(bench: LinkBench) -> dict[str, Any]:
+    """Runs a benchmark; what is kept of it. Raises: CalledProcessError when it fails."""
+    before = os.getloadavg()[0]
+    command = [sys.executable, f"tests/bench/{bench.script}", "--json"]
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    rows = list(bench.rows([line for line in done.stdout.splitlines() if line.startswith("{")]))
+    return {
+        "measured": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "machine": machine(),
+        "load": f"{before:.1f}",
+        "rows": [row._asdict() for row in rows],
+    }
+
+
+def machine() -> str:
+    """Processor and number of cores."""
+    lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{os.cpu_count()} cores {models[0] if models else os.uname().machine}"
+
+
+def table(kept: dict[str, Any]) -> str:
+    """The generated part of the page."""
+    lines = ["| case | measured | goal | met | command |", "|---|---|---|---|---|"]
+    for bench in BENCHES:
+        command = f"`python tests/bench/{bench.script}`"
+        found = kept.get(bench.name)
+        if found is None:
+            lines.append(f"| {bench.cases} | not measured | | | {command} |")
+            continue
+        for row in found["rows"]:
+            met = "yes" if row["is_met"] else "**no**"
+            lines.append(f"| {row['name']} | {row['figure']} | {row['goal']} | {met} | {command} |")
+    lines += [f"| {case} | not measured | {goal} | | |" for case, goal in ELSEWHERE]
+    lines += ["", "| benchmark | measured | machine | load before it |", "|---|---|---|---|"]
+    for bench in BENCHES:
+        if (found := kept.get(bench.name)) is not None:
+            lines.append(f"| `{bench.script}` | {found['measured']} | {found['machine']} | {found['load']} |")
+    return "\n".join(lines) + "\n"
+
+
+def written(page: str, kept: dict[str, Any]) -> str:
+    """The page with the rows that are kept."""
+    before, _, rest = page.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n{table(kept)}\n{END}{after}"
+
+
+def main() -> int:
+    """Measures, prints and writes."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    names = [bench.name for bench in BENCHES]
+    parser.add_argument("--only", action="append", choices=names, help="one of the benchmarks")
+    parser.add_argument("--write", action="store_true", help="keep the figures and write the page")
+    given = parser.parse_args()
+    kept: dict[str, Any] = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else {}
+    failed = missed = 0
+    for bench in BENCHES:
+        if given.only and bench.name not in given.only:
+            continue
+        try:
+            kept[bench.name] = found = measured(bench)
+        except subprocess.CalledProcessError as error:
+            failed += 1
+            print(f"{bench.script}: not measured, it ended with {error.returncode}", file=sys.stderr)
+            continue
+        for row in found["rows"]:
+            missed += not row["is_met"]
+            print(
+                f"{'' if row['is_met'] else 'MISSED  '}{row['name']}: {row['figure']} (goal {row['goal']})",
+                flush=True,
+            )
+        if given.write:
+            KEPT.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", "utf-8")
+            PAGE.write_text(written(PAGE.read_text("utf-8"), kept), "utf-8")
+    return 1 if failed else 3 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

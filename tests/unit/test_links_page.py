@@ -1,0 +1,44 @@
+"""The page of the links is what was measured and kept, and each of its commands exists."""
+
+import json
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+from links import BENCHES, KEPT, PAGE, ROOT, message_rows, pose_rows, written
+from rows import Row
+
+
+def test_the_page_has_the_figures_that_were_kept() -> None:
+    page = PAGE.read_text("utf-8")
+    assert written(page, json.loads(KEPT.read_text("utf-8"))) == page, "run `make bench-links`"
+
+
+def test_each_command_of_the_table_exists_and_each_figure_names_its_machine() -> None:
+    kept = json.loads(KEPT.read_text("utf-8"))
+    assert set(kept) <= {bench.name for bench in BENCHES}
+    for bench in BENCHES:
+        assert (ROOT / "tests/bench" / bench.script).exists()
+    for found in kept.values():
+        assert found["machine"]
+        assert found["load"]
+        assert all(Row(**row).figure for row in found["rows"])
+
+
+def test_a_benchmark_that_was_not_run_says_so() -> None:
+    page = written(PAGE.read_text("utf-8"), {})
+    for bench in BENCHES:
+        assert f"| {bench.cases} | not measured | | | `python tests/bench/{bench.script}` |" in page
+
+
+def test_the_ratio_of_messages_and_the_ages_of_poses_are_judged_by_their_goals() -> None:
+    line = '{"app_broker_broker_app_us": {"p50": 500}, "zeromq_curve_tcp_us": {"p50": 100}}'
+    [row] = message_rows([line])
+    assert not row.is_met
+    assert "5.0 times" in row.figure
+    swarms = {
+        "16 nodes": {"bytes_s_of_a_node": 2000.0, "2_hops_p95_s": 0.29},
+        "100 nodes": {"bytes_s_of_a_node": 3000.0, "2_hops_p95_s": 0.31},
+        "16 nodes in one cell": {"bytes_s_of_all": 16_001.0},
+    }
+    assert [row.is_met for row in pose_rows([json.dumps(swarms)])] == [True, False, False]
