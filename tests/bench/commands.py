@@ -44,6 +44,8 @@ COMMANDS: Final = (
     "topo",
     "link ls",
     "link outages",
+    "traffic channels",
+    "traffic needs --capacity 1mbit",
     "traffic ls",
     "mission ls",
     "mission status",

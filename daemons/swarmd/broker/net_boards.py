@@ -3,14 +3,8 @@
 from typing import Final
 
 from swarmware.module.module import Module
-from swarmware.types.net import (
-    ChannelLimits,
-    Denial,
-    Neighbours,
-    Routes,
-    StructureBroadcast,
-    Traffic,
-)
+from swarmware.types.channel import ChannelLimits
+from swarmware.types.net import Denial, Neighbours, Routes, StructureBroadcast, Traffic
 from swarmware.types.outage import NodeLinks, OutageTable
 from swarmware.types.time import TimingBatch
 

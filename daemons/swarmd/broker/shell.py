@@ -48,7 +48,6 @@ from swarmd.broker.outage_recorder import OutageRecorder
 from swarmd.broker.own_boards import OwnBoards
 from swarmware.model.acl import FILE as ACL_FILE
 from swarmware.model.names import Address
-from swarmware.model.resource import Resource
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
 from swarmware.transport.security.keys import Keys
@@ -152,6 +151,7 @@ class BrokerShell:
                 self._metrics = MetricsServer(config, self._metrics_page, core.counters.refused)
                 stack.callback(self._metrics.close)
             self._closing = stack.pop_all()
+        self._channel_api = ChannelApi(module, core.channels, self._boards.limits)
         self._membership = Membership(service, keys, self._transport, self._gateway)
         self._plan = module.reader("tree/plan", TreePlan)
         links = self._gateway.links

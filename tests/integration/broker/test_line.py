@@ -10,7 +10,8 @@ from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
 from swarmware.transport.delivery.outcome import Status
-from swarmware.types.net import ChannelLimits, SetChannel, Traffic
+from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
+from swarmware.types.net import Traffic
 from swarmware.types.scalar import Float, Text
 from swarmware.types.time import TimingBatch
 from swarmware.types.vehicle import Pose

@@ -6,7 +6,8 @@ from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.boards.claims import Contradiction
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
-from swarmware.types.net import BoardSubscription, ChannelLimits, StructureBroadcast
+from swarmware.types.channel import ChannelLimits
+from swarmware.types.net import BoardSubscription, StructureBroadcast
 from swarmware.types.time import TimingBatch
 
 
