@@ -32,6 +32,7 @@ COMMANDS: Final[dict[str, Lazy]] = {
     "traffic": Lazy(
         "swarmctl.commands.traffic.command:cmd", "Bytes and frames per channel; set a channel's rate."
     ),
+    "video": Lazy("swarmctl.commands.video.command:cmd", "Video of cameras and recordings."),
     "mission": Lazy("swarmctl.commands.mission.command:cmd", "Check, start, watch and abort missions."),
     "takeoff": Lazy("swarmctl.commands.manoeuvre.command:takeoff", "Arm vehicles, climb and hold."),
     "goto": Lazy("swarmctl.commands.manoeuvre.command:goto", "Move vehicles to a place."),

@@ -10,7 +10,7 @@ import pytest
 from swarmware.testing.tmpnode import make_node
 
 ROOT = Path(__file__).parents[2]
-EXTRA = ("PIL", "bson", "can", "jsonschema", "matplotlib", "numpy", "pyarrow", "pymongo")
+EXTRA = ("PIL", "av", "bson", "can", "jsonschema", "matplotlib", "numpy", "pyarrow", "pymongo")
 BLOCK = f"import sys; sys.modules.update(dict.fromkeys({EXTRA!r}))\n"
 """None in `sys.modules` makes an import fail as it does where the module is not installed."""
 REPORT = (

@@ -42,12 +42,15 @@ SERVED = {
     "sys/tree/structure": OBSERVER,
     "sys/tree/subscribe": OBSERVER,
     "sys/tree/type": OBSERVER,
+    "sys/video/ls": OBSERVER,
     # the tree judges the path in the request, too
     "sys/tree/notify": NODE,
     "sys/tree/reset": NODE,
     "sys/tree/rule": NODE,
     "sys/tree/set": NODE,
     "sys/tree/undo": NODE,
+    # a platform that will send video asks for room
+    "sys/video/open": NODE,
     # what flies, drives and decides
     "cmd/abort": OPERATOR,
     "cmd/manual": OPERATOR,
@@ -69,6 +72,10 @@ SERVED = {
     "sys/vehicle/drive": OPERATOR,
     "sys/vehicle/gains": OPERATOR,
     "sys/vehicle/kill": OPERATOR,
+    "sys/video/rate": OPERATOR,
+    "sys/video/rtp": OPERATOR,  # takes datagrams of its sessions alone, no calls
+    "sys/video/start": OPERATOR,
+    "sys/video/stop": OPERATOR,
     # what stops services, limits links, changes members
     "sys/broker/roster": MAINTAINER,
     "sys/register/forget": MAINTAINER,
@@ -87,8 +94,10 @@ SERVED = {
 DOORS = {
     "serve_messages": {"lib/swarmware/module/module.py"},
     "serve_requests": {"lib/swarmware/module/module.py"},
+    "serve_datagrams": {"lib/swarmware/module/module.py"},
     "_message_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
     "_request_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
+    "_datagram_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
     "deliver": {"daemons/swarmd/broker/frame_delivery.py"},
     "with_sender": {
         "daemons/swarmd/broker/core/admission/access_filter.py",
@@ -104,14 +113,14 @@ def _nodes(file: Path) -> list[ast.AST]:
 
 
 def _served(file: Path) -> Iterator[str]:
-    """Addresses in calls of `serve` and `inbox`."""
+    """Addresses in calls of `serve`, `inbox` and `receive`."""
     module = None
     for node in _nodes(file):
         if not isinstance(node, ast.Call) or len(node.args) < 2:
             continue
         function = node.func
         name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
-        if name not in ("serve", "inbox"):
+        if name not in ("serve", "inbox", "receive"):
             continue
         match node.args[0]:
             case ast.Constant(value=str(path)):

@@ -72,6 +72,7 @@ NOT_MEASURED: Final = {
     " node rename, app restart, app start, app stop, tree set, tree undo,"
     " tree rule, tree load, pub,"
     " traffic clear, traffic set, traffic undo, mission start, mission abort, takeoff, goto, drive,"
+    " traffic set, video start, video rate, video stop, mission start, mission abort, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
     " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
@@ -85,6 +86,7 @@ NOT_MEASURED: Final = {
     "needs the service files, or takes as long as a file is large": "file ls, file send, file get",
     "takes as long as the hosts and the network": "fleet ls",
     "opens a browser": "docs",
+    "needs a service that a lab does not run": "video ls",
     "verifies a signature": "keys ls, keys show",
 }
 """All other commands, by the reason."""

@@ -10,8 +10,8 @@ _SPAN: Final = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h|d)\Z")
 _SECONDS: Final = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
 _SIZE: Final = re.compile(r"(\d+(?:\.\d+)?)(B|[kKM]B|[KM]iB)\Z")
 _BYTES: Final = {"b": 1, "kb": 1000, "mb": 1_000_000, "kib": 1024, "mib": 1024 * 1024}
-_BIT_RATE: Final = re.compile(r"(\d+(?:\.\d+)?)(kbit|mbit|gbit)\Z")
-_BITS: Final = {"kbit": 1e3, "mbit": 1e6, "gbit": 1e9}
+_BIT_RATE: Final = re.compile(r"(\d+(?:\.\d+)?)(kbit|mbit|gbit|bit)\Z")
+_BITS: Final = {"bit": 1.0, "kbit": 1e3, "mbit": 1e6, "gbit": 1e9}
 _RATE: Final = re.compile(r"(\d+(?:\.\d+)?)hz\Z")
 
 
@@ -44,6 +44,17 @@ def utc_text(instant_utc_ns: int) -> str:
     """An instant in UTC to the millisecond: 2026-11-22T16:05:37.123Z."""
     moment = datetime.fromtimestamp(instant_utc_ns // 1_000_000 / 1000, UTC)
     return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def bit_s(text: str) -> int:
+    """Parse a bit rate: 1mbit, 250kbit.
+
+    Raises: InvalidInput for any other text.
+    """
+    found = _BIT_RATE.match(text.lower())
+    if not found or not float(found[1]):
+        raise InvalidInput(f"rate {text!r}: expected 1mbit or 250kbit")
+    return round(float(found[1]) * _BITS[found[2]])
 
 
 def rate_hz(text: str) -> float:

@@ -1,6 +1,5 @@
 """Links of a lab's radio as an operator changes and reads them."""
 
-import re
 from collections.abc import Sequence
 from itertools import permutations, product
 from pathlib import Path
@@ -11,6 +10,7 @@ import msgspec
 from swarmctl.session import labs
 from swarmctl.session.labs import LabNode, LabState
 from swarmctl.terminal.output import Output
+from swarmctl.terminal.quantities import bit_s
 from swarmctl.terminal.table import Column
 from swarmlab.radio import orders
 from swarmlab.radio.core.link import Impairment, ImpairmentChange
@@ -19,8 +19,6 @@ from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, Links, Radio
 from swarmware.errors import InvalidInput
 from swarmware.model.names import platform_of
 
-_RATE: Final = re.compile(r"(\d+(?:\.\d+)?)(kbit|mbit|gbit|bit)\Z")
-_BITS: Final = {"bit": 1.0, "kbit": 1e3, "mbit": 1e6, "gbit": 1e9}
 _UNLIMITED: Final = "auto"
 
 
@@ -55,10 +53,7 @@ def rate_bit_s(text: str) -> float:
     """
     if text.lower() == _UNLIMITED:
         return 0.0
-    found = _RATE.match(text.lower())
-    if not found or not float(found[1]):
-        raise InvalidInput(f"rate {text!r}: expected 1mbit, 250kbit, or auto")
-    return float(found[1]) * _BITS[found[2]]
+    return float(bit_s(text))
 
 
 def impair(one: str, other: str, change: ImpairmentChange, out: Output, *, one_way: bool) -> None:

@@ -313,6 +313,10 @@ class FrameGateway:
                     return
                 if signed is not frame:
                     frame, data = signed, None
+                if frame.kind is FrameKind.RTP:
+                    if not self.links.send_unrepeated(peer, frame):
+                        self._dropped(peer, LinkTransport.UDP, frame)
+                    return
                 if rerouted or not frame.is_urgent or not self._send_datagram(peer, frame, decision.first):
                     self._send(peer, frame, data)
                 return
@@ -393,10 +397,13 @@ class FrameGateway:
 
     def _gave_up(self, peer: LinkPeer, transport: LinkTransport, waiting: list[QueuedFrame]) -> None:
         for item in waiting:
-            self._counters.link(peer.platform, transport).dropped += 1
-            for channel, _ in self._accounts.channels(item.frame):
-                channel.dropped += 1
+            self._dropped(peer, transport, item.frame)
             self._refuse(item.frame, f"{peer.platform} does not take it")
+
+    def _dropped(self, peer: LinkPeer, transport: LinkTransport, frame: Frame) -> None:
+        self._counters.link(peer.platform, transport).dropped += 1
+        for channel, _ in self._accounts.channels(frame):
+            channel.dropped += 1
 
     def _refuse(self, frame: Frame, detail: str) -> None:
         if answerable(frame):

@@ -50,6 +50,8 @@ class FrameKind(IntEnum):
     ROUTE = 11
     EVENT = 12
     ROSTER = 13
+    RTP = 14
+    """A datagram of a video session: sent once, without an outcome."""
 
 
 class Flag(IntFlag):

@@ -307,6 +307,13 @@ class Client:
         if sender is not None and sender.caller and sender.platform == self.platform:
             frame.extension = with_caller(frame.extension, Caller(sender.caller, sender.role))
 
+    def post(self, path: str, value: msgspec.Struct, *, timeout_s: float = 1.0) -> None:
+        """Send a datagram of video to an address: once, without an outcome; late ones are dropped on the
+        way."""
+        member = self._member
+        address = member.addressing.address(path, type(value))
+        self.node.messaging.post(member.addressing.frame(FrameKind.RTP, address, value, timeout_s))
+
     # -- requests
 
     def request(

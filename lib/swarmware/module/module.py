@@ -1,12 +1,13 @@
 """The functional module: everything an application does with its node."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, overload
 
 import msgspec
 
-from swarmware.errors import InvalidInput, TypeMismatch
+from swarmware.errors import InvalidInput, TypeMismatch, WireError
+from swarmware.model.frame import Frame
 from swarmware.model.resource import Kind, Link, Resource
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
@@ -213,6 +214,28 @@ class Module(Client):
         served = participant.serve(local, cls, "message", description=description)
         self.node.messaging.serve_messages(served.data_id, self.app_id, box.put)
         return box
+
+    def receive(
+        self, path: str, cls: type[T], take: Callable[[T, int], None], *, description: str = ""
+    ) -> None:
+        """Take the datagrams of video of an address: `take(value, hardware id of the sender)`.
+
+        No right is checked: the receiver takes those that it has agreed on. Damaged ones are dropped.
+        Raises: Conflict when another application has the address.
+        """
+        participant = self._member.participant
+        local = participant.own(path)
+
+        def on_frame(frame: Frame) -> None:
+            try:
+                value = registry.decode(cls, frame.payload, frame.codec)
+            except WireError as error:
+                self.log.debug("%s: %s", local, error)
+                return
+            take(value, frame.sender_hw)
+
+        served = participant.serve(local, cls, "datagram", description=description)
+        self.node.messaging.serve_datagrams(served.data_id, self.app_id, on_frame)
 
     def serve(
         self,

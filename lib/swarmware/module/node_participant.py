@@ -131,7 +131,7 @@ class NodeParticipant:
         self,
         path: str,
         cls: type[msgspec.Struct],
-        kind: Literal["message", "request"],
+        kind: Literal["message", "request", "datagram"],
         *,
         reply: str = "",
         description: str = "",

@@ -40,6 +40,8 @@ class MessageCounters(msgspec.Struct, array_like=True, gc=False):
     """Duplicates: answered with the stored answer, not delivered."""
     denied: int = 0
     """Messages and requests of users of this computer whose role may not send them."""
+    unclaimed_datagrams: int = 0
+    """Datagrams of video for an address that no application serves."""
 
 
 @register

@@ -43,7 +43,6 @@ from swarmd.broker.core.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESI
 from swarmd.broker.core.media.medium_table import LISTING_NS as MEDIA_NS
 from swarmd.broker.core.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
 from swarmd.broker.core.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
-from swarmd.broker.core.reliable.rate_control import BASE_NS, LOSS_EXCESS, TARGET_NS
 from swarmd.broker.core.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 from swarmd.broker.core.reliable.reliable_link import BLOCKED
@@ -91,6 +90,7 @@ from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.parts import FORGET_NS, HELD_BYTES, PART_BYTES, SPLIT_BYTES, VALUE_LIMIT
+from swarmware.transport.delivery.rate_control import BASE_NS, LOSS_EXCESS, TARGET_NS
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text

@@ -188,6 +188,9 @@ OF_ONE_NODE = {
     "file get": "writes one file here",
     "mission start": "acts through one ground station; --member selects vehicles",
     "pub": "publishes on the joined node",
+    "video rate": "a session of one node",
+    "video start": "a source of one node",
+    "video stop": "a session of one node",
 }
 
 

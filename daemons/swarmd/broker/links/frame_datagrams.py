@@ -20,7 +20,7 @@ from swarmd.broker.links.pair_seal import PairEnd, PairSeal
 from swarmd.broker.links.zmq_links import LinkPeer
 from swarmware.errors import ConfigError, WireError
 from swarmware.model.clock import Clock
-from swarmware.model.frame import Frame
+from swarmware.model.frame import Frame, encode
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.seal import Refusal
 from swarmware.types.net import UNACCEPTED
@@ -128,6 +128,17 @@ class FrameDatagrams:
         if not self._put(peer, datagram, Use.URGENT):
             return False
         self._count(peer, frame)
+        return True
+
+    def send_unrepeated(self, peer: LinkPeer, frame: Frame) -> bool:
+        """Sends a frame that is never repeated; False: it is too large, or the neighbour takes no
+        datagrams."""
+        data = encode(frame)
+        is_possible = peer.frame_port and self._sequence < frame_datagram.SEQUENCE_MAX
+        seal = self._seal_of(peer) if is_possible and len(data) <= frame_datagram.FRAME_MAX else None
+        if seal is None or not self._put(peer, self._sealed(seal, frame_datagram.FRAME, data)):
+            return False
+        self._on_sent(peer, frame)
         return True
 
     def send_packet(self, peer: LinkPeer, data: bytes) -> None:

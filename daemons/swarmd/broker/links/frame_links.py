@@ -143,6 +143,10 @@ class FrameLinks:
         self._counters.link(peer.platform, LinkTransport.UDP).offered_frames += 1
         return True
 
+    def send_unrepeated(self, peer: LinkPeer, frame: Frame) -> bool:
+        """Sends a frame in a datagram of its own, whatever the link; False: it cannot be sent so."""
+        return self._datagrams.send_unrepeated(peer, frame)
+
     def on_repeated(self, hw: int) -> None:
         """An urgent frame is repeated to a neighbour."""
         self._datagrams.on_repeated(hw)

@@ -15,13 +15,13 @@ _MARK: Final = "# crc32 "
 
 
 class Served(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """An address of the application for messages or requests."""
+    """An address of the application for messages, requests or datagrams."""
 
     path: str
     """Local path of the address."""
     type: str
     """Name of the payload type."""
-    kind: Literal["message", "request"]
+    kind: Literal["message", "request", "datagram"]
 
     @property
     def data_id(self) -> int:

@@ -98,6 +98,7 @@ class MessageEndpoint:
         self._batch: Batch = nullcontext
         self._message_handlers: dict[int, MessageHandler] = {}
         self._request_handlers: dict[int, RequestHandler] = {}
+        self._datagram_handlers: dict[int, Callable[[Frame], None]] = {}
         self._clocks: dict[Clocks, None] = {}
         self._conversions: dict[int, Conversion | None] = {}
         self._conversions_ns = 0
@@ -120,6 +121,7 @@ class MessageEndpoint:
         for data_id in self._router.remove_application(app_id):
             self._message_handlers.pop(data_id, None)
             self._request_handlers.pop(data_id, None)
+            self._datagram_handlers.pop(data_id, None)
 
     def serve_messages(self, data_id: int, app_id: int, handler: MessageHandler) -> None:
         """Register the handler of messages with this data id."""
@@ -130,6 +132,12 @@ class MessageEndpoint:
         """Register the handler of requests with this data id."""
         self._request_handlers[data_id] = handler
         self._router.serve(data_id, app_id, Takes.REQUESTS)
+
+    def serve_datagrams(self, data_id: int, app_id: int, handler: Callable[[Frame], None]) -> None:
+        """Register the handler of datagrams of video with this data id; no right of their sender is
+        checked."""
+        self._datagram_handlers[data_id] = handler
+        self._router.serve(data_id, app_id, Takes.DATAGRAMS)
 
     def add_clocks(self, clocks: Clocks) -> None:
         """Add a source of clock functions, which are needed to detect expired messages of other platforms."""
@@ -184,6 +192,11 @@ class MessageEndpoint:
         now_ns = self._clock.now_ns()
         self._driver.feed(self._router.on_request(frame, round(timeout_s * 1e9), now_ns))
         return future
+
+    def post(self, frame: Frame) -> None:
+        """Send a datagram of video: once, without an outcome."""
+        self._refresh_for(frame)
+        self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
 
     def _message_done(self, key: Key, future: asyncio.Future[Outcome]) -> None:
         if self._messages.get(key) is future:
@@ -375,7 +388,10 @@ class MessageEndpoint:
             self._driver.feed(self._router.on_connection_closed(frame, self._clock.now_ns()))
 
     def _hand_over(self, frame: Frame, via: Via, takes: Takes) -> None:
-        if takes is Takes.REQUESTS:
+        if takes is Takes.DATAGRAMS:
+            if (receive := self._datagram_handlers.get(frame.data_id)) is not None:
+                receive(frame)
+        elif takes is Takes.REQUESTS:
             if (handle := self._request_handlers.get(frame.data_id)) is not None:
                 handle(frame, partial(self._on_reply, frame, via))
         elif (take := self._message_handlers.get(frame.data_id)) is not None:

@@ -34,10 +34,11 @@ node."""
 
 
 class Takes(Enum):
-    """Whether an application takes messages or requests at an address."""
+    """What an application takes at an address."""
 
     MESSAGES = "messages"
     REQUESTS = "requests"
+    DATAGRAMS = "datagrams"
 
 
 class Deliver(msgspec.Struct, frozen=True, gc=False):
@@ -257,8 +258,8 @@ class MessageRouter:
                 return Settle(frame)
             address = self._by_application.get(frame.receiver_app)
             return self._to(address, frame) or Drop("unclaimed_answers")  # it left before the answer
-        if not answerable(frame):
-            return Drop("unanswerable")  # every frame of this process requests an answer
+        if not answerable(frame) and frame.kind is not FrameKind.RTP:
+            return Drop("unanswerable")  # every other frame of this process requests an answer
         served = self._served.get(frame.data_id)
         if served is not None and frame.receiver_app in (ANY, served.app_id):
             return Deliver(frame)
@@ -266,7 +267,8 @@ class MessageRouter:
             address = self._by_data_id.get(frame.data_id)
         else:
             address = self._by_application.get(frame.receiver_app)
-        return self._to(address, frame) or Refuse(frame, Status.ABSENT, ABSENT)
+        absent = Drop("unclaimed_datagrams") if frame.kind is FrameKind.RTP else None
+        return self._to(address, frame) or absent or Refuse(frame, Status.ABSENT, ABSENT)
 
     def _route_away(self, frame: Frame) -> Decision:
         if self.has_gateway:
@@ -423,6 +425,9 @@ class MessageRouter:
     def on_arrival(self, frame: Frame, via: Via, now_ns: int) -> list[Action]:
         """A message or request for a handler of this process has arrived."""
         served = self._served.get(frame.data_id)
+        if frame.kind is FrameKind.RTP:  # its sender waits for nothing, and no right was checked
+            takes_it = served is not None and served.takes is Takes.DATAGRAMS
+            return [HandOver(frame, via, Takes.DATAGRAMS)] if takes_it else []
         if served is None:
             return self._refuse(frame, Status.ABSENT, "the inbox was closed", via, now_ns)
         origin = _origin(frame)
@@ -432,7 +437,7 @@ class MessageRouter:
         if self.expired(frame, now_ns):
             self._counters.expired += 1  # its sender has got the outcome `expired`: it must not be delivered
             return []
-        if (frame.kind is FrameKind.REQUEST) != (served.takes is Takes.REQUESTS):
+        if served.takes is not (Takes.REQUESTS if frame.kind is FrameKind.REQUEST else Takes.MESSAGES):
             detail = f"this path takes {served.takes.value} only"
             return self._refuse(frame, Status.REFUSED, detail, via, now_ns)
         if served.takes is Takes.REQUESTS:

@@ -1,6 +1,6 @@
 """The window of a link: what makes it grow, what makes it shrink."""
 
-from swarmd.broker.core.reliable.rate_control import (
+from swarmware.transport.delivery.rate_control import (
     BASE_NS,
     LOSS_PACKETS,
     PACKET_BYTES,

@@ -17,10 +17,10 @@ from swarmd.broker.core.reliable.packet import (
     encode,
     piece_bytes,
 )
-from swarmd.broker.core.reliable.rate_control import RateControl
 from swarmd.broker.core.reliable.reassembly import Reassembly
 from swarmd.broker.core.reliable.received_packets import ReceivedPackets
 from swarmware.errors import WireError
+from swarmware.transport.delivery.rate_control import RateControl
 
 OVERHEAD: Final = 28 + 10 + 16
 """Bytes of a datagram besides the packet: IP and UDP, clear header, tag."""

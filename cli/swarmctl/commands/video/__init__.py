@@ -1,0 +1,1 @@
+"""The commands of `video`: sessions of video, their rates and their ends."""

@@ -1,0 +1,38 @@
+"""Settings of the video daemon."""
+
+from typing import Annotated
+
+import msgspec
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+
+
+class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A source of video: a file, or a stream of images."""
+
+    resource: str = ""
+    """Local path of a stream of images, as a camera publishes it."""
+    file: str = ""
+    """Recording that PyAV reads; it is repeated at its end."""
+    rate_hz: Positive = 25.0
+    """Pictures per second of the stream; a file has its own rate."""
+
+    def __post_init__(self) -> None:
+        """Check that it has one origin; msgspec converts ValueError to its ValidationError."""
+        if bool(self.resource) == bool(self.file):
+            raise ValueError("a source needs either `resource` or `file`")
+
+
+class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Settings from services/video.toml."""
+
+    sources: dict[str, Source] = {}
+    """Sources by name; streams of images need no entry."""
+    encoder: str = "libx264"
+    """Encoder of PyAV: libx264, or one of the hardware (h264_v4l2m2m, h264_nvenc, h264_qsv)."""
+    sessions_max: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
+    """Sessions sent, and sessions received, at the same time."""
+    wait_s: Positive = 0.06
+    """Time for which a missing packet is waited for."""
+    silence_s: Positive = 30.0
+    """Time without packets or reports after which a session ends."""

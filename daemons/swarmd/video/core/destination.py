@@ -1,0 +1,35 @@
+"""Where video goes: a platform, or the address of a standard receiver."""
+
+import msgspec
+
+from swarmware.errors import InvalidInput
+from swarmware.model import names
+
+
+class Destination(msgspec.Struct, frozen=True):
+    """Receiver of a session."""
+
+    platform: str = ""
+    """Platform, or one computer of it; empty: an address."""
+    host: str = ""
+    port: int = 0
+
+    @classmethod
+    def parse(cls, text: str) -> "Destination":
+        """A platform, HOST:PORT, or [IPv6 address]:PORT.
+
+        Raises: InvalidInput.
+        """
+        host, colon, port = text.rpartition(":")
+        if not colon:
+            return cls(platform=names.check_computer(text))
+        host = host.removeprefix("[").removesuffix("]")
+        # the next port gets the reports
+        if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 0xFFFF:
+            raise InvalidInput(f"receiver {text!r}: expected a platform, or HOST:PORT with a port to 65534")
+        return cls(host=host, port=int(port))
+
+    def __str__(self) -> str:
+        return self.platform or (
+            f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+        )

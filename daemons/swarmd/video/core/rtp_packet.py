@@ -1,0 +1,93 @@
+"""RTP packets (RFC 3550, section 5.1), and their sequence numbers without wrap-around."""
+
+import struct
+from typing import Final
+
+import msgspec
+
+from swarmware.errors import WireError
+
+VERSION: Final = 2
+_HEADER: Final = struct.Struct("!BBHII")
+HEADER_BYTES: Final = _HEADER.size
+CLOCK_HZ: Final = 90_000
+"""Clock of the timestamps of H.264 (RFC 6184, section 5.1)."""
+PAYLOAD_TYPE: Final = 96
+"""The first dynamic number (RFC 3551, section 6)."""
+_RTCP_TYPES: Final = range(192, 224)
+"""Packet types of RTCP, where RTP has marker and payload type (RFC 5761, section 4)."""
+
+
+class RtpPacket(msgspec.Struct, frozen=True):
+    """One RTP packet without padding, sources of a mixer and header extension."""
+
+    sequence: int
+    """Modulo 2¹⁶."""
+    timestamp: int
+    """Instant of the picture, 90 kHz modulo 2³²."""
+    ssrc: int
+    payload: bytes
+    marker: bool = False
+    """Last packet of a picture."""
+    payload_type: int = PAYLOAD_TYPE
+
+
+def encode(packet: RtpPacket) -> bytes:
+    """Encode a packet."""
+    header = _HEADER.pack(
+        VERSION << 6,
+        packet.marker << 7 | packet.payload_type,
+        packet.sequence & 0xFFFF,
+        packet.timestamp & 0xFFFF_FFFF,
+        packet.ssrc,
+    )
+    return header + packet.payload
+
+
+def decode(data: bytes) -> RtpPacket:
+    """Decode a packet; padding, sources and header extension are removed.
+
+    Raises: WireError for anything but a packet of version 2 with a payload.
+    """
+    if len(data) < HEADER_BYTES:
+        raise WireError(f"RTP packet of {len(data)} bytes: expected at least {HEADER_BYTES}")
+    first, second, sequence, timestamp, ssrc = _HEADER.unpack_from(data)
+    if first >> 6 != VERSION:
+        raise WireError(f"RTP packet of version {first >> 6}: expected {VERSION}")
+    start, end = HEADER_BYTES + 4 * (first & 0x0F), len(data)
+    if first & 0x10:
+        if end < start + 4:
+            raise WireError("RTP packet: cut short in its header extension")
+        start += 4 + 4 * int.from_bytes(data[start + 2 : start + 4])
+    if first & 0x20:
+        end -= data[-1] or len(data)  # a length of 0 is invalid: the length itself counts
+    if end <= start:
+        raise WireError(f"RTP packet of {len(data)} bytes: no payload")
+    return RtpPacket(sequence, timestamp, ssrc, data[start:end], bool(second & 0x80), second & 0x7F)
+
+
+def is_rtcp(data: bytes) -> bool:
+    """Whether bytes on the port of both are RTCP."""
+    return len(data) > 1 and data[1] in _RTCP_TYPES
+
+
+class SequenceExtender:
+    """Sequence numbers without wrap-around: the nearest to the highest one so far."""
+
+    def __init__(self) -> None:
+        self.highest: int | None = None
+
+    def extend(self, sequence: int) -> int:
+        """The number of a packet that has arrived, counted from 2¹⁶ on."""
+        if self.highest is None:
+            self.highest = 0x1_0000 + sequence  # room for packets before the first one
+            return self.highest
+        number = self.nearest(sequence)
+        self.highest = max(self.highest, number)
+        return number
+
+    def nearest(self, sequence: int) -> int:
+        """The number that a packet with this sequence number has, near the highest one."""
+        highest = self.highest or 0
+        step = (sequence - highest) & 0xFFFF
+        return highest + (step if step < 0x8000 else step - 0x1_0000)

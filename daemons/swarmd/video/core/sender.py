@@ -1,0 +1,302 @@
+"""The sending end of a session: pictures into paced RTP packets, reports into the rate of the encoder."""
+
+from collections import deque
+from typing import Final
+
+import msgspec
+
+from swarmd.video.core import rtcp, rtp_packet
+from swarmd.video.core.bitrate_control import BitrateControl
+from swarmd.video.core.h264_payload import nal_units, packetize
+from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtp_packet import RtpPacket
+from swarmware.transport.delivery.rate_control import RateControl
+
+REPORT_NS: Final = 1_000_000_000
+"""Between sender reports, which receivers need for the round trip."""
+REORDERED: Final = 3
+"""Packets that may overtake another one before it counts as lost (RFC 9002, section 6.1.1)."""
+SILENCE_NS: Final = 1_000_000_000
+"""Without an arrival: what is in flight counts as lost."""
+HOLD_NS: Final = 100_000_000
+"""Age of the oldest waiting packet from which pictures are not encoded: the queue must drain first."""
+DISCARD_NS: Final = 1_000_000_000
+"""Age from which the waiting packets are worth nothing: the receiver gets a key frame instead."""
+PATH_BYTES: Final = 150
+"""Headers of a packet below RTP: frame, seal, UDP and IP."""
+ROUND_TRIP_MIN_NS: Final = 10_000_000
+
+
+class SendRtp(msgspec.Struct, frozen=True):
+    """Send a packet, RTP or RTCP, to the receiver."""
+
+    data: bytes
+
+
+class SetBitrate(msgspec.Struct, frozen=True):
+    """The encoder is to use this rate from now on."""
+
+    bit_s: int
+
+
+class EncodeKeyFrame(msgspec.Struct, frozen=True):
+    """The next picture must be a key frame."""
+
+
+class End(msgspec.Struct, frozen=True):
+    """The receiver has ended the session."""
+
+
+SenderAction = SendRtp | SetBitrate | EncodeKeyFrame | End
+
+
+class SenderCounters(msgspec.Struct):
+    """What a sender did."""
+
+    pictures: int = 0
+    skipped: int = 0
+    """Pictures not encoded, because packets waited."""
+    discarded: int = 0
+    """Packets that waited too long."""
+    packets: int = 0
+    octets: int = 0
+    lost: int = 0
+    """Packets that did not arrive, as the receiver told."""
+    key_frames_asked: int = 0
+    refused: int = 0
+    """Reports that could not be decoded, or are of another source."""
+
+
+class VideoSender:
+    """Packets of one source of RTP, and the control of its rate."""
+
+    def __init__(
+        self,
+        ssrc: int,
+        first_sequence: int,
+        payload_max: int,
+        bitrate: BitrateControl,
+        now_ns: int,
+        *,
+        tells_arrivals: bool,
+    ) -> None:
+        """`ssrc` and `first_sequence`: random numbers; `payload_max`: bytes after the RTP header.
+
+        `tells_arrivals`: the receiver reports the arrival of each packet, so that a window can be kept.
+        """
+        self.ssrc = ssrc
+        self.bitrate = bitrate
+        self.window = RateControl(now_ns)
+        self.counters = SenderCounters()
+        self.round_trip_ns: int | None = None
+        self.reported_ns: int | None = None
+        """Last report of the receiver."""
+        self._arrived_ns = now_ns
+        """Last report of an arrival."""
+        self._tells_arrivals = tells_arrivals
+        self._payload_max = payload_max
+        self._sequence = first_sequence
+        self._waiting: deque[tuple[RtpPacket, int]] = deque()
+        """Packets with the instants at which they were made."""
+        self._in_flight: dict[int, tuple[int, int]] = {}
+        """Size and instant of packets that nothing is known of, by sequence number modulo 2¹⁶."""
+        self._lost: dict[int, int] = {}
+        """Packets that count as lost, in case they arrive."""
+        self._paced_until_ns: int | None = None
+        self._report_ns = now_ns
+        self._timestamp = (0, now_ns)
+        self._asked_bit_s = bitrate.bit_s
+        self._utc_less_clock_ns = 0
+
+    @property
+    def queueing_ns(self) -> int:
+        """Queue in the link."""
+        return self.window.queueing_ns
+
+    def waiting_ns(self, now_ns: int) -> int:
+        """Age of the oldest packet that waits before the link."""
+        return now_ns - self._waiting[0][1] if self._waiting else 0
+
+    def on_clock(self, utc_less_clock_ns: int) -> None:
+        """UTC minus the clock of `now_ns`, for sender reports."""
+        self._utc_less_clock_ns = utc_less_clock_ns
+
+    def may_encode(self, now_ns: int) -> bool:
+        """Whether the next picture is to be encoded; counts it as skipped otherwise."""
+        if self.waiting_ns(now_ns) <= HOLD_NS:
+            return True
+        self.counters.skipped += 1
+        return False
+
+    def on_picture(self, stream: bytes, timestamp: int, now_ns: int) -> list[SenderAction]:
+        """A picture was encoded, a byte stream of NAL units."""
+        payloads = packetize(nal_units(stream), self._payload_max)
+        for index, payload in enumerate(payloads):
+            marker = index == len(payloads) - 1
+            packet = RtpPacket(self._sequence, timestamp & 0xFFFF_FFFF, self.ssrc, payload, marker)
+            self._waiting.append((packet, now_ns))
+            self._sequence = (self._sequence + 1) & 0xFFFF
+        self._timestamp = (timestamp & 0xFFFF_FFFF, now_ns)
+        self.counters.pictures += 1
+        return self._send(now_ns)
+
+    def on_pin(self, bit_s: int, pinned: bool, now_ns: int) -> list[SenderAction]:
+        """An operator sets the rate."""
+        self.bitrate.pin(bit_s, pinned, now_ns)
+        return self._asked(least=0.0)
+
+    def on_rtcp(self, reports: list[rtcp.Report], now_ns: int) -> list[SenderAction]:
+        """Reports of the receiver."""
+        actions: list[SenderAction] = []
+        for report in reports:
+            match report:
+                case KeyFrameRequest(source=self.ssrc):
+                    self.counters.key_frames_asked += 1
+                    actions.append(EncodeKeyFrame())
+                case ReceiverReport(source=self.ssrc):
+                    self.reported_ns = now_ns
+                    self._on_report(report, now_ns)
+                case Arrivals(source=self.ssrc):
+                    self.reported_ns = now_ns
+                    self._on_arrivals(report, now_ns)
+                case Bye():
+                    actions.append(End())
+                case _:
+                    self.counters.refused += 1
+        return [*actions, *self._asked(), *self._send(now_ns)]
+
+    def on_garbage(self) -> None:
+        """A packet on the way back was not RTCP."""
+        self.counters.refused += 1
+
+    def on_timer(self, now_ns: int) -> list[SenderAction]:
+        """Packets that the pace allows, the sender report, the end of waiting."""
+        actions: list[SenderAction] = []
+        if self.waiting_ns(now_ns) >= DISCARD_NS:
+            self.counters.discarded += len(self._waiting)
+            self._waiting.clear()
+            self._paced_until_ns = None
+            actions.append(EncodeKeyFrame())
+        if now_ns >= self._report_ns:
+            self._report_ns = now_ns + REPORT_NS
+            actions.append(SendRtp(self._report(now_ns)))
+            self._on_silence(now_ns)
+        return [*actions, *self._asked(), *self._send(now_ns)]
+
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` must be called."""
+        instants = [self._report_ns]
+        if self._paced_until_ns is not None:
+            instants.append(self._paced_until_ns)
+        if self._waiting:
+            instants.append(self._waiting[0][1] + DISCARD_NS)
+        return min(instants)
+
+    def _send(self, now_ns: int) -> list[SenderAction]:
+        actions: list[SenderAction] = []
+        self._paced_until_ns = None
+        while self._waiting:
+            if self._tells_arrivals and not self.window.has_room(reserve=False):
+                break  # until reports come, or silence
+            wait_ns = self._wait_ns(now_ns)
+            if wait_ns:
+                self._paced_until_ns = now_ns + wait_ns
+                break
+            packet, _ = self._waiting.popleft()
+            data = rtp_packet.encode(packet)
+            size = len(data) + PATH_BYTES
+            self.window.on_sent(size)
+            if self._tells_arrivals:
+                self._in_flight[packet.sequence] = (size, now_ns)
+            self.counters.packets += 1
+            self.counters.octets += len(packet.payload)
+            actions.append(SendRtp(data))
+        return actions
+
+    def _wait_ns(self, now_ns: int) -> int:
+        """Pace: a little faster than the encoder, so that no picture fills the link's queue at once."""
+        round_trip_ns = max(self.round_trip_ns or 0, ROUND_TRIP_MIN_NS)
+        if self._tells_arrivals:
+            return self.window.wait_ns(round_trip_ns, now_ns)
+        # the window has not been measured: the time in which the encoder makes so much
+        return self.window.wait_ns(int(self.window.window * 8e9 / (2.0 * self.bitrate.bit_s)), now_ns)
+
+    def _on_report(self, report: ReceiverReport, now_ns: int) -> None:
+        round_trip_ns = None
+        if report.last_report:
+            middle = rtcp.ntp_of(now_ns + self._utc_less_clock_ns) >> 16 & 0xFFFF_FFFF
+            ticks = (middle - report.last_report - report.delay) & 0xFFFF_FFFF
+            if ticks < 0x8000_0000:
+                round_trip_ns = ticks * 1_000_000_000 >> 16
+        if self._tells_arrivals:
+            return  # its arrivals say more
+        self.counters.lost = max(report.lost, 0)
+        self.round_trip_ns = round_trip_ns if round_trip_ns is not None else self.round_trip_ns
+        self.bitrate.on_report(report.lost_ratio, round_trip_ns, now_ns)
+
+    def _on_arrivals(self, report: Arrivals, now_ns: int) -> None:
+        if not self._tells_arrivals:
+            return
+        window, arrived = self.window, -1
+        for index, age_ns in enumerate(report.ages_ns):
+            if age_ns is None:
+                continue
+            arrived = index
+            sequence = (report.begin + index) & 0xFFFF
+            if self._lost.pop(sequence, None) is not None:
+                window.on_spurious()
+                self.counters.lost -= 1
+                continue
+            sent = self._in_flight.pop(sequence, None)
+            if sent is None:
+                continue
+            self._arrived_ns = now_ns
+            size, sent_ns = sent
+            window.on_acknowledged(size)
+            self.bitrate.on_received(size, now_ns)
+            round_trip_ns = max(now_ns - sent_ns - age_ns, 1)
+            window.on_round_trip(round_trip_ns, now_ns)
+            before_ns = self.round_trip_ns or round_trip_ns
+            self.round_trip_ns = (7 * before_ns + round_trip_ns) // 8
+        self._on_lost_before((report.begin + arrived - REORDERED) & 0xFFFF if arrived >= 0 else None)
+        window.on_round(max(self.round_trip_ns or 0, ROUND_TRIP_MIN_NS), now_ns)
+        self.bitrate.on_queue(self.queueing_ns, self.waiting_ns(now_ns), now_ns)
+
+    def _on_lost_before(self, sequence: int | None) -> None:
+        """Packets in flight up to this number are lost."""
+        if sequence is None:
+            return
+        gone = [one for one in self._in_flight if (sequence - one) & 0xFFFF < 0x8000]
+        for one in gone:
+            size, _ = self._in_flight.pop(one)
+            self.window.on_lost(size)
+            self.counters.lost += 1
+            self._lost[one] = size
+        while len(self._lost) > 1024:
+            del self._lost[next(iter(self._lost))]
+
+    def _on_silence(self, now_ns: int) -> None:
+        # a receiver behind a link that is cut in one direction still reports that nothing arrives
+        if not self._in_flight or now_ns - self._arrived_ns < SILENCE_NS:
+            return
+        for size, _ in self._in_flight.values():
+            self.window.on_lost(size)
+        self._in_flight.clear()
+        self.window.on_silence()
+        self.bitrate.on_silence(now_ns)
+
+    def _report(self, now_ns: int) -> bytes:
+        timestamp, made_ns = self._timestamp
+        timestamp += (now_ns - made_ns) * rtp_packet.CLOCK_HZ // 1_000_000_000
+        ntp = rtcp.ntp_of(now_ns + self._utc_less_clock_ns)
+        counters = self.counters
+        sent = SenderReport(self.ssrc, ntp, timestamp, counters.packets, counters.octets)
+        return rtcp.encode(sent) + rtcp.description(self.ssrc, f"swarm-{self.ssrc:08x}")
+
+    def _asked(self, least: float = 0.03) -> list[SenderAction]:
+        """The rate for the encoder, when it has changed by this share."""
+        bit_s = self.bitrate.bit_s
+        if abs(bit_s - self._asked_bit_s) <= least * self._asked_bit_s:
+            return []
+        self._asked_bit_s = bit_s
+        return [SetBitrate(bit_s)]

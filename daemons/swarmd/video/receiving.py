@@ -1,0 +1,143 @@
+"""A session that this node receives: packets into the images of a stream."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+from swarmd.video.codec import H264Decoder
+from swarmd.video.core import rtcp
+from swarmd.video.core.receiver import Decode, ReceiverAction, VideoReceiver, receiver_ssrc
+from swarmd.video.core.rtp_packet import CLOCK_HZ
+from swarmd.video.core.sender import SendRtp
+from swarmware.errors import WireError
+from swarmware.model.names import Address
+from swarmware.module.module import Module
+from swarmware.module.streamwriter import StreamWriter
+from swarmware.runtime.driver import CoreDriver
+from swarmware.types.perception import Image
+from swarmware.types.video import VideoDirection, VideoSession
+
+SLOTS: Final = 8
+"""Images that stay readable: a picture of 640 x 272 has half a megabyte."""
+SLOT_BYTES: Final = 256 * 1024
+WAITING_MAX: Final = 64
+"""Pictures that wait for the decoder; more, and it is too slow for this video."""
+
+
+class ReceivingSession:
+    """Receives one source of another platform."""
+
+    def __init__(
+        self,
+        module: Module,
+        number: int,
+        sender: Address,
+        source: str,
+        *,
+        wait_s: float,
+        send: Callable[[bytes], None],
+    ) -> None:
+        """`send`: takes reports for the sender. Raises: NotFound without PyAV, Conflict."""
+        now_ns = module.now_ns()
+        self.number = number
+        """Source of the sender's RTP packets (SSRC)."""
+        self.sender = sender
+        self.source = source
+        self.has_ended = False
+        """The sender has ended it."""
+        self._module = module
+        self._send = send
+        self._started_ns = now_ns
+        self._decoder = H264Decoder()
+        self._writer: StreamWriter[Image] = module.stream_writer(
+            f"video/{sender.platform}/{source}",
+            Image,
+            slots=SLOTS,
+            slot_bytes=SLOT_BYTES,
+            link="request",
+            description=f"Video of /{sender.platform}/{source}",
+        )
+        self._executor = ThreadPoolExecutor(1, "video-decoder")
+        self._queue: asyncio.Queue[Decode] = asyncio.Queue(WAITING_MAX)
+        self._is_closed = False
+        self._core = VideoReceiver(number, round(wait_s * 1e9), now_ns)
+        self._driver: CoreDriver[ReceiverAction] = CoreDriver(
+            self._core, self._perform, name="video", clock=module.clock, loop=asyncio.get_running_loop()
+        )
+
+    @property
+    def path(self) -> str:
+        """Stream of the images."""
+        return self._writer.path
+
+    async def run(self) -> None:
+        """Decode until cancelled."""
+        loop = asyncio.get_running_loop()
+        self._driver.feed()
+        try:
+            while True:
+                decode = await self._queue.get()
+                try:
+                    images = await loop.run_in_executor(
+                        self._executor, self._decoder.decode, decode.unit.stream
+                    )
+                except WireError:
+                    self._driver.feed(self._core.on_undecodable(self._module.now_ns()))
+                    continue
+                for image in images:
+                    self._writer.write(image)
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End it, and tell the sender."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        if not self.has_ended:
+            self._send(rtcp.encode(rtcp.Bye(receiver_ssrc(self.number))))
+        self._driver.stop()
+        self._module.close_writer(self._writer)
+        self._executor.shutdown(wait=False)
+
+    def on_packet(self, data: bytes) -> None:
+        """A packet of the sender."""
+        self._driver.feed(self._core.on_packet(data, self._module.now_ns()))
+
+    def silent_s(self, now_ns: int) -> float:
+        """Time since the last packet."""
+        return (now_ns - self._core.received_ns) / 1e9
+
+    def _perform(self, action: ReceiverAction) -> None:
+        match action:
+            case SendRtp(data):
+                self._send(data)
+            case Decode() if not self._queue.full():
+                self._queue.put_nowait(action)
+            case Decode():
+                # the next ones depend on it
+                self._driver.defer(self._core.on_undecodable(self._module.now_ns()))
+            case _:
+                self.has_ended = True
+
+    def report(self) -> VideoSession:
+        """The session with its counters."""
+        core, counters = self._core, self._core.counters
+        return VideoSession(
+            self.number,
+            VideoDirection.RECEIVED,
+            self.source,
+            str(self.sender),
+            path=self.path,
+            started_ns=self._started_ns,
+            pictures=counters.pictures,
+            packets=counters.packets,
+            octets=counters.octets,
+            lost=counters.lost,
+            gaps=counters.gaps,
+            dropped=counters.dropped,
+            key_frames_asked=counters.key_frames_asked,
+            refused=counters.refused + core.buffer.late + core.buffer.duplicates,
+            jitter_s=core.jitter / CLOCK_HZ,
+        )

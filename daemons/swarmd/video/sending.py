@@ -1,0 +1,179 @@
+"""A session that this node sends: its source, its encoder, and the way of its packets."""
+
+import asyncio
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final
+
+from swarmd.video.codec import H264Encoder, to_frame
+from swarmd.video.core import rtcp
+from swarmd.video.core.bitrate_control import BitrateControl
+from swarmd.video.core.destination import Destination
+from swarmd.video.core.rtp_packet import CLOCK_HZ
+from swarmd.video.core.sender import EncodeKeyFrame, End, SenderAction, SendRtp, SetBitrate, VideoSender
+from swarmd.video.rtp_socket import RtpSocket, SwarmPath
+from swarmd.video.sources import PictureSource
+from swarmware.errors import WireError
+from swarmware.model.clock import utc_ns
+from swarmware.module.module import Module
+from swarmware.runtime.driver import CoreDriver
+from swarmware.types.perception import Image
+from swarmware.types.video import VideoDirection, VideoRateChange, VideoSession
+
+PAYLOAD_MAX: Final = 1000
+"""Bytes after the RTP header: with the headers of ten hops still one datagram of the broker."""
+
+
+KEY_FRAME_S: Final = 10.0
+"""Between key frames for a platform, which asks for one when it needs it."""
+KEY_FRAME_BLIND_S: Final = 2.0
+"""For a standard receiver: many join in the middle, and ask for nothing."""
+
+
+class SendingSession:
+    """Sends one source to one receiver."""
+
+    def __init__(
+        self,
+        module: Module,
+        number: int,
+        name: str,
+        destination: Destination,
+        *,
+        source: PictureSource,
+        executor: ThreadPoolExecutor,
+        path: SwarmPath | RtpSocket,
+        encoder: str,
+        max_bit_s: int,
+        pinned: bool,
+        described: str,
+        received_as: str,
+        receiver_hw: int | None,
+    ) -> None:
+        """`described`: SDP; `received_as`: stream of the images at the receiving platform; `receiver_hw`: its
+        computer, None for an address."""
+        now_ns = module.now_ns()
+        self.number = number
+        """Source of its RTP packets (SSRC)."""
+        self.name = name
+        self.destination = destination
+        self.receiver_hw = receiver_hw
+        self.has_ended = False
+        """The receiver has ended it."""
+        self._module = module
+        self._source = source
+        self._executor = executor
+        self._path = path
+        self._described = described
+        self._received_as = received_as
+        self._started_ns = now_ns
+        bitrate = BitrateControl(max_bit_s, pinned, now_ns)
+        sequence = int.from_bytes(os.urandom(2))
+        self._core = VideoSender(
+            number, sequence, PAYLOAD_MAX, bitrate, now_ns, tells_arrivals=bool(destination.platform)
+        )
+        self._core.on_clock(utc_ns() - now_ns)
+        self._encoder = H264Encoder(
+            encoder,
+            source.rate_hz,
+            bitrate.bit_s,
+            max_bit_s,
+            KEY_FRAME_S if destination.platform else KEY_FRAME_BLIND_S,
+        )
+        self._is_key_wanted = True
+        self._is_closed = False
+        self._driver: CoreDriver[SenderAction] = CoreDriver(
+            self._core, self._perform, name="video", clock=module.clock, loop=asyncio.get_running_loop()
+        )
+
+    async def run(self) -> None:
+        """Send until cancelled. Raises: InvalidInput when the source ends."""
+        loop, module = asyncio.get_running_loop(), self._module
+        self._driver.feed()
+        try:
+            while True:
+                picture = await self._source.next()
+                now_ns = module.now_ns()
+                if not self._core.may_encode(now_ns):
+                    continue
+                timestamp = now_ns * CLOCK_HZ // 1_000_000_000
+                key, self._is_key_wanted = self._is_key_wanted, False
+                data = await loop.run_in_executor(self._executor, self._encoded, picture, timestamp, key)
+                if data:
+                    self._driver.feed(self._core.on_picture(data, timestamp, module.now_ns()))
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """End it, and tell the receiver."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self._path.send(rtcp.encode(rtcp.Bye(self._core.ssrc)))
+        self._driver.stop()
+        self._path.close()
+        self._source.close()
+        self._executor.shutdown(wait=False)
+
+    def _encoded(self, picture: Any, timestamp: int, key: bool) -> bytes:
+        frame = to_frame(picture) if isinstance(picture, Image) else picture
+        return self._encoder.encode(frame, timestamp, key=key)
+
+    def on_packet(self, data: bytes) -> None:
+        """A packet of the receiver."""
+        try:
+            reports = rtcp.decode(data)
+        except WireError:
+            self._core.on_garbage()
+            return
+        self._driver.feed(self._core.on_rtcp(reports, self._module.now_ns()))
+
+    def silent_s(self, now_ns: int) -> float:
+        """Time since the last report of a receiver that must report; 0: it need not."""
+        if not self.destination.platform:
+            return 0.0
+        return (now_ns - (self._core.reported_ns or self._started_ns)) / 1e9
+
+    def pin(self, bit_s: int, pinned: bool) -> None:
+        """Set the highest rate, or the rate."""
+        self._driver.feed(self._core.on_pin(bit_s, pinned, self._module.now_ns()))
+
+    def _perform(self, action: SenderAction) -> None:
+        match action:
+            case SendRtp(data):
+                self._path.send(data)
+            case SetBitrate(bit_s):
+                self._encoder.set_bitrate(bit_s)
+            case EncodeKeyFrame():
+                self._is_key_wanted = True
+            case End():
+                self.has_ended = True
+
+    def report(self) -> VideoSession:
+        """The session with its counters."""
+        core, counters, now_ns = self._core, self._core.counters, self._module.now_ns()
+        bitrate, round_trip_ns = core.bitrate, core.round_trip_ns
+        return VideoSession(
+            self.number,
+            VideoDirection.SENT,
+            self.name,
+            str(self.destination),
+            path=self._received_as,
+            started_ns=self._started_ns,
+            bit_s=bitrate.bit_s,
+            max_bit_s=bitrate.max_bit_s,
+            pinned=bitrate.pinned,
+            pictures=counters.pictures,
+            skipped=counters.skipped,
+            packets=counters.packets,
+            octets=counters.octets,
+            lost=counters.lost,
+            dropped=counters.discarded,
+            key_frames_asked=counters.key_frames_asked,
+            refused=counters.refused,
+            queueing_s=core.queueing_ns / 1e9,
+            waiting_s=core.waiting_ns(now_ns) / 1e9,
+            round_trip_s=None if round_trip_ns is None else round_trip_ns / 1e9,
+            changes=tuple(VideoRateChange(one.at_ns, one.bit_s, one.reason) for one in bitrate.changes),
+            sdp=self._described,
+        )

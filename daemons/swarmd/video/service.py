@@ -1,0 +1,275 @@
+"""The video daemon: sessions on request, their ends, and what others may know of them."""
+
+import asyncio
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Final
+
+from swarmd.video import config as settings
+from swarmd.video.codec import pyav
+from swarmd.video.core import sdp
+from swarmd.video.core.destination import Destination
+from swarmd.video.core.session_table import SessionKey, SessionTable
+from swarmd.video.receiving import ReceivingSession
+from swarmd.video.rtp_socket import RtpSocket, SwarmPath, resolve
+from swarmd.video.sending import SendingSession
+from swarmd.video.sources import PictureSource, open_source
+from swarmware.errors import Conflict, Denied, NotFound, SwarmError
+from swarmware.model import names
+from swarmware.model.names import Address
+from swarmware.model.resource import Kind
+from swarmware.module.meta import Meta
+from swarmware.module.module import Module
+from swarmware.service.service import Service
+from swarmware.types import registry
+from swarmware.types.perception import Image
+from swarmware.types.rpc import Empty
+from swarmware.types.video import (
+    RtpDatagram,
+    VideoChange,
+    VideoOpen,
+    VideoOpened,
+    VideoRate,
+    VideoSession,
+    VideoSessions,
+    VideoStart,
+    VideoStop,
+)
+
+DATAGRAMS: Final = "sys/video/rtp"
+OPEN: Final = "sys/video/open"
+CHECK_S: Final = 1.0
+"""Between two checks for sessions whose other end is silent."""
+
+
+class Video(Service):
+    """Sends sources of this node, and receives those of other platforms."""
+
+    name = "video"
+    Config = settings.Config
+    config: settings.Config
+
+    def __init__(self, module: Module, config: settings.Config) -> None:
+        super().__init__(module, config)
+        self._table: SessionTable[SendingSession, ReceivingSession] = SessionTable(config.sessions_max)
+        self._tasks: dict[int | SessionKey, asyncio.Task[None]] = {}
+        self._reasons: dict[int | SessionKey, str] = {}
+        """Why a session is being ended."""
+        self._address = Address(module.node.platform, module.node.config.unit)
+        self._changes = module.stream_writer(
+            "video/changes",
+            VideoChange,
+            kind="event",
+            log="all",
+            link="notify",
+            description="Each start, change and end of a video session",
+        )
+        module.receive(DATAGRAMS, RtpDatagram, self._on_datagram, description="Packets of video sessions")
+        module.serve(
+            "sys/video/start",
+            VideoStart,
+            self._start,
+            reply=VideoSession,
+            description="Send a source as video",
+        )
+        module.serve(
+            "sys/video/rate", VideoRate, self._rate, reply=VideoSession, description="Rate of a video session"
+        )
+        module.serve(
+            "sys/video/stop", VideoStop, self._stop, reply=VideoSessions, description="End a video session"
+        )
+        module.serve("sys/video/ls", Empty, self._list, reply=VideoSessions, description="Video sessions")
+        module.serve(
+            OPEN, VideoOpen, self._open, reply=VideoOpened, description="Prepare to receive video of who asks"
+        )
+
+    async def run(self) -> None:
+        """Serve until cancelled; end sessions whose other end is silent."""
+        limit_s = self.config.silence_s
+        async for _ in self.module.every(CHECK_S):
+            now_ns = self.module.now_ns()
+            for key in list(self._tasks):
+                session = self._session(key)
+                if session.has_ended:
+                    self._end(key, "ended by the other end")
+                elif session.silent_s(now_ns) > limit_s:
+                    self._end(key, f"ended: nothing arrived for {limit_s:g} s")
+
+    # -- requests
+
+    async def _start(self, request: VideoStart, meta: Meta) -> VideoSession:
+        pyav()
+        destination = Destination.parse(request.to)
+        if names.platform_of(destination.platform) == self._address.platform:
+            raise Conflict(f"video to {request.to}: its source is there, too; expected another platform")
+        self._table.check_sent(request.source, str(destination))
+        self._check_source(request.source)
+        executor = ThreadPoolExecutor(1, "video-encoder")
+        source: PictureSource | None = None
+        try:
+            configured = self.config.sources.get(request.source)
+            source = await open_source(self.module, request.source, configured, executor)
+            session = await self._opened(request, destination, source, executor)
+        except BaseException:
+            if source is not None:
+                source.close()
+            executor.shutdown(wait=False)
+            raise
+        self._table.add_sent(session.number, request.source, str(destination), session.receiver_hw, session)
+        self._run(session.number, session)
+        self._record(session.number, request.source, str(destination), "started", _asker(meta))
+        return session.report()
+
+    def _check_source(self, name: str) -> None:
+        if name in self.config.sources:
+            return
+        names.check_path(name)
+        table = self.module.node.table
+        table.refresh()
+        images = {
+            one.path
+            for entry in table
+            for one in entry.provides
+            if one.kind is Kind.STREAM and one.type == registry.type_name(Image)
+        }
+        if name not in images:
+            known = ", ".join(sorted(images | set(self.config.sources))) or "none"
+            raise NotFound(f"source {name}: not known to {self._address}; expected one of: {known}")
+
+    async def _opened(
+        self, request: VideoStart, to: Destination, source: PictureSource, executor: ThreadPoolExecutor
+    ) -> SendingSession:
+        number = int.from_bytes(os.urandom(4))
+        described = received_as = ""
+        receiver_hw = None
+        path: SwarmPath | RtpSocket
+        if to.platform:
+            ask = VideoOpen(number, str(self._address), request.source)
+            opened = await self.module.request(names.join(to.platform, OPEN), ask, VideoOpened)
+            receiver, received_as = Address.parse(opened.receiver), opened.path
+            receiver_hw = receiver.hardware
+            path = SwarmPath(partial(self._post, receiver.path))
+        else:
+            family, host = await resolve(to.host, to.port)
+            path = RtpSocket(family, host, to.port, partial(self._on_report, number))
+            described = sdp.describe(number, request.source, host, to.port)
+        return SendingSession(
+            self.module,
+            number,
+            request.source,
+            to,
+            source=source,
+            executor=executor,
+            path=path,
+            encoder=self.config.encoder,
+            max_bit_s=request.max_bit_s,
+            pinned=request.pinned,
+            described=described,
+            received_as=received_as,
+            receiver_hw=receiver_hw,
+        )
+
+    def _open(self, request: VideoOpen, meta: Meta) -> VideoOpened:
+        sender = Address.parse(request.sender)
+        if sender.hardware != meta.sender_hw:
+            raise Denied(f"video of {sender}: the request is of another computer")
+        names.check_path(request.source)
+        replaced = self._table.replaced(request.source, str(sender))
+        if replaced is not None:
+            self._end(replaced, "ended: its sender has begun again")
+        key = SessionKey(sender.hardware, request.session)
+        session = ReceivingSession(
+            self.module,
+            request.session,
+            sender,
+            request.source,
+            wait_s=self.config.wait_s,
+            send=partial(self._post, sender.path),
+        )
+        self._table.add_received(key, request.source, str(sender), session)
+        self._run(key, session)
+        self._record(request.session, request.source, str(sender), "received", _asker(meta))
+        return VideoOpened(str(self._address), session.path)
+
+    def _rate(self, request: VideoRate, meta: Meta) -> VideoSession:
+        session = self._table.sent.get(request.session)
+        if session is None:
+            raise NotFound(f"session {request.session}: not sent by {self._address}; see `video ls`")
+        session.pin(request.max_bit_s, request.pinned)
+        how = "pinned to" if request.pinned else "at most"
+        change = f"{how} {request.max_bit_s / 1000:g} kbit/s"
+        self._record(request.session, session.name, str(session.destination), change, _asker(meta))
+        return session.report()
+
+    def _stop(self, request: VideoStop, meta: Meta) -> VideoSessions:
+        keys = [
+            key
+            for key in self._tasks
+            if request.session == (key.session if isinstance(key, SessionKey) else key)
+        ]
+        if not keys:
+            raise NotFound(f"session {request.session}: not of {self._address}; see `video ls`")
+        reports = tuple(self._session(key).report() for key in keys)
+        for key in keys:
+            self._end(key, f"stopped by {_asker(meta)}")
+        return VideoSessions(reports)
+
+    def _list(self, _: Empty, __: Meta) -> VideoSessions:
+        reports = tuple(self._session(key).report() for key in self._tasks)
+        return VideoSessions(reports, self._table.refused)
+
+    # -- packets
+
+    def _on_datagram(self, datagram: RtpDatagram, sender_hw: int) -> None:
+        session = self._table.find(datagram.data, sender_hw)
+        if session is not None:
+            session.on_packet(datagram.data)
+
+    def _on_report(self, number: int, data: bytes) -> None:
+        session = self._table.sent.get(number)
+        if session is not None:
+            session.on_packet(data)
+
+    def _post(self, computer: str, data: bytes) -> None:
+        self.module.post(names.join(computer, DATAGRAMS), RtpDatagram(data))
+
+    # -- the life of a session
+
+    def _session(self, key: int | SessionKey) -> SendingSession | ReceivingSession:
+        return self._table.received[key] if isinstance(key, SessionKey) else self._table.sent[key]
+
+    def _run(self, key: int | SessionKey, session: SendingSession | ReceivingSession) -> None:
+        self._tasks[key] = self.module.start(self._until_end(key, session), f"session {session.number}")
+
+    async def _until_end(self, key: int | SessionKey, session: SendingSession | ReceivingSession) -> None:
+        reason = "ended"
+        try:
+            await session.run()
+        except SwarmError as error:
+            reason = f"ended: {error}"
+            self.module.log.warning("video session %d: %s", session.number, error)
+        finally:
+            # one that has been replaced has left the table already
+            if self._tasks.get(key) is asyncio.current_task():
+                self._forget(key)
+            report = session.report()
+            self._record(session.number, report.source, report.other, self._reasons.pop(key, reason), "")
+
+    def _end(self, key: int | SessionKey, reason: str) -> None:
+        self._reasons[key] = reason
+        self._session(key).close()
+        self._tasks[key].cancel()
+        self._forget(key)
+
+    def _forget(self, key: int | SessionKey) -> None:
+        self._table.remove(key)
+        self._tasks.pop(key, None)
+
+    def _record(self, number: int, source: str, other: str, change: str, by: str) -> None:
+        self.module.log.info("video session %d, %s, %s: %s", number, source, other, change)
+        self._changes.write(VideoChange(number, source, other, change, by))
+
+
+def _asker(meta: Meta) -> str:
+    return "this platform" if meta.sender is None else str(meta.sender)

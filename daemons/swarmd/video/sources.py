@@ -1,0 +1,110 @@
+"""Sources of pictures: a recording, or a stream of images of the node."""
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any, Protocol
+
+from swarmd.video.codec import pyav
+from swarmd.video.config import Source
+from swarmware.errors import InvalidInput
+from swarmware.module.module import Module
+from swarmware.types.perception import Image
+
+
+class PictureSource(Protocol):
+    """Pictures one after another, at their rate."""
+
+    rate_hz: float
+
+    async def next(self) -> Any:
+        """The next picture: an Image, or a frame of PyAV. Raises: InvalidInput when there is none."""
+        ...
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class StreamSource:
+    """The newest image of a stream of the node."""
+
+    def __init__(self, module: Module, path: str, rate_hz: float) -> None:
+        self.rate_hz = rate_hz
+        self._reader = module.stream_reader(path, Image)
+        self._end: Callable[[], None] = lambda: module.close_reader(self._reader)
+
+    async def next(self) -> Image:
+        """The next image; older ones that wait are passed over."""
+        image = await self._reader.next()
+        while (newer := self._reader.take()) is not None:
+            image = newer
+        return image
+
+    def close(self) -> None:
+        """Close the reader."""
+        self._end()
+
+
+class Recording:
+    """A file that PyAV reads, in the thread of its session; it begins again at its end."""
+
+    def __init__(self, path: str) -> None:
+        """Raises: InvalidInput for a file that has no video."""
+        self._path = path
+        self._av = pyav()
+        try:
+            self._container: Any = self._av.open(path)
+            stream = self._container.streams.video[0]
+        except (OSError, IndexError, self._av.FFmpegError) as error:
+            raise InvalidInput(f"{path}: {error}; expected a file with video") from error
+        rate = stream.average_rate or stream.guessed_rate
+        self.rate_hz = min(max(float(rate or 25), 1.0), 120.0)
+        self._frames = self._container.decode(video=0)
+
+    def read(self) -> Any:
+        """The next frame of PyAV. Raises: InvalidInput for a file without any."""
+        for _ in range(2):
+            try:
+                return next(self._frames)
+            except StopIteration:
+                self._container.seek(0)
+                self._frames = self._container.decode(video=0)
+            except self._av.FFmpegError as error:
+                raise InvalidInput(f"{self._path}: {error}") from error
+        raise InvalidInput(f"{self._path}: no pictures")
+
+    def close(self) -> None:
+        """Close the file."""
+        self._container.close()
+
+
+class FileSource:
+    """The pictures of a recording, in its time."""
+
+    def __init__(self, module: Module, recording: Recording, executor: Executor) -> None:
+        self.rate_hz = recording.rate_hz
+        self._recording = recording
+        self._executor = executor
+        self._ticks = module.every(1 / self.rate_hz)
+
+    async def next(self) -> Any:
+        """The next picture, at its instant."""
+        await anext(self._ticks)
+        return await asyncio.get_running_loop().run_in_executor(self._executor, self._recording.read)
+
+    def close(self) -> None:
+        """Close the file, after the picture that is being read."""
+        self._executor.submit(self._recording.close)
+
+
+async def open_source(module: Module, name: str, source: Source | None, executor: Executor) -> PictureSource:
+    """The source of this name of the configuration; None: the stream of images at this path.
+
+    Raises: InvalidInput.
+    """
+    if source is not None and source.file:
+        recording = await asyncio.get_running_loop().run_in_executor(executor, Recording, source.file)
+        return FileSource(module, recording, executor)
+    source = source or Source(resource=name)
+    return StreamSource(module, source.resource, source.rate_hz)

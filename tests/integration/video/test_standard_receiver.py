@@ -1,0 +1,50 @@
+"""A standard receiver, FFmpeg's program and its library, shows what the daemon sends as RTP."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from tests.integration.broker.swarm import free_port, on_uvloop, swarm
+from tests.integration.video.cameras import SIZE, sessions, video
+
+from swarmware.types.video import VideoSession, VideoStart
+
+PICTURES = 30
+
+
+def port_pair() -> int:
+    """An even port; the next one is for reports."""
+    while (port := free_port()) % 2:
+        pass
+    return port
+
+
+@on_uvloop
+async def test_ffmpeg_decodes_the_video_by_its_session_description(tmp_path: Path) -> None:
+    program = pytest.importorskip("imageio_ffmpeg", reason="no FFmpeg program here").get_ffmpeg_exe()
+    async with swarm(tmp_path, "uav1") as nodes, video(nodes["uav1"]):
+        port = port_pair()
+        start = VideoStart("camera", f"127.0.0.1:{port}", max_bit_s=1_000_000)
+        sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=10)
+        description = tmp_path / "camera.sdp"
+        description.write_text(sent.sdp)
+        words = ["-hide_banner", "-loglevel", "error", "-protocol_whitelist", "file,udp,rtp", "-i"]
+        frames = tmp_path / "frames.rgb"
+        receiver = await asyncio.create_subprocess_exec(
+            program,
+            *words,
+            str(description),
+            *f"-frames:v {PICTURES} -f rawvideo -pix_fmt rgb24 {frames}".split(),
+            stderr=asyncio.subprocess.PIPE,
+        )
+        try:
+            # it begins in the middle: it shows nothing before the next key frame
+            _, said = await asyncio.wait_for(receiver.communicate(), 60)
+        finally:
+            if receiver.returncode is None:
+                receiver.kill()
+        assert receiver.returncode == 0, said.decode()
+        assert len(frames.read_bytes()) == PICTURES * SIZE[0] * SIZE[1] * 3
+        (session,) = await sessions(nodes["uav1"])
+        assert session.pictures > PICTURES
+        assert session.refused == 0

@@ -1,0 +1,154 @@
+"""The sending end: paced packets within a window, reports into rate and key frames, waiting with a limit."""
+
+from swarmd.video.core import rtcp, rtp_packet
+from swarmd.video.core.bitrate_control import BitrateControl
+from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtp_packet import RtpPacket
+from swarmd.video.core.sender import (
+    DISCARD_NS,
+    HOLD_NS,
+    EncodeKeyFrame,
+    End,
+    SenderAction,
+    SendRtp,
+    SetBitrate,
+    VideoSender,
+)
+
+MS = 1_000_000
+S = 1_000_000_000
+UTC_NS = 1_700_000_000 * S
+
+
+def sender(*, tells_arrivals: bool = True, pinned: bool = False) -> VideoSender:
+    made = VideoSender(
+        7, 65_530, 1000, BitrateControl(1_000_000, pinned, 0), 0, tells_arrivals=tells_arrivals
+    )
+    made.on_clock(UTC_NS)
+    return made
+
+
+def picture(size: int) -> bytes:
+    return b"\0\0\0\1\x65" + b"x" * (size - 1)
+
+
+def packets(actions: list[SenderAction]) -> list[RtpPacket]:
+    data = [one.data for one in actions if isinstance(one, SendRtp) and not rtp_packet.is_rtcp(one.data)]
+    return [rtp_packet.decode(one) for one in data]
+
+
+def drained(core: VideoSender, until_ns: int) -> list[tuple[int, RtpPacket]]:
+    """Packets that the timers send up to an instant, and when."""
+    found: list[tuple[int, RtpPacket]] = []
+    while (at_ns := core.deadline_ns()) is not None and at_ns <= until_ns:
+        found += [(at_ns, one) for one in packets(core.on_timer(at_ns))]
+    return found
+
+
+def test_a_picture_is_numbered_beyond_the_wrap_around_and_its_last_packet_is_marked() -> None:
+    core = sender()
+    sent = packets(core.on_picture(picture(9_000), 4_242, 0))
+    sent += [one for _, one in drained(core, 900 * MS)]
+    assert [one.sequence for one in sent] == [(65_530 + index) & 0xFFFF for index in range(10)]
+    assert {one.timestamp for one in sent} == {4_242}
+    assert [one.marker for one in sent] == [False] * 9 + [True]
+
+
+def test_packets_leave_at_the_pace_and_not_beyond_the_window() -> None:
+    core = sender()
+    first = len(packets(core.on_picture(picture(40_000), 0, 0)))
+    assert 3 <= first <= 6
+    later = drained(core, 900 * MS)
+    assert 10 <= first + len(later) < 14, "the window of a new link"
+    assert core.waiting_ns(900 * MS) == 900 * MS
+    begin = later[0][1].sequence - first
+    heard = Arrivals(6, 7, begin & 0xFFFF, (0,) * (first + len(later)))
+    assert packets(core.on_rtcp([heard], 901 * MS)), "what has arrived makes room"
+
+
+def test_a_standard_receiver_needs_no_report_for_the_next_packets() -> None:
+    core = sender(tells_arrivals=False)
+    sent = packets(core.on_picture(picture(40_000), 0, 0)) + [one for _, one in drained(core, 500 * MS)]
+    assert sent[-1].marker
+    # 2.5 times the rate of the encoder: 40 kB at 1 Mbit/s take 128 ms
+    assert core.waiting_ns(500 * MS) == 0
+
+
+def test_pictures_are_skipped_while_packets_wait_and_a_key_frame_follows_what_was_discarded() -> None:
+    core = sender()
+    core.on_picture(picture(60_000), 0, 0)
+    assert core.may_encode(HOLD_NS)
+    assert not core.may_encode(HOLD_NS + 1)
+    assert core.counters.skipped == 1
+    actions = core.on_timer(DISCARD_NS)
+    assert EncodeKeyFrame() in actions
+    assert core.counters.discarded > 40
+    assert core.may_encode(DISCARD_NS)
+
+
+def test_a_receiver_that_cannot_decode_gets_a_key_frame_and_its_end_ends_the_session() -> None:
+    core = sender()
+    assert core.on_rtcp([KeyFrameRequest(6, 7)], 0) == [EncodeKeyFrame()]
+    assert core.on_rtcp([Bye(6)], 0) == [End()]
+
+
+def test_reports_of_other_sources_and_garbage_are_counted() -> None:
+    core = sender()
+    others = [KeyFrameRequest(6, 8), Arrivals(6, 8, 0, (0,)), ReceiverReport(6, 8, 0, 0, 0, 0, 0, 0)]
+    assert core.on_rtcp([*others, SenderReport(6, 0, 0, 0, 0)], 0) == []
+    core.on_garbage()
+    assert core.counters.refused == 5
+
+
+def test_packets_that_others_overtook_are_lost_until_they_arrive() -> None:
+    core = sender()
+    core.on_picture(picture(5_000), 0, 0)
+    drained(core, 500 * MS)
+    ages = (0, None, 0, 0, 0, 0)
+    core.on_rtcp([Arrivals(6, 7, 65_530, ages)], 510 * MS)
+    assert core.counters.lost == 1
+    core.on_rtcp([Arrivals(6, 7, 65_530, (0, 0, 0, 0, 0, 0))], 520 * MS)
+    assert core.counters.lost == 0
+
+
+def test_the_age_of_an_arrival_does_not_count_as_round_trip() -> None:
+    core = sender()
+    core.on_picture(picture(500), 0, 0)
+    core.on_rtcp([Arrivals(6, 7, 65_530, (30 * MS,))], 50 * MS)
+    assert core.round_trip_ns == 20 * MS
+
+
+def test_a_standard_receiver_tells_loss_and_round_trip_by_its_reports() -> None:
+    core = sender(tells_arrivals=False)
+    ntp = rtcp.ntp_of(UTC_NS + 1 * S) >> 16 & 0xFFFF_FFFF
+    report = ReceiverReport(6, 7, 0.3, 12, 0, 0, ntp, 65_536 // 2)
+    actions = core.on_rtcp([report], 1 * S + 520 * MS)
+    assert core.counters.lost == 12
+    assert core.round_trip_ns is not None
+    assert abs(core.round_trip_ns - 20 * MS) < MS
+    assert actions == [SetBitrate(850_000)]
+
+
+def test_silence_of_the_receiver_frees_the_window_and_lowers_the_rate() -> None:
+    core = sender()
+    core.on_picture(picture(60_000), 0, 0)
+    drained(core, 900 * MS)
+    actions = core.on_timer(1 * S)
+    assert SetBitrate(500_000) in actions
+    assert packets(core.on_picture(picture(2_000), 90_000, 1 * S))
+
+
+def test_an_operator_pins_the_rate_at_once() -> None:
+    core = sender()
+    assert core.on_pin(300_000, True, 0) == [SetBitrate(300_000)]
+    core.on_timer(1 * S)
+    core.on_timer(2 * S)
+    assert core.bitrate.bit_s == 300_000
+
+
+def test_a_sender_report_maps_the_timestamp_to_utc_once_a_second() -> None:
+    core = sender()
+    core.on_picture(picture(500), 90_000, 0)
+    reports = [one for one in core.on_timer(1 * S) if isinstance(one, SendRtp)]
+    found = rtcp.decode(reports[0].data)
+    assert found == [SenderReport(7, rtcp.ntp_of(UTC_NS + 1 * S), 180_000, 1, 500)]
