@@ -1,6 +1,7 @@
 """Encoder and decoder on a real recording: through RTP with reordering, another rate, damage, sizes."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -98,11 +99,11 @@ def test_pixels_pass_unchanged_through_a_frame() -> None:
 def test_an_image_that_is_a_jpeg_file_is_read() -> None:
     import av
 
-    context = av.CodecContext.create("mjpeg", "w")
-    context.width, context.height, context.pix_fmt, context.framerate = 64, 32, "yuvj420p", 25  # type: ignore[attr-defined]
+    context: Any = av.CodecContext.create("mjpeg", "w")
+    context.width, context.height, context.pix_fmt, context.framerate = 64, 32, "yuvj420p", 25
     frame = av.VideoFrame(64, 32, "yuvj420p")
     frame.pts = 0
-    (packet,) = [*context.encode(frame), *context.encode(None)]  # type: ignore[attr-defined]
+    (packet,) = [*context.encode(frame), *context.encode(None)]
     found = to_frame(Image(64, 32, ImageEncoding.JPEG, bytes(packet)))
     assert (found.width, found.height) == (64, 32)
 

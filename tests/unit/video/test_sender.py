@@ -94,7 +94,11 @@ def test_a_receiver_that_cannot_decode_gets_a_key_frame_and_its_end_ends_the_ses
 
 def test_reports_of_other_sources_and_garbage_are_counted() -> None:
     core = sender()
-    others = [KeyFrameRequest(6, 8), Arrivals(6, 8, 0, (0,)), ReceiverReport(6, 8, 0, 0, 0, 0, 0, 0)]
+    others: list[rtcp.Report] = [
+        KeyFrameRequest(6, 8),
+        Arrivals(6, 8, 0, (0,)),
+        ReceiverReport(6, 8, 0, 0, 0, 0, 0, 0),
+    ]
     assert core.on_rtcp([*others, SenderReport(6, 0, 0, 0, 0)], 0) == []
     core.on_garbage()
     assert core.counters.refused == 5
