@@ -102,7 +102,7 @@ def commands() -> str:
 def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
     declared = names(PROJECT["dependencies"])
     optional = modules(
-        names([*EXTRAS["can"], *EXTRAS["images"], *EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"]])
+        names([*EXTRAS["can"], *EXTRAS["images"], *EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"], *EXTRAS["video"]])
     )
     used = imported("lib", "daemons", "cli")
     assert idle(declared, used) == [], "required and not imported"
@@ -117,6 +117,7 @@ def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
         ("lab", "cli"),
         ("mongo", "lib"),
         ("parquet", "cli"),
+        ("video", "daemons"),
         ("bench", "tests/bench"),
     ],
 )

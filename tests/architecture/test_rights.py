@@ -113,14 +113,14 @@ def _nodes(file: Path) -> list[ast.AST]:
 
 
 def _served(file: Path) -> Iterator[str]:
-    """Addresses in calls of `serve`, `inbox` and `receive`."""
+    """Addresses in calls of `serve`, `inbox` and `take_datagrams`."""
     module = None
     for node in _nodes(file):
         if not isinstance(node, ast.Call) or len(node.args) < 2:
             continue
         function = node.func
         name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
-        if name not in ("serve", "inbox", "receive"):
+        if name not in ("serve", "inbox", "take_datagrams"):
             continue
         match node.args[0]:
             case ast.Constant(value=str(path)):

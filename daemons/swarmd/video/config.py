@@ -4,6 +4,8 @@ from typing import Annotated
 
 import msgspec
 
+from swarmware.errors import InvalidInput
+
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
@@ -20,7 +22,7 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     def __post_init__(self) -> None:
         """Check that it has one origin; msgspec converts ValueError to its ValidationError."""
         if bool(self.resource) == bool(self.file):
-            raise ValueError("a source needs either `resource` or `file`")
+            raise InvalidInput("a source needs either `resource` or `file`")
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 from swarmd.video.codec import H264Decoder
+from swarmd.video.config import Config
 from swarmd.video.core import rtcp
 from swarmd.video.core.receiver import Decode, ReceiverAction, VideoReceiver, receiver_ssrc
 from swarmd.video.core.rtp_packet import CLOCK_HZ
@@ -35,7 +36,7 @@ class ReceivingSession:
         sender: Address,
         source: str,
         *,
-        wait_s: float,
+        config: Config,
         send: Callable[[bytes], None],
     ) -> None:
         """`send`: takes reports for the sender. Raises: NotFound without PyAV, Conflict."""
@@ -61,7 +62,7 @@ class ReceivingSession:
         self._executor = ThreadPoolExecutor(1, "video-decoder")
         self._queue: asyncio.Queue[Decode] = asyncio.Queue(WAITING_MAX)
         self._is_closed = False
-        self._core = VideoReceiver(number, round(wait_s * 1e9), now_ns)
+        self._core = VideoReceiver(config, number, now_ns)
         self._driver: CoreDriver[ReceiverAction] = CoreDriver(
             self._core, self._perform, name="video", clock=module.clock, loop=asyncio.get_running_loop()
         )
@@ -91,7 +92,7 @@ class ReceivingSession:
             self.close()
 
     def close(self) -> None:
-        """End it, and tell the sender."""
+        """End it, and send the sender its end."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -105,9 +106,9 @@ class ReceivingSession:
         """A packet of the sender."""
         self._driver.feed(self._core.on_packet(data, self._module.now_ns()))
 
-    def silent_s(self, now_ns: int) -> float:
-        """Time since the last packet."""
-        return (now_ns - self._core.received_ns) / 1e9
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether no packet has come for too long."""
+        return self._core.is_silent(now_ns)
 
     def _perform(self, action: ReceiverAction) -> None:
         match action:

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from swarmd.video.codec import H264Encoder, to_frame
+from swarmd.video.config import Config
 from swarmd.video.core import rtcp
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.destination import Destination
@@ -43,7 +44,7 @@ class SendingSession:
         source: PictureSource,
         executor: ThreadPoolExecutor,
         path: SwarmPath | RtpSocket,
-        encoder: str,
+        config: Config,
         max_bit_s: int,
         pinned: bool,
         described: str,
@@ -70,11 +71,17 @@ class SendingSession:
         bitrate = BitrateControl(max_bit_s, pinned, now_ns)
         sequence = int.from_bytes(os.urandom(2))
         self._core = VideoSender(
-            number, sequence, PAYLOAD_MAX, bitrate, now_ns, tells_arrivals=bool(destination.platform)
+            config,
+            number,
+            sequence,
+            PAYLOAD_MAX,
+            bitrate,
+            now_ns,
+            reports_arrivals=bool(destination.platform),
+            utc_less_clock_ns=utc_ns() - now_ns,
         )
-        self._core.on_clock(utc_ns() - now_ns)
         self._encoder = H264Encoder(
-            encoder,
+            config.encoder,
             source.rate_hz,
             bitrate.bit_s,
             max_bit_s,
@@ -105,7 +112,7 @@ class SendingSession:
             self.close()
 
     def close(self) -> None:
-        """End it, and tell the receiver."""
+        """End it, and send the receiver its end."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -124,15 +131,13 @@ class SendingSession:
         try:
             reports = rtcp.decode(data)
         except WireError:
-            self._core.on_garbage()
+            self._core.count_garbage()
             return
         self._driver.feed(self._core.on_rtcp(reports, self._module.now_ns()))
 
-    def silent_s(self, now_ns: int) -> float:
-        """Time since the last report of a receiver that must report; 0: it need not."""
-        if not self.destination.platform:
-            return 0.0
-        return (now_ns - (self._core.reported_ns or self._started_ns)) / 1e9
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether the receiver has not reported for too long."""
+        return self._core.is_silent(now_ns)
 
     def pin(self, bit_s: int, pinned: bool) -> None:
         """Set the highest rate, or the rate."""

@@ -65,7 +65,9 @@ class Video(Service):
             link="notify",
             description="Each start, change and end of a video session",
         )
-        module.receive(DATAGRAMS, RtpDatagram, self._on_datagram, description="Packets of video sessions")
+        module.take_datagrams(
+            DATAGRAMS, RtpDatagram, self._on_datagram, description="Packets of video sessions"
+        )
         module.serve(
             "sys/video/start",
             VideoStart,
@@ -93,7 +95,7 @@ class Video(Service):
                 session = self._session(key)
                 if session.has_ended:
                     self._end(key, "ended by the other end")
-                elif session.silent_s(now_ns) > limit_s:
+                elif session.is_silent(now_ns):
                     self._end(key, f"ended: nothing arrived for {limit_s:g} s")
 
     # -- requests
@@ -162,7 +164,7 @@ class Video(Service):
             source=source,
             executor=executor,
             path=path,
-            encoder=self.config.encoder,
+            config=self.config,
             max_bit_s=request.max_bit_s,
             pinned=request.pinned,
             described=described,
@@ -184,7 +186,7 @@ class Video(Service):
             request.session,
             sender,
             request.source,
-            wait_s=self.config.wait_s,
+            config=self.config,
             send=partial(self._post, sender.path),
         )
         self._table.add_received(key, request.source, str(sender), session)

@@ -215,7 +215,7 @@ class Module(Client):
         self.node.messaging.serve_messages(served.data_id, self.app_id, box.put)
         return box
 
-    def receive(
+    def take_datagrams(
         self, path: str, cls: type[T], take: Callable[[T, int], None], *, description: str = ""
     ) -> None:
         """Take the datagrams of video of an address: `take(value, hardware id of the sender)`.

@@ -21,7 +21,10 @@ def port_pair() -> int:
 
 @on_uvloop
 async def test_ffmpeg_decodes_the_video_by_its_session_description(tmp_path: Path) -> None:
-    program = pytest.importorskip("imageio_ffmpeg", reason="no FFmpeg program here").get_ffmpeg_exe()
+    pytest.importorskip("imageio_ffmpeg", reason="no FFmpeg program here")
+    import imageio_ffmpeg
+
+    program: str = imageio_ffmpeg.get_ffmpeg_exe()
     async with swarm(tmp_path, "uav1") as nodes, video(nodes["uav1"]):
         port = port_pair()
         start = VideoStart("camera", f"127.0.0.1:{port}", max_bit_s=1_000_000)

@@ -5,6 +5,7 @@ import random
 import msgspec
 from tests.simulation.reliable.radio_link import MS, Medium, S
 
+from swarmd.video.config import Config
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.receiver import Decode, ReceiverAction, VideoReceiver
 from swarmd.video.core.rtcp import decode
@@ -41,7 +42,7 @@ class SimulatedSession:
         *,
         max_bit_s: int = 4_000_000,
         pinned: bool = False,
-        tells_arrivals: bool = True,
+        reports_arrivals: bool = True,
         seed: int = 1,
     ) -> None:
         self.time = VirtualTime(S)
@@ -55,8 +56,10 @@ class SimulatedSession:
         self._index = -1
         self._is_key_wanted = True
         bitrate = BitrateControl(max_bit_s, pinned, S)
-        self.sender = VideoSender(7, 65_000, 1000, bitrate, S, tells_arrivals=tells_arrivals)
-        self.receiver = VideoReceiver(7, 40 * MS, S)
+        self.sender = VideoSender(
+            Config(), 7, 65_000, 1000, bitrate, S, reports_arrivals=reports_arrivals, utc_less_clock_ns=0
+        )
+        self.receiver = VideoReceiver(Config(wait_s=0.04), 7, S)
         self._sending = self.time.drive(self.sender, self._on_sender)
         self._receiving = self.time.drive(self.receiver, self._on_receiver)
         self.time.every(PERIOD_NS / 1e9, self._camera)

@@ -62,7 +62,7 @@ def test_a_pinned_rate_stays_and_what_the_link_does_not_carry_is_skipped() -> No
 
 
 def test_a_standard_receiver_gets_a_rate_by_loss_and_round_trip() -> None:
-    made = session(1, rate_bit_s=0.8 * MBIT, tells_arrivals=False)
+    made = session(1, rate_bit_s=0.8 * MBIT, reports_arrivals=False)
     made.run(30)
     assert 0.3 * MBIT < made.mean_bit_s(15, 30) < 0.9 * MBIT
     assert share(made.queueing_ms(15, 30), 0.95) < 500

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from swarmd.video.codec import H264Decoder, H264Encoder, to_frame, to_image
+from swarmd.video.config import Config
 from swarmd.video.core.h264_payload import nal_units, packetize, unit_type
 from swarmd.video.core.receiver import Decode, VideoReceiver
 from swarmd.video.core.rtp_packet import RtpPacket, encode
@@ -35,7 +36,7 @@ def luminance_error(one: Image, other: Image) -> float:
 
 
 def test_a_recording_survives_packets_out_of_order() -> None:
-    core, decoder, shown, number = VideoReceiver(7, 40_000_000, 0), H264Decoder(), [], 0
+    core, decoder, shown, number = VideoReceiver(Config(), 7, 0), H264Decoder(), [], 0
     for at, stream in enumerate(streams()):
         payloads = packetize(nal_units(stream), 500)
         packets = [

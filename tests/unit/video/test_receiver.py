@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.h264_payload import AccessUnit, packetize
 from swarmd.video.core.receiver import (
@@ -26,7 +27,7 @@ WAIT_NS = 40 * MS
 
 
 def receiver() -> VideoReceiver:
-    return VideoReceiver(SOURCE, WAIT_NS, 0)
+    return VideoReceiver(Config(wait_s=WAIT_NS / 1e9), SOURCE, 0)
 
 
 def picture(index: int, first: int, *, key: bool = False, size: int = 250) -> list[bytes]:

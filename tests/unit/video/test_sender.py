@@ -20,9 +20,9 @@ S = 1_000_000_000
 UTC_NS = 1_700_000_000 * S
 
 
-def sender(*, tells_arrivals: bool = True, pinned: bool = False) -> VideoSender:
+def sender(*, reports_arrivals: bool = True, pinned: bool = False) -> VideoSender:
     made = VideoSender(
-        7, 65_530, 1000, BitrateControl(1_000_000, pinned, 0), 0, tells_arrivals=tells_arrivals
+        7, 65_530, 1000, BitrateControl(1_000_000, pinned, 0), 0, reports_arrivals=reports_arrivals
     )
     made.on_clock(UTC_NS)
     return made
@@ -67,7 +67,7 @@ def test_packets_leave_at_the_pace_and_not_beyond_the_window() -> None:
 
 
 def test_a_standard_receiver_needs_no_report_for_the_next_packets() -> None:
-    core = sender(tells_arrivals=False)
+    core = sender(reports_arrivals=False)
     sent = packets(core.on_picture(picture(40_000), 0, 0)) + [one for _, one in drained(core, 500 * MS)]
     assert sent[-1].marker
     # 2.5 times the rate of the encoder: 40 kB at 1 Mbit/s take 128 ms
@@ -100,7 +100,7 @@ def test_reports_of_other_sources_and_garbage_are_counted() -> None:
         ReceiverReport(6, 8, 0, 0, 0, 0, 0, 0),
     ]
     assert core.on_rtcp([*others, SenderReport(6, 0, 0, 0, 0)], 0) == []
-    core.on_garbage()
+    core.count_garbage()
     assert core.counters.refused == 5
 
 
@@ -123,7 +123,7 @@ def test_the_age_of_an_arrival_does_not_count_as_round_trip() -> None:
 
 
 def test_a_standard_receiver_tells_loss_and_round_trip_by_its_reports() -> None:
-    core = sender(tells_arrivals=False)
+    core = sender(reports_arrivals=False)
     ntp = rtcp.ntp_of(UTC_NS + 1 * S) >> 16 & 0xFFFF_FFFF
     report = ReceiverReport(6, 7, 0.3, 12, 0, 0, ntp, 65_536 // 2)
     actions = core.on_rtcp([report], 1 * S + 520 * MS)

@@ -73,7 +73,7 @@ class BitrateControl:
             self._set(int(min(self.bit_s * (1 + INCREASE), limit)), "free", now_ns)
 
     def on_report(self, lost_ratio: float, round_trip_ns: int | None, now_ns: int) -> None:
-        """Loss and round trip from a receiver that does not tell arrival times."""
+        """Loss and round trip from a receiver that does not report arrival times."""
         if round_trip_ns is not None:
             known = self._base_ns
             self._base_ns = round_trip_ns if known is None else min(known, round_trip_ns)

@@ -10,8 +10,6 @@ from swarmware.errors import WireError
 
 IDR: Final = 5
 """Slice of a picture from which decoding can begin."""
-SPS: Final = 7
-PPS: Final = 8
 STAP_A: Final = 24
 FU_A: Final = 28
 _SINGLE: Final = range(1, 24)
@@ -166,7 +164,7 @@ class Depacketizer:
         header = payload[1]
         if bool(header & _START) == (self._fragment is not None) or header & _TYPE not in _SINGLE:
             if self._is_damaged:
-                return  # its begin was lost, which is told already
+                return  # its begin was lost, which is known already
             raise WireError("H.264 fragment: not the next one of its NAL unit")
         if self._fragment is None:
             self._fragment = bytearray((payload[0] & _REFERENCE | header & _TYPE,))

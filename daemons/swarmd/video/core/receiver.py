@@ -5,6 +5,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.h264_payload import AccessUnit, Depacketizer
 from swarmd.video.core.jitter_buffer import JitterBuffer, OrderedPacket
@@ -48,7 +49,7 @@ class ReceiverCounters(msgspec.Struct):
     """Pictures that were damaged, or could not be decoded without a lost one."""
     key_frames_asked: int = 0
     refused: int = 0
-    """Packets that were no RTP, of another source, or damaged."""
+    """Packets of another format or source, and damaged ones."""
 
 
 def receiver_ssrc(source: int) -> int:
@@ -59,14 +60,14 @@ def receiver_ssrc(source: int) -> int:
 class VideoReceiver:
     """Reception of one source of RTP."""
 
-    def __init__(self, source: int, wait_ns: int, now_ns: int) -> None:
-        """`source`: SSRC of the sender; `wait_ns`: how long a missing packet is waited for."""
+    def __init__(self, config: Config, source: int, now_ns: int) -> None:
+        """`source`: SSRC of the sender."""
         self.counters = ReceiverCounters()
-        self.buffer = JitterBuffer(wait_ns)
+        self.buffer = JitterBuffer(round(config.wait_s * 1e9))
         self.jitter = 0.0
         """Units of timestamps (RFC 3550, appendix A.8)."""
-        self.received_ns = now_ns
-        """Last packet."""
+        self._received_ns = now_ns
+        self._silence_ns = round(config.silence_s * 1e9)
         self._ssrc = receiver_ssrc(source)
         self._source = source
         self._extender = SequenceExtender()
@@ -85,6 +86,10 @@ class VideoReceiver:
         self._sender_report: tuple[int, int] | None = None
         """Middle of the NTP time of the last sender report, and its arrival."""
 
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether no packet has come for too long."""
+        return now_ns - self._received_ns > self._silence_ns
+
     def on_packet(self, data: bytes, now_ns: int) -> list[ReceiverAction]:
         """A packet of the sender, RTP or RTCP; others are refused and counted."""
         try:
@@ -97,7 +102,7 @@ class VideoReceiver:
         if packet.ssrc != self._source or packet.payload_type != rtp_packet.PAYLOAD_TYPE:
             self.counters.refused += 1
             return []
-        self.received_ns = now_ns
+        self._received_ns = now_ns
         number = self._extender.extend(packet.sequence)
         self.counters.packets += 1
         self.counters.octets += len(data)
@@ -159,7 +164,7 @@ class VideoReceiver:
             match report:
                 case SenderReport(ssrc=self._source):
                     self._sender_report = (report.ntp >> 16 & 0xFFFF_FFFF, now_ns)
-                    self.received_ns = now_ns
+                    self._received_ns = now_ns
                 case Bye(ssrc=self._source):
                     actions.append(End())
                 case _:

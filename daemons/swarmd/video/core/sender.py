@@ -5,6 +5,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.h264_payload import nal_units, packetize
@@ -61,7 +62,7 @@ class SenderCounters(msgspec.Struct):
     packets: int = 0
     octets: int = 0
     lost: int = 0
-    """Packets that did not arrive, as the receiver told."""
+    """Packets that did not arrive, as the receiver reported."""
     key_frames_asked: int = 0
     refused: int = 0
     """Reports that could not be decoded, or are of another source."""
@@ -72,17 +73,20 @@ class VideoSender:
 
     def __init__(
         self,
+        config: Config,
         ssrc: int,
         first_sequence: int,
         payload_max: int,
         bitrate: BitrateControl,
         now_ns: int,
         *,
-        tells_arrivals: bool,
+        reports_arrivals: bool,
+        utc_less_clock_ns: int,
     ) -> None:
         """`ssrc` and `first_sequence`: random numbers; `payload_max`: bytes after the RTP header.
 
-        `tells_arrivals`: the receiver reports the arrival of each packet, so that a window can be kept.
+        `reports_arrivals`: the receiver reports the arrival of each packet, so that a window can be kept;
+        `utc_less_clock_ns`: UTC minus the clock of `now_ns`, for sender reports.
         """
         self.ssrc = ssrc
         self.bitrate = bitrate
@@ -93,7 +97,7 @@ class VideoSender:
         """Last report of the receiver."""
         self._arrived_ns = now_ns
         """Last report of an arrival."""
-        self._tells_arrivals = tells_arrivals
+        self._reports_arrivals = reports_arrivals
         self._payload_max = payload_max
         self._sequence = first_sequence
         self._waiting: deque[tuple[RtpPacket, int]] = deque()
@@ -106,7 +110,9 @@ class VideoSender:
         self._report_ns = now_ns
         self._timestamp = (0, now_ns)
         self._asked_bit_s = bitrate.bit_s
-        self._utc_less_clock_ns = 0
+        self._utc_less_clock_ns = utc_less_clock_ns
+        self._silence_ns = round(config.silence_s * 1e9)
+        self._began_ns = now_ns
 
     @property
     def queueing_ns(self) -> int:
@@ -117,9 +123,9 @@ class VideoSender:
         """Age of the oldest packet that waits before the link."""
         return now_ns - self._waiting[0][1] if self._waiting else 0
 
-    def on_clock(self, utc_less_clock_ns: int) -> None:
-        """UTC minus the clock of `now_ns`, for sender reports."""
-        self._utc_less_clock_ns = utc_less_clock_ns
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether a receiver that must report has not for too long."""
+        return self._reports_arrivals and now_ns - (self.reported_ns or self._began_ns) > self._silence_ns
 
     def may_encode(self, now_ns: int) -> bool:
         """Whether the next picture is to be encoded; counts it as skipped otherwise."""
@@ -143,7 +149,7 @@ class VideoSender:
     def on_pin(self, bit_s: int, pinned: bool, now_ns: int) -> list[SenderAction]:
         """An operator sets the rate."""
         self.bitrate.pin(bit_s, pinned, now_ns)
-        return self._asked(least=0.0)
+        return self._asked(change_min=0.0)
 
     def on_rtcp(self, reports: list[rtcp.Report], now_ns: int) -> list[SenderAction]:
         """Reports of the receiver."""
@@ -165,8 +171,8 @@ class VideoSender:
                     self.counters.refused += 1
         return [*actions, *self._asked(), *self._send(now_ns)]
 
-    def on_garbage(self) -> None:
-        """A packet on the way back was not RTCP."""
+    def count_garbage(self) -> None:
+        """A packet of the receiver was not RTCP."""
         self.counters.refused += 1
 
     def on_timer(self, now_ns: int) -> list[SenderAction]:
@@ -196,7 +202,7 @@ class VideoSender:
         actions: list[SenderAction] = []
         self._paced_until_ns = None
         while self._waiting:
-            if self._tells_arrivals and not self.window.has_room(reserve=False):
+            if self._reports_arrivals and not self.window.has_room(reserve=False):
                 break  # until reports come, or silence
             wait_ns = self._wait_ns(now_ns)
             if wait_ns:
@@ -206,7 +212,7 @@ class VideoSender:
             data = rtp_packet.encode(packet)
             size = len(data) + PATH_BYTES
             self.window.on_sent(size)
-            if self._tells_arrivals:
+            if self._reports_arrivals:
                 self._in_flight[packet.sequence] = (size, now_ns)
             self.counters.packets += 1
             self.counters.octets += len(packet.payload)
@@ -216,9 +222,9 @@ class VideoSender:
     def _wait_ns(self, now_ns: int) -> int:
         """Pace: a little faster than the encoder, so that no picture fills the link's queue at once."""
         round_trip_ns = max(self.round_trip_ns or 0, ROUND_TRIP_MIN_NS)
-        if self._tells_arrivals:
+        if self._reports_arrivals:
             return self.window.wait_ns(round_trip_ns, now_ns)
-        # the window has not been measured: the time in which the encoder makes so much
+        # the window has not been measured: the time in which the encoder fills it
         return self.window.wait_ns(int(self.window.window * 8e9 / (2.0 * self.bitrate.bit_s)), now_ns)
 
     def _on_report(self, report: ReceiverReport, now_ns: int) -> None:
@@ -228,14 +234,14 @@ class VideoSender:
             ticks = (middle - report.last_report - report.delay) & 0xFFFF_FFFF
             if ticks < 0x8000_0000:
                 round_trip_ns = ticks * 1_000_000_000 >> 16
-        if self._tells_arrivals:
+        if self._reports_arrivals:
             return  # its arrivals say more
         self.counters.lost = max(report.lost, 0)
         self.round_trip_ns = round_trip_ns if round_trip_ns is not None else self.round_trip_ns
         self.bitrate.on_report(report.lost_ratio, round_trip_ns, now_ns)
 
     def _on_arrivals(self, report: Arrivals, now_ns: int) -> None:
-        if not self._tells_arrivals:
+        if not self._reports_arrivals:
             return
         window, arrived = self.window, -1
         for index, age_ns in enumerate(report.ages_ns):
@@ -293,10 +299,10 @@ class VideoSender:
         sent = SenderReport(self.ssrc, ntp, timestamp, counters.packets, counters.octets)
         return rtcp.encode(sent) + rtcp.description(self.ssrc, f"swarm-{self.ssrc:08x}")
 
-    def _asked(self, least: float = 0.03) -> list[SenderAction]:
+    def _asked(self, change_min: float = 0.03) -> list[SenderAction]:
         """The rate for the encoder, when it has changed by this share."""
         bit_s = self.bitrate.bit_s
-        if abs(bit_s - self._asked_bit_s) <= least * self._asked_bit_s:
+        if abs(bit_s - self._asked_bit_s) <= change_min * self._asked_bit_s:
             return []
         self._asked_bit_s = bit_s
         return [SetBitrate(bit_s)]
