@@ -84,7 +84,7 @@ class H264Encoder:
 
 
 class H264Decoder:
-    """One decoder."""
+    """Decodes one stream of H.264."""
 
     def __init__(self) -> None:
         self._av = pyav()

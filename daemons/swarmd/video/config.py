@@ -9,7 +9,7 @@ from swarmware.errors import InvalidInput
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 
 
-class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class VideoSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A source of video: a file, or a stream of images."""
 
     resource: str = ""
@@ -28,7 +28,7 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings from services/video.toml."""
 
-    sources: dict[str, Source] = {}
+    sources: dict[str, VideoSource] = {}
     """Sources by name; streams of images need no entry."""
     encoder: str = "libx264"
     """Encoder of PyAV: libx264, or one of the hardware (h264_v4l2m2m, h264_nvenc, h264_qsv)."""

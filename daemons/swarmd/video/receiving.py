@@ -73,7 +73,7 @@ class ReceivingSession:
         return self._writer.path
 
     async def run(self) -> None:
-        """Decode until cancelled."""
+        """Decode pictures until it is cancelled."""
         loop = asyncio.get_running_loop()
         self._driver.feed()
         try:

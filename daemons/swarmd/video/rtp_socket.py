@@ -23,7 +23,7 @@ class SwarmPath:
         self.send = send
 
     def close(self) -> None:
-        """Nothing to close."""
+        """There is nothing to close."""
 
 
 class RtpSocket:
@@ -60,7 +60,7 @@ class RtpSocket:
                 self._on_report(data)
 
     def close(self) -> None:
-        """Close both sockets."""
+        """Close both of its sockets."""
         for sock in self._sockets.values():
             self._loop.remove_reader(sock.fileno())
             sock.close()

@@ -11,7 +11,14 @@ from swarmd.video.core import rtcp
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.destination import Destination
 from swarmd.video.core.rtp_packet import CLOCK_HZ
-from swarmd.video.core.sender import EncodeKeyFrame, End, SenderAction, SendRtp, SetBitrate, VideoSender
+from swarmd.video.core.sender import (
+    EncodeKeyFrame,
+    EndSession,
+    SenderAction,
+    SendRtp,
+    SetBitrate,
+    VideoSender,
+)
 from swarmd.video.rtp_socket import RtpSocket, SwarmPath
 from swarmd.video.sources import PictureSource
 from swarmware.errors import WireError
@@ -151,7 +158,7 @@ class SendingSession:
                 self._encoder.set_bitrate(bit_s)
             case EncodeKeyFrame():
                 self._is_key_wanted = True
-            case End():
+            case EndSession():
                 self.has_ended = True
 
     def report(self) -> VideoSession:

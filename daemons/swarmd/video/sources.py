@@ -6,7 +6,7 @@ from concurrent.futures import Executor
 from typing import Any, Protocol
 
 from swarmd.video.codec import pyav
-from swarmd.video.config import Source
+from swarmd.video.config import VideoSource
 from swarmware.errors import InvalidInput
 from swarmware.module.module import Module
 from swarmware.types.perception import Image
@@ -22,7 +22,7 @@ class PictureSource(Protocol):
         ...
 
     def close(self) -> None:
-        """End it."""
+        """Close what it reads."""
         ...
 
 
@@ -42,11 +42,11 @@ class StreamSource:
         return image
 
     def close(self) -> None:
-        """Close the reader."""
+        """Close the reader of the stream."""
         self._end()
 
 
-class Recording:
+class RecordedVideo:
     """A file that PyAV reads, in the thread of its session; it begins again at its end."""
 
     def __init__(self, path: str) -> None:
@@ -75,14 +75,14 @@ class Recording:
         raise InvalidInput(f"{self._path}: no pictures")
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file that it reads."""
         self._container.close()
 
 
 class FileSource:
     """The pictures of a recording, in its time."""
 
-    def __init__(self, module: Module, recording: Recording, executor: Executor) -> None:
+    def __init__(self, module: Module, recording: RecordedVideo, executor: Executor) -> None:
         self.rate_hz = recording.rate_hz
         self._recording = recording
         self._executor = executor
@@ -98,13 +98,15 @@ class FileSource:
         self._executor.submit(self._recording.close)
 
 
-async def open_source(module: Module, name: str, source: Source | None, executor: Executor) -> PictureSource:
+async def open_source(
+    module: Module, name: str, source: VideoSource | None, executor: Executor
+) -> PictureSource:
     """The source of this name of the configuration; None: the stream of images at this path.
 
     Raises: InvalidInput.
     """
     if source is not None and source.file:
-        recording = await asyncio.get_running_loop().run_in_executor(executor, Recording, source.file)
+        recording = await asyncio.get_running_loop().run_in_executor(executor, RecordedVideo, source.file)
         return FileSource(module, recording, executor)
-    source = source or Source(resource=name)
+    source = source or VideoSource(resource=name)
     return StreamSource(module, source.resource, source.rate_hz)

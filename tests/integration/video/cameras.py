@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from tests.integration.broker.swarm import PATIENCE_S, Station
 
-from swarmd.video.config import Config, Source
+from swarmd.video.config import Config, VideoSource
 from swarmd.video.service import Video
 from swarmware.module.module import Module
 from swarmware.types.rpc import Empty
@@ -25,7 +25,7 @@ SIZE = (640, 272)
 @asynccontextmanager
 async def video(station: Station, **settings: Any) -> AsyncIterator[None]:
     """The video daemon of a node, whose source `camera` is the recording."""
-    config = Config(sources={"camera": Source(file=str(RECORDING))}, **settings)
+    config = Config(sources={"camera": VideoSource(file=str(RECORDING))}, **settings)
     async with AsyncExitStack() as stack:
         module = await stack.enter_async_context(Module("video", node=station.node, config=config))
         task = asyncio.create_task(Video(module, config).run(), name=f"video {station.platform}")

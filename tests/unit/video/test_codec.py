@@ -10,7 +10,7 @@ from swarmd.video.config import Config
 from swarmd.video.core.h264_payload import nal_units, packetize, unit_type
 from swarmd.video.core.receiver import Decode, VideoReceiver
 from swarmd.video.core.rtp_packet import RtpPacket, encode
-from swarmd.video.sources import Recording
+from swarmd.video.sources import RecordedVideo
 from swarmware.errors import InvalidInput, WireError
 from swarmware.types.perception import Image, ImageEncoding
 
@@ -23,7 +23,7 @@ TICKS = 3600
 
 def streams(bit_s: int = 800_000) -> list[bytes]:
     """The first pictures of the recording, encoded; the 20th is a key frame."""
-    recording, encoder = Recording(str(RECORDING)), H264Encoder("libx264", 25.0, bit_s, bit_s, 10.0)
+    recording, encoder = RecordedVideo(str(RECORDING)), H264Encoder("libx264", 25.0, bit_s, bit_s, 10.0)
     found = [encoder.encode(recording.read(), at * TICKS, key=at == 20) for at in range(PICTURES)]
     recording.close()
     return found
@@ -49,7 +49,7 @@ def test_a_recording_survives_packets_out_of_order() -> None:
                 if isinstance(action, Decode):
                     shown += decoder.decode(action.unit.stream)
     assert len(shown) == PICTURES
-    recording = Recording(str(RECORDING))
+    recording = RecordedVideo(str(RECORDING))
     original = [to_image(recording.read()) for _ in range(PICTURES)]
     recording.close()
     assert {(one.width, one.height) for one in shown} == {(640, 272)}
@@ -66,7 +66,10 @@ def test_a_key_frame_comes_when_it_is_asked_for_with_all_that_decoding_needs() -
 
 
 def test_the_rate_changes_while_it_encodes() -> None:
-    recording, encoder = Recording(str(RECORDING)), H264Encoder("libx264", 25.0, 2_000_000, 2_000_000, 10.0)
+    recording, encoder = (
+        RecordedVideo(str(RECORDING)),
+        H264Encoder("libx264", 25.0, 2_000_000, 2_000_000, 10.0),
+    )
     fast = [len(encoder.encode(recording.read(), at * TICKS, key=False)) for at in range(50)]
     encoder.set_bitrate(200_000)
     slow = [len(encoder.encode(recording.read(), at * TICKS, key=False)) for at in range(50, 150)]
@@ -139,4 +142,4 @@ def test_a_file_without_video_is_refused_with_its_path(content: bytes, tmp_path:
     file = tmp_path / "flight.mp4"
     file.write_bytes(content)
     with pytest.raises(InvalidInput, match=r"flight\.mp4.*expected a file with video"):
-        Recording(str(file))
+        RecordedVideo(str(file))

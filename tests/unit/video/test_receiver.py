@@ -18,7 +18,7 @@ from swarmd.video.core.receiver import (
 )
 from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
-from swarmd.video.core.sender import End, SendRtp
+from swarmd.video.core.sender import EndSession, SendRtp
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -146,7 +146,7 @@ def test_what_is_of_others_or_damaged_is_refused_and_counted() -> None:
 
 def test_the_end_of_the_sender_ends_the_session() -> None:
     core = receiver()
-    assert core.on_packet(rtcp.encode(Bye(SOURCE)), 0) == [End()]
+    assert core.on_packet(rtcp.encode(Bye(SOURCE)), 0) == [EndSession()]
     assert core.on_packet(rtcp.encode(Bye(SOURCE + 2)), 0) == []
 
 

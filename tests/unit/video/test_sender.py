@@ -1,5 +1,6 @@
 """The sending end: paced packets within a window, reports into rate and key frames, waiting with a limit."""
 
+from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
@@ -8,7 +9,7 @@ from swarmd.video.core.sender import (
     DISCARD_NS,
     HOLD_NS,
     EncodeKeyFrame,
-    End,
+    EndSession,
     SenderAction,
     SendRtp,
     SetBitrate,
@@ -21,11 +22,16 @@ UTC_NS = 1_700_000_000 * S
 
 
 def sender(*, reports_arrivals: bool = True, pinned: bool = False) -> VideoSender:
-    made = VideoSender(
-        7, 65_530, 1000, BitrateControl(1_000_000, pinned, 0), 0, reports_arrivals=reports_arrivals
+    return VideoSender(
+        Config(),
+        7,
+        65_530,
+        1000,
+        BitrateControl(1_000_000, pinned, 0),
+        0,
+        reports_arrivals=reports_arrivals,
+        utc_less_clock_ns=UTC_NS,
     )
-    made.on_clock(UTC_NS)
-    return made
 
 
 def picture(size: int) -> bytes:
@@ -89,7 +95,7 @@ def test_pictures_are_skipped_while_packets_wait_and_a_key_frame_follows_what_wa
 def test_a_receiver_that_cannot_decode_gets_a_key_frame_and_its_end_ends_the_session() -> None:
     core = sender()
     assert core.on_rtcp([KeyFrameRequest(6, 7)], 0) == [EncodeKeyFrame()]
-    assert core.on_rtcp([Bye(6)], 0) == [End()]
+    assert core.on_rtcp([Bye(6)], 0) == [EndSession()]
 
 
 def test_reports_of_other_sources_and_garbage_are_counted() -> None:

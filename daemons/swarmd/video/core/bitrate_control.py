@@ -88,7 +88,7 @@ class BitrateControl:
             self._set(int(self.bit_s * (1 + INCREASE)), "free", now_ns)
 
     def on_silence(self, now_ns: int) -> None:
-        """Reports have stopped."""
+        """The receiver reports no longer."""
         if not self.pinned:
             self._set(self.bit_s // 2, "no reports", now_ns)
 

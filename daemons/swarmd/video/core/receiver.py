@@ -11,7 +11,7 @@ from swarmd.video.core.h264_payload import AccessUnit, Depacketizer
 from swarmd.video.core.jitter_buffer import JitterBuffer, OrderedPacket
 from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import CLOCK_HZ, SequenceExtender
-from swarmd.video.core.sender import End, SendRtp
+from swarmd.video.core.sender import EndSession, SendRtp
 from swarmware.errors import WireError
 
 ARRIVALS_EVERY: Final = 8
@@ -33,7 +33,7 @@ class Decode(msgspec.Struct, frozen=True):
     unit: AccessUnit
 
 
-ReceiverAction = SendRtp | Decode | End
+ReceiverAction = SendRtp | Decode | EndSession
 
 
 class ReceiverCounters(msgspec.Struct):
@@ -166,7 +166,7 @@ class VideoReceiver:
                     self._sender_report = (report.ntp >> 16 & 0xFFFF_FFFF, now_ns)
                     self._received_ns = now_ns
                 case Bye(ssrc=self._source):
-                    actions.append(End())
+                    actions.append(EndSession())
                 case _:
                     self.counters.refused += 1
         return actions

@@ -95,7 +95,7 @@ def ntp_of(utc_ns: int) -> int:
 
 
 def encode(report: Report) -> bytes:
-    """Encode one report."""
+    """Encode one report as RTCP."""
     match report:
         case SenderReport():
             body = report.ssrc.to_bytes(4) + _SENDER.pack(

@@ -33,7 +33,7 @@ class RtpPacket(msgspec.Struct, frozen=True):
 
 
 def encode(packet: RtpPacket) -> bytes:
-    """Encode a packet."""
+    """Encode a packet with its header."""
     header = _HEADER.pack(
         VERSION << 6,
         packet.marker << 7 | packet.payload_type,

@@ -44,11 +44,11 @@ class EncodeKeyFrame(msgspec.Struct, frozen=True):
     """The next picture must be a key frame."""
 
 
-class End(msgspec.Struct, frozen=True):
+class EndSession(msgspec.Struct, frozen=True):
     """The receiver has ended the session."""
 
 
-SenderAction = SendRtp | SetBitrate | EncodeKeyFrame | End
+SenderAction = SendRtp | SetBitrate | EncodeKeyFrame | EndSession
 
 
 class SenderCounters(msgspec.Struct):
@@ -166,7 +166,7 @@ class VideoSender:
                     self.reported_ns = now_ns
                     self._on_arrivals(report, now_ns)
                 case Bye():
-                    actions.append(End())
+                    actions.append(EndSession())
                 case _:
                     self.counters.refused += 1
         return [*actions, *self._asked(), *self._send(now_ns)]
