@@ -102,7 +102,16 @@ def commands() -> str:
 def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
     declared = names(PROJECT["dependencies"])
     optional = modules(
-        names([*EXTRAS["can"], *EXTRAS["images"], *EXTRAS["lab"], *EXTRAS["mongo"], *EXTRAS["parquet"], *EXTRAS["video"]])
+        names(
+            [
+                *EXTRAS["can"],
+                *EXTRAS["images"],
+                *EXTRAS["lab"],
+                *EXTRAS["mongo"],
+                *EXTRAS["parquet"],
+                *EXTRAS["video"],
+            ]
+        )
     )
     used = imported("lib", "daemons", "cli")
     assert idle(declared, used) == [], "required and not imported"
