@@ -136,7 +136,9 @@ class FrameDatagrams:
         data = encode(frame)
         is_possible = peer.frame_port and self._sequence < frame_datagram.SEQUENCE_MAX
         seal = self._seal_of(peer) if is_possible and len(data) <= frame_datagram.FRAME_MAX else None
-        if seal is None or not self._put(peer, self._sealed(seal, frame_datagram.FRAME, data)):
+        if seal is None:
+            return False
+        if not self._put(peer, self._sealed(seal, frame_datagram.FRAME, data), Use.PACKETS):
             return False
         self._on_sent(peer, frame)
         return True
