@@ -64,6 +64,7 @@ def real_lines() -> Iterator[Line]:
         ("brokers: route over another one", "rerouted_s", GOALS_S[1]),
         ("brokers: message over another one", "around_s", None),
         ("brokers: first message after the return", "back_s", GOALS_S[2]),
+        ("brokers: direct route in use again", "direct_s", None),
     ):
         times = [one[key] for one in found]
         yield Line(case, median(times), max(times), goal_s)

@@ -41,7 +41,8 @@ async def triangle(root: Path) -> AsyncIterator[tuple[Line, dict[str, Station]]]
 
 
 async def cut_and_heal(root: Path) -> dict[str, float]:
-    """Times in seconds: loss noticed, route over the third one, first messages after that and the return."""
+    """Times in seconds: loss noticed, route over the third one, first messages after that and the return;
+    and the direct route in use again."""
     loop = asyncio.get_running_loop()
     async with triangle(root) as (line, stations):
         one, other = stations["uav1"], stations["uav2"]
@@ -60,12 +61,14 @@ async def cut_and_heal(root: Path) -> dict[str, float]:
         around_s = loop.time() - start_s
         line.heal()
         start_s = loop.time()
-        await one.until_reaches(uav2="uav2")
         assert await one.app.send("/uav2/cmd/order", Text("back"), timeout_s=PATIENCE_S)
         assert (await anext(inbox)).value == "back"
+        back_s = loop.time() - start_s
+        await one.until_reaches(uav2="uav2")
         return {
             "noticed_s": noticed_s,
             "rerouted_s": rerouted_s,
             "around_s": around_s,
-            "back_s": loop.time() - start_s,
+            "back_s": back_s,
+            "direct_s": loop.time() - start_s,
         }

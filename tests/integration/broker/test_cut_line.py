@@ -13,3 +13,4 @@ async def test_frames_go_around_a_cut_line_and_come_back_to_it(tmp_path: Path) -
     assert found["noticed_s"] < 5
     assert found["rerouted_s"] < 8
     assert found["back_s"] < 5
+    assert found["direct_s"] < 8
