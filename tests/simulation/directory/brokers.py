@@ -2,20 +2,13 @@
 
 import struct
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 from tests.simulation.directory.replay_window import ReplayWindow
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import (
-    Action,
-    ContinueSequence,
-    PollInputs,
-    PublishTables,
-    SendBeacon,
-    WriteMirrors,
-)
+from swarmd.broker.core.action import Action, ContinueSequence, PollInputs, SendBeacon, WriteMirrors
 from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.admission.sources import SealedDatagram
@@ -26,6 +19,7 @@ from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
+from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
@@ -97,6 +91,19 @@ class SimulatedKeys:
         return signing_key(platform).public if platform else None
 
 
+class _Core(BrokerCore):
+    """The broker's core, which tells of each change of a route at the instant of the change."""
+
+    on_routes: Callable[[list[RouteChanged]], None] | None = None
+
+    def _on_changes(
+        self, links: list[LinkChanged], routes: list[RouteChanged], actions: list[Action], now_ns: int
+    ) -> None:
+        super()._on_changes(links, routes, actions, now_ns)
+        if routes and self.on_routes is not None:
+            self.on_routes(routes)
+
+
 class BrokerNode:
     """One node: a broker core, its driver, and what its actions said."""
 
@@ -111,19 +118,18 @@ class BrokerNode:
         former: FormerState = FormerState(),  # noqa: B008  # frozen
         write_boards: Callable[["BrokerNode", int], None] = lambda node, now_ns: None,
         on_value: Callable[["BrokerNode", BoardSubscription, RemoteValue], None] = lambda *_: None,
-        on_tables: Callable[["BrokerNode"], None] = lambda _: None,
+        on_routes: Callable[["BrokerNode", list[RouteChanged]], None] | None = None,
         keys: Keys | None = None,
         signing: SigningKeys | None = None,
         on_roster: Callable[["BrokerNode", SendRoster], None] = lambda *_: None,
     ) -> None:
-        """`write_boards`: puts the values of the own boards before a beacon; `on_tables`: the tables of
-        neighbours and routes are due for publication, at once after a change; `on_roster`: carries a message
-        about the roster to another node."""
+        """`write_boards`: puts the values of the own boards before a beacon; `on_routes`: takes each change
+        of a route, at once; `on_roster`: carries a message about the roster to another node."""
         self.air = air
         self.name = name
         self.hw = hardware_id(name)
         self.clock = clock
-        self.core = BrokerCore(
+        self.core = _Core(
             NodeIdentity(self.hw, name, "main", PlatformCode.UAV, 1, b""),
             config or Config(),
             session,
@@ -134,6 +140,8 @@ class BrokerNode:
             exchange=None if keys is None else RosterExchange(keys, self.hw, air.random.random),
             signing=signing,
         )
+        if on_routes is not None:
+            self.core.on_routes = partial(on_routes, self)
         if keys is not None:
             self.core.set_ports(TCP_PORT, 0)
         self.actions: list[Action] = []
@@ -147,11 +155,10 @@ class BrokerNode:
         """Number of beacons."""
         self.sent_bytes = 0
         """Bytes of all beacons, with seal, UDP and IP."""
-        self.topology_bytes = 0
-        """Bytes of their sections about links and routes."""
+        self.directory_bytes = 0
+        """Bytes of their echoes, route rows and sequence requests."""
         self._write_boards = write_boards
         self._on_value = on_value
-        self._on_tables = on_tables
         self._on_roster = on_roster
         self.driver: CoreDriver[Action] = air.drive(self.core, self._perform, clock=clock)
         air.join(name, self.receive)
@@ -177,9 +184,6 @@ class BrokerNode:
             case SendRoster():
                 self.actions.append(action)
                 self._on_roster(self, action)
-            case PublishTables():
-                self.actions.append(action)
-                self._on_tables(self)
             case _:
                 self.actions.append(action)
 
@@ -201,7 +205,7 @@ class BrokerNode:
         self.sent += 1
         self.sent_bytes += size
         beacon = outgoing.beacon
-        self.topology_bytes += (
+        self.directory_bytes += (
             len(beacon.echoes) * codec.ECHO_BYTES
             + len(beacon.rows) * codec.ROW_BYTES
             + len(beacon.requests) * codec.REQUEST_BYTES

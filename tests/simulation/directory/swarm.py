@@ -1,20 +1,26 @@
-"""Swarms of brokers whose routes are followed: no loop ever, and routes that lead to their destination."""
+"""Swarms of brokers whose routes are followed at each change: no loop ever, routes that lead there."""
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from tests.simulation.directory.brokers import BrokerNode
-from tests.simulation.directory.radios import RadioSwarm
+from tests.simulation.directory.radios import RadioSwarm, Ratios
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.broker import FormerState
 from swarmd.broker.core.topology.neighbour import notice_ns
+from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock
 from swarmware.types.net import BoardPublication, TreePlan
 
+Pairs = np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+Transmissions = np.ndarray[tuple[int, int], np.dtype[np.float32]]
+
 SECOND: Final = 1_000_000_000
+GOOD_DELIVERY: Final = 0.85
+"""A link of the graph that says which pairs can have a route."""
 DEGREE: Final = 9.0
 DELAY_S: Final = (0.0, 0.06)
 """Datagrams cross every change of state."""
@@ -50,13 +56,16 @@ class Swarm(RadioSwarm):
         self.speed_m_s = speed_m_s
         self.heading = self.draw.uniform(0, 2 * math.pi, count)
         self.brokers: dict[str, BrokerNode] = {}
-        self._changed: dict[str, BrokerNode] = {}
+        self.changes = 0
+        """Changes of routes, each of which was followed."""
         self.sessions = dict.fromkeys(self.names, 0)
         self.index = {name: number for number, name in enumerate(self.names, 1)}
         """Numbers of the nodes, by name and by hardware id in hex."""
         self.index |= {f"{hardware_id(name):08x}": number for name, number in self.index.items()}
+        self.number = {hardware_id(name): number for number, name in enumerate(self.names, 1)} | {0: 0}
+        """The same by hardware id; 0: none."""
         self.next_hop = np.zeros((count + 1, count + 1), dtype=np.int32)
-        """[node, destination] → neighbour, from the route tables of the brokers; 0: no route."""
+        """[node, destination] → neighbour, from all changes of routes; 0: no route."""
         for name in self.names:
             first_ns = self.random.randrange(round(SECOND / tick_hz))
             self.at(first_ns, lambda name=name: self.start(name, late=False, former=FormerState()))  # type: ignore[misc]  # the name of this iteration
@@ -74,7 +83,7 @@ class Swarm(RadioSwarm):
             session=session,
             former=former,
             write_boards=write_pose if self.subscribed else lambda *_: None,
-            on_tables=self.on_tables,
+            on_routes=self.on_routes,
         )
         self.brokers[name] = node
         if self.subscribed:
@@ -98,58 +107,83 @@ class Swarm(RadioSwarm):
 
     # what must hold
 
-    def on_tables(self, node: BrokerNode) -> None:
-        """A route table is to be published: it is read before the next look at all of them."""
-        self._changed[node.name] = node
+    def on_routes(self, node: BrokerNode, changes: list[RouteChanged]) -> None:
+        """Routes of a node have changed: following the new ones does not lead back to it."""
+        number, next_hop = self.number, self.next_hop
+        first = number[node.hw]
+        row = next_hop[first]
+        self.changes += len(changes)
+        for change in changes:  # all of them are in force before the next event
+            row[number[change.hw]] = number[change.via]
+        for change in changes:
+            goal = number[change.hw]
+            at = int(row[goal])
+            while at not in (0, goal):
+                assert at != first, (
+                    f"seed {self.seed}: loop at {self.now_ns / SECOND:.3f} s from {node.name} towards"
+                    f" {self.names[goal - 1]}"
+                )
+                at = int(next_hop[at, goal])
 
-    def read_routes(self) -> None:
-        """Reads the route tables that were published since the last look."""
-        for node in self._changed.values():
-            if self.brokers.get(node.name) is node:
-                self.read_routes_of(node)
-        self._changed.clear()
+    def assert_published(self) -> None:
+        """The routes that the nodes publish are those that were followed."""
+        for name, node in self.brokers.items():
+            row = np.zeros(len(self.names) + 1, dtype=np.int32)
+            for route in node.core.report.routes().routes:
+                row[self.number[route.hardware]] = self.index[route.via]
+            assert (row == self.next_hop[self.index[name]]).all(), name
 
-    def read_routes_of(self, node: BrokerNode) -> None:
-        """Reads the route table that a broker publishes."""
-        row = self.next_hop[self.index[node.name]]
-        row[:] = 0
-        for route in node.core.report.routes().routes:
-            row[self.index[f"{route.hardware:08x}"]] = self.index[route.via]
-
-    def assert_no_loop(self) -> None:
-        """Following next hops from any node to any destination ends: there, or where no route is."""
-        self.read_routes()
-        hop = self.next_hop.copy()
-        everyone = np.arange(len(hop))
-        hop[everyone, everyone] = 0
-        columns = np.broadcast_to(everyone, hop.shape)
-        for _ in range(math.ceil(math.log2(len(hop)))):
-            hop = hop[hop, columns]  # row 0 stays 0: no route is the end of the way
-        looping = np.argwhere(hop != 0)
-        assert not len(looping), (
-            f"routing loop at {self.now_ns / SECOND:.2f} s towards node {looping[0][1]} from {looping[0][0]}"
-        )
-
-    def reached(self, delivery_min: float = 0.02) -> tuple[int, int]:
-        """Pairs that good links connect, and those whose next hops lead there over usable links."""
+    def follow(self, delivery_min: float) -> "Followed":
+        """Follows all next hops over the links that deliver at least `delivery_min`."""
         count = len(self.names)
         alive = np.array([name in self.brokers for name in self.names])
         usable = (self.delivery > delivery_min) & alive[:, None] & alive[None, :]
-        good = (self.delivery > 0.85) & usable
+        good = (self.delivery > GOOD_DELIVERY) & usable
         connected = good | np.eye(count, dtype=bool)
         for _ in range(math.ceil(math.log2(count))):
-            connected = (connected.astype(np.uint8) @ connected.astype(np.uint8)) > 0
+            connected = (connected.astype(np.float32) @ connected.astype(np.float32)) > 0
         np.fill_diagonal(connected, False)
         connected &= alive[:, None] & alive[None, :]
+        cost = transmissions(self.delivery, usable)
         hop = self.next_hop
         at = np.broadcast_to(np.arange(1, count + 1)[:, None], (count, count)).copy()
         goal = np.broadcast_to(np.arange(1, count + 1)[None, :], at.shape)
+        spent: Transmissions = np.zeros((count, count), dtype=np.float32)
         for _ in range(count):
             step = hop[at, goal]
             usable_step = (step > 0) & usable[at - 1, np.maximum(step, 1) - 1]
             moving = (at != goal) & usable_step
             if not moving.any():
                 break
+            spent += np.where(moving, cost[at - 1, np.maximum(step, 1) - 1], 0)
             at = np.where(moving, step, at)
-        arrived = at == goal
-        return int(connected.sum()), int((connected & arrived).sum())
+        return Followed(connected, connected & (at == goal), spent, cost)
+
+
+class Followed(NamedTuple):
+    """Routes at one instant, by [node, destination]."""
+
+    connected: Pairs
+    """Pairs that good links connect."""
+    arrived: Pairs
+    """Those whose next hops lead there over usable links."""
+    spent: Transmissions
+    """Expected transmissions of their routes."""
+    cost: Transmissions
+    """Expected transmissions of each usable link; infinite: none."""
+
+    def stretch(self) -> float:
+        """Expected transmissions of the routes over those of the best paths, in the mean of the pairs."""
+        best = self.cost.copy()
+        np.fill_diagonal(best, 0)
+        for _ in range(math.ceil(math.log2(len(best)))):
+            best = np.array([(row[:, None] + best).min(axis=0) for row in best], dtype=np.float32)
+        found = self.spent[self.arrived] / best[self.arrived]
+        return float(found.mean()) if len(found) else math.nan
+
+
+def transmissions(delivery: Ratios, usable: Pairs) -> Transmissions:
+    """Expected transmissions over each link until a frame and its acknowledgement have arrived."""
+    cost = np.full(delivery.shape, np.inf, dtype=np.float32)
+    cost[usable] = 1 / delivery[usable] ** 2
+    return cost

@@ -4,8 +4,8 @@ Each seed is a swarm of 100 brokers: a random geometric graph of radios (300 m, 
 98 % inside 0.7 R, falling to nothing at 1.15 R), beacons at 10 Hz, encoded and decoded as on the wire, the
 daemon's own timeouts. All start at once; as soon as there are routes they move at 20 m/s while 12 of them
 crash, some for good, some back after 50 ms to 1 s (also within the link timeout, also with another clock).
-Datagrams are delayed by up to 60 ms, so they cross every change of state. Every quarter of a second and
-at every crash and start all 10 000 next hops are followed: a loop at any of these instants fails the seed.
+Datagrams are delayed by up to 60 ms, so they cross every change of state. Each changed route is followed
+at the instant of its change: a loop fails the seed.
 When the churn is over, 99 % of the pairs that good links connect must have a working route within six
 seconds.
 """
@@ -47,18 +47,18 @@ def test_moving_swarms_of_100_brokers_never_loop_and_get_their_routes_back(seed:
         while life and life[0][0] <= at_ns:
             when_ns, name, what = life.pop(0)
             swarm.run_until(when_ns)
-            swarm.assert_no_loop()
             if what == "crash":
                 former[name] = swarm.crash(name)
             else:
                 swarm.start(name, late=what == "start late", former=former[name])
         swarm.run_until(at_ns)
-        swarm.assert_no_loop()
         if at_ns <= CHURN_S[1] * SECOND:
             swarm.move(step_ns / SECOND)
         elif not life:
-            connected, arrived = swarm.reached()
+            followed = swarm.follow(0.02)
+            connected, arrived = int(followed.connected.sum()), int(followed.arrived.sum())
             assert connected > NODES, f"the graph fell apart: {connected} pairs"
             if arrived >= 0.99 * connected:
+                swarm.assert_published()
                 return
     pytest.fail(f"{arrived} of {connected} connected pairs have a route that works")

@@ -26,27 +26,14 @@ AWAY_S: Final = (0.02, 0.2, 0.6, 1.5, 3.0)
 
 
 class Restarting(Swarm):
-    """A swarm whose routes are followed at each change."""
+    """A swarm in which a new session is accepted as late as it can be."""
 
     def __init__(self, seed: int, tick_hz: float, *, subscribed: bool) -> None:
         super().__init__(seed, NODES, speed_m_s=3.0, loss=LOSS, tick_hz=tick_hz, subscribed=subscribed)
-        self.changes = 0
         self.away: dict[str, tuple[int, FormerState]] = {}
         """By node: when it starts again, and what it stored."""
         self.accepted: dict[tuple[BrokerNode, int], int] = {}
         """By receiver and hardware id of the sender: the session whose datagrams arrive."""
-
-    def on_tables(self, node: BrokerNode) -> None:
-        row = self.next_hop[self.index[node.name]]
-        before = row.copy()
-        self.read_routes_of(node)
-        for number in (int(number) for number in (row != before).nonzero()[0]):
-            self.changes += 1
-            at, seen = self.index[node.name], set[int]()
-            while at and at != number:
-                assert at not in seen, f"loop at {self.now_ns / SECOND:.2f} s towards {number}: {seen}"
-                seen.add(at)
-                at = int(self.next_hop[at, number])
 
     def _arrive(self, sender: str, receiver: str, data: bytes) -> None:
         node = self.brokers.get(receiver)

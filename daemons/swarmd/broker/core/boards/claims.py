@@ -85,7 +85,7 @@ class Claims:
         confirms."""
         false: list[Claim] = []
         true: list[Claim] = []
-        for claim in list(self._pending.values()):
+        for claim in tuple(self._pending.values()) if self._pending else ():
             ahead_us = claim.stamp_us - stamp_us
             if ahead_us == 0 and claim.payload == payload:
                 true.append(claim)

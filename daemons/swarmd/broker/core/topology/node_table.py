@@ -8,7 +8,7 @@ import msgspec
 from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformCode
 from swarmd.broker.core.beacon.beacon_codec import member_bytes
 from swarmware.errors import InvalidInput
-from swarmware.model.names import Address, hardware_id
+from swarmware.model.names import MAIN, Address, hardware_id
 
 REPEAT_NS: Final = 30_000_000_000
 """Period in which an unchanged member row is repeated."""
@@ -22,6 +22,8 @@ class KnownNode(msgspec.Struct, gc=False):
     """Name, kind and tree version of a node."""
 
     hw: int
+    name: str
+    """As encoded in beacons."""
     platform: str
     unit: str
     kind: PlatformCode = PlatformCode.OTHER
@@ -29,11 +31,6 @@ class KnownNode(msgspec.Struct, gc=False):
     announced_ns: int = 0
     announcements: int = ANNOUNCEMENTS
     received_ns: int = 0
-
-    @property
-    def name(self) -> str:
-        """Its name as encoded in beacons."""
-        return str(Address(self.platform, self.unit))
 
 
 class NodeTable:
@@ -49,7 +46,7 @@ class NodeTable:
         """Adds a platform of the roster."""
         hw = hardware_id(platform)
         if hw != self._own_hw:
-            self._all.setdefault(hw, KnownNode(hw, platform, "main", received_ns=now_ns))
+            self._all.setdefault(hw, KnownNode(hw, platform, platform, MAIN, received_ns=now_ns))
 
     def on_hello(self, hw: int, hello: Hello, now_ns: int) -> bool:
         """Takes the name in a neighbour's hello. False: the name does not belong to this hardware id."""
@@ -64,7 +61,8 @@ class NodeTable:
         if node is None or node.name != name:
             if not is_named(hw, name) or len(self._all) >= MEMBER_LIMIT:
                 return False
-            node = self._all[hw] = KnownNode(hw, *Address.parse(name))
+            address = Address.parse(name)
+            node = self._all[hw] = KnownNode(hw, str(address), *address)
             self.version += 1
         if node.tree_version != tree_version or node.kind != kind:
             node.tree_version = tree_version

@@ -1,0 +1,47 @@
+"""The figures of swarms: what counts as an outage, a loop, a complete boot storm."""
+
+import numpy as np
+import pytest
+from tests.simulation.directory import table
+from tests.simulation.directory.flight import Outages
+from tests.simulation.directory.storm import Storm
+from tests.simulation.directory.swarm import Swarm
+
+from swarmd.broker.core.topology.routing_table import RouteChanged
+
+
+def test_a_size_that_no_table_has_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        table.parse(["moving", "--nodes", "17"])
+    assert "--nodes 17" in capsys.readouterr().err
+
+
+def test_an_outage_lasts_until_a_connected_pair_has_its_route_again() -> None:
+    outages = Outages(2)
+    yes, no = np.ones((2, 2), dtype=bool), np.zeros((2, 2), dtype=bool)
+    one = np.array([[False, True], [False, False]])
+    outages.look(one, no)
+    outages.look(one, no)
+    outages.look(yes, yes)
+    assert outages.all_s() == [0.5]
+    outages.look(one, no)
+    assert sorted(outages.all_s()) == [0.25, 0.5], "one still lasts"
+    outages.look(no, no)
+    assert outages.all_s() == [0.5], "its pair was parted"
+
+
+def test_a_route_that_leads_back_is_found_at_the_instant_of_its_change() -> None:
+    swarm = Swarm(1, 16, speed_m_s=0.0)
+    swarm.run_for(2.0)
+    first, second, goal = (swarm.brokers[name] for name in swarm.names[:3])
+    swarm.next_hop[1, 3] = 2
+    with pytest.raises(AssertionError, match=r"loop at .* from uav2 towards uav3"):
+        swarm.on_routes(second, [RouteChanged(goal.hw, first.hw)])
+
+
+def test_a_boot_storm_of_16_nodes_is_over_in_seconds() -> None:
+    storm = Storm(0, 16, loss=0.02)
+    assert not storm.is_complete()
+    assert storm.converge_s() <= 6.0
+    storm.run_for(3.0)
+    assert storm.is_complete(), "links that came up stay up"
