@@ -46,6 +46,8 @@ LISTING_NS: Final = 3_000_000_000
 """Every neighbour is listed by an echo within this time."""
 LISTING_EACH_NS: Final = 50_000_000
 """The same with many neighbours: time for each of them."""
+FIRST_LISTINGS: Final = 6
+"""Echoes in the first listing period after a change of the link: one of them brings the other end up."""
 LISTINGS: Final = 3
 """Consecutive missed listings that make a link without loss half open."""
 UNLISTED_SLACK_NS: Final = 1_000_000_000
@@ -188,8 +190,7 @@ class Neighbour:
 
     def hears_until_ns(self, hw: int) -> int:
         """Until when its listing of a node is valid."""
-        reported_ns = self.hears.get(hw, NEVER_NS)
-        return reported_ns + LISTINGS * self.listing_ns + HEARS_SLACK_NS
+        return self.hears.get(hw, NEVER_NS) + LISTINGS * self.listing_ns + HEARS_SLACK_NS
 
 
 def notice_ns(period_ns: int, timeout_ns: int) -> int:
@@ -409,11 +410,13 @@ class NeighbourTable:
                 if neighbour.withdrawals and len(out) < room:
                     neighbour.withdrawals -= 1
                     out.append(Echo(neighbour.hw, 0, NO_ECHO, 0))
-            elif now_ns - neighbour.echoed_ns >= (
-                listing_ns
-                if abs(neighbour.quality - neighbour.echoed_quality) < QUALITY_STEP
-                else min(listing_ns, QUALITY_NS)
-            ):
+                continue
+            period_ns = listing_ns
+            if now_ns - neighbour.since_ns < listing_ns:
+                period_ns //= FIRST_LISTINGS
+            elif abs(neighbour.quality - neighbour.echoed_quality) >= QUALITY_STEP:
+                period_ns = min(listing_ns, QUALITY_NS)
+            if now_ns - neighbour.echoed_ns >= period_ns:
                 due.append(neighbour)
             elif longest is None or neighbour.echoed_ns < longest.echoed_ns:
                 longest = neighbour
@@ -422,10 +425,8 @@ class NeighbourTable:
         if len(out) + len(due) > room:
             due.sort(key=lambda neighbour: neighbour.echoed_ns)
             del due[room - len(out) :]
-        if due:
-            self._echoed_ns = now_ns
         for neighbour in due:
-            neighbour.echoed_ns = now_ns
+            self._echoed_ns = neighbour.echoed_ns = now_ns
             neighbour.echoed_quality = neighbour.quality
             hold_us = (now_ns - neighbour.echo_rx_ns) // 1000
             if neighbour.echo_sequence < 0 or not 0 <= hold_us < NO_ECHO:

@@ -14,8 +14,8 @@ from swarmd.broker.core.beacon.beacon import HOPS_MAX, INFINITY, LOST, NEVER_NS,
 
 HYSTERESIS: Final = 96
 """Required improvement of a new next hop: varying loss must not change routes."""
-REFRESH_NS: Final = 250_000_000
-"""Refresh period of a row per hop of distance."""
+REFRESH_NS: Final = 300_000_000
+"""Refresh period of a row per hop of distance; 50 nodes at 10 m/s send 8 % more bytes with 250 ms."""
 REFRESH_MAX_NS: Final = 2_000_000_000
 STRETCH_FROM: Final = 80
 """In larger swarms the refresh periods grow with the number of nodes, up to STRETCH_MAX times."""
