@@ -1,4 +1,8 @@
-"""The figures of swarms: what counts as an outage, a loop, a complete boot storm."""
+"""The figures of share/doc/scale.md: outages, loops, complete boot storms; and the command of each row."""
+
+import re
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pytest
@@ -8,6 +12,17 @@ from tests.simulation.directory.storm import Storm
 from tests.simulation.directory.swarm import Swarm
 
 from swarmd.broker.core.topology.routing_table import RouteChanged
+
+PAGE: Final = Path(__file__).parents[3] / "share/doc/scale.md"
+ROW: Final = re.compile(r"^\| (\d+)\b.*\| `([a-z]+ [^`]*)` \|$", re.MULTILINE)
+
+
+def test_each_row_of_the_page_is_computed_by_its_command() -> None:
+    rows = ROW.findall(PAGE.read_text())
+    assert rows
+    for nodes, command in rows:
+        options = table.parse(command.split())
+        assert options.nodes in (None, int(nodes))
 
 
 def test_a_size_that_no_table_has_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
