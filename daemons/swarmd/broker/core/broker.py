@@ -166,11 +166,8 @@ class BrokerCore:
         due_ns = min(self._schedule.due_ns, self._publish_ns)  # this runs after each datagram
         if self._links_ns is not None and self._links_ns < due_ns:
             due_ns = self._links_ns
-        if self.exchange is not None:
-            asked_ns = self.exchange.deadline_ns()
-            if asked_ns is not None and asked_ns < due_ns:
-                return asked_ns
-        return due_ns
+        asked_ns = None if self.exchange is None else self.exchange.deadline_ns()
+        return due_ns if asked_ns is None or asked_ns > due_ns else asked_ns
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Requests the inputs: datagrams are received before the silence of their sender is judged."""
