@@ -21,13 +21,15 @@ OWN: Final = {
     "swarmlab",
     "tests",
     "lab",
+    "links",
+    "rows",
     "mission_pages",
     "my_name",
     "reference_pages",
     "struct_tables",
 }
-"""`lab` is the module that the benchmarks share, `my_name` that of each scaffold; `mission_pages` and the
-last two belong to the generator of the documents."""
+"""`lab`, `links` and `rows` are modules of the benchmarks, `my_name` that of each scaffold; `mission_pages`
+and the last two belong to the generator of the documents."""
 IMPORTED_AS: Final = {
     "python-can": {"can"},
     "eclipse-zenoh": {"zenoh"},
