@@ -211,7 +211,7 @@ def _message_row(hops: int, outcomes: list[tuple[str, float]]) -> Row:
     return Row(
         f"message, 30 % loss, 20 ms RTT a hop, hops: {hops}",
         f"{what} of {len(outcomes)}; p50 {p50_s * 1000:.0f} ms, p99 {p99_s * 1000:.0f} ms",
-        "100 % delivered or told; p99 < 1 s",
+        "100 % delivered or reported; p99 < 1 s",
         p99_s < 1.0,
     )
 
