@@ -236,8 +236,8 @@ class BeaconTransport:
                 by_multicast,
                 medium.counted_bytes(len(data)),
                 datagram,
-                now_ns,
                 ByMedium(medium, header.sequence if arrival.number is None else arrival.number),
+                now_ns,
             )
             if is_accepted:
                 self._limiter.good(address)

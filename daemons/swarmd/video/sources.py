@@ -1,7 +1,7 @@
 """Sources of pictures: a recording, or a stream of images of the node."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor
 from typing import Any, Protocol
 
@@ -17,7 +17,7 @@ class PictureSource(Protocol):
 
     rate_hz: float
 
-    async def next(self) -> Any:
+    def next(self) -> Awaitable[Any]:
         """The next picture: an Image, or a frame of PyAV. Raises: InvalidInput when there is none."""
         ...
 

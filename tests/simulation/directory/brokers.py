@@ -228,7 +228,7 @@ class BrokerNode:
             is_new = taken
         sealed = SealedDatagram(clear, body, digest, SENDER_ADDRESS[0], is_new)
         _, actions = self.core.on_datagram(
-            header, beacon_of(data), SENDER_ADDRESS, True, size, sealed, now_ns
+            header, beacon_of(data), SENDER_ADDRESS, True, size, sealed, None, now_ns
         )
         self.driver.feed(actions)
 

@@ -3,7 +3,7 @@
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.bitrate_control import BitrateControl
-from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import PacketArrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.sender import (
     DISCARD_NS,
@@ -68,7 +68,7 @@ def test_packets_leave_at_the_pace_and_not_beyond_the_window() -> None:
     assert 10 <= first + len(later) < 14, "the window of a new link"
     assert core.waiting_ns(900 * MS) == 900 * MS
     begin = later[0][1].sequence - first
-    heard = Arrivals(6, 7, begin & 0xFFFF, (0,) * (first + len(later)))
+    heard = PacketArrivals(6, 7, begin & 0xFFFF, (0,) * (first + len(later)))
     assert packets(core.on_rtcp([heard], 901 * MS)), "what has arrived makes room"
 
 
@@ -102,7 +102,7 @@ def test_reports_of_other_sources_and_garbage_are_counted() -> None:
     core = sender()
     others: list[rtcp.Report] = [
         KeyFrameRequest(6, 8),
-        Arrivals(6, 8, 0, (0,)),
+        PacketArrivals(6, 8, 0, (0,)),
         ReceiverReport(6, 8, 0, 0, 0, 0, 0, 0),
     ]
     assert core.on_rtcp([*others, SenderReport(6, 0, 0, 0, 0)], 0) == []
@@ -115,16 +115,16 @@ def test_packets_that_others_overtook_are_lost_until_they_arrive() -> None:
     core.on_picture(picture(5_000), 0, 0)
     drained(core, 500 * MS)
     ages = (0, None, 0, 0, 0, 0)
-    core.on_rtcp([Arrivals(6, 7, 65_530, ages)], 510 * MS)
+    core.on_rtcp([PacketArrivals(6, 7, 65_530, ages)], 510 * MS)
     assert core.counters.lost == 1
-    core.on_rtcp([Arrivals(6, 7, 65_530, (0, 0, 0, 0, 0, 0))], 520 * MS)
+    core.on_rtcp([PacketArrivals(6, 7, 65_530, (0, 0, 0, 0, 0, 0))], 520 * MS)
     assert core.counters.lost == 0
 
 
 def test_the_age_of_an_arrival_does_not_count_as_round_trip() -> None:
     core = sender()
     core.on_picture(picture(500), 0, 0)
-    core.on_rtcp([Arrivals(6, 7, 65_530, (30 * MS,))], 50 * MS)
+    core.on_rtcp([PacketArrivals(6, 7, 65_530, (30 * MS,))], 50 * MS)
     assert core.round_trip_ns == 20 * MS
 
 

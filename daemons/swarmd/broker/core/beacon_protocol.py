@@ -496,6 +496,5 @@ class BeaconProtocol:
 
 def _is_received(origin: Neighbour, now_ns: int) -> bool:
     """Whether the origin of a relayed value is received itself, so that its own beacons have the value."""
-    if origin.hello is None or origin.state is LinkState.DOWN:
-        return False
-    return now_ns - origin.received_ns <= DIRECT_PERIODS * origin.period_ns
+    is_linked = origin.hello is not None and origin.state is not LinkState.DOWN
+    return is_linked and now_ns - origin.received_ns <= DIRECT_PERIODS * origin.period_ns

@@ -245,8 +245,8 @@ class BrokerCore:
         by_multicast: bool,
         size: int,
         datagram: SealedDatagram,
+        by: ByMedium | None,
         now_ns: int,
-        by: ByMedium | None = None,
     ) -> tuple[bool, list[Action]]:
         """Takes an authenticated beacon, whose header names its session; whether it is accepted.
 

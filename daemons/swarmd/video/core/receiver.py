@@ -9,7 +9,7 @@ from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.h264_payload import AccessUnit, Depacketizer
 from swarmd.video.core.jitter_buffer import JitterBuffer, OrderedPacket
-from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import PacketArrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import CLOCK_HZ, SequenceExtender
 from swarmd.video.core.sender import EndSession, SendRtp
 from swarmware.errors import WireError
@@ -206,7 +206,7 @@ class VideoReceiver:
                 actions.append(SendRtp(rtcp.encode(self._report(now_ns))))
         return actions
 
-    def _arrivals(self, now_ns: int) -> Arrivals:
+    def _arrivals(self, now_ns: int) -> PacketArrivals:
         highest = self._extender.highest or 0
         begin = max(min(self._recent), highest - OVERLAP - self._unreported, highest + 1 - rtcp.ARRIVALS_MAX)
         self._unreported, self._first_unreported_ns = 0, None
@@ -214,7 +214,7 @@ class VideoReceiver:
             now_ns - self._arrived[number] if number in self._arrived else None
             for number in range(begin, highest + 1)
         )
-        return Arrivals(self._ssrc, self._source, begin & 0xFFFF, ages)
+        return PacketArrivals(self._ssrc, self._source, begin & 0xFFFF, ages)
 
     def _report(self, now_ns: int) -> ReceiverReport:
         highest, counters = self._extender.highest or 0, self.counters

@@ -68,7 +68,7 @@ class KeyFrameRequest(msgspec.Struct, frozen=True):
     source: int
 
 
-class Arrivals(msgspec.Struct, frozen=True):
+class PacketArrivals(msgspec.Struct, frozen=True):
     """Which packets have arrived, and when."""
 
     ssrc: int
@@ -85,7 +85,7 @@ class Bye(msgspec.Struct, frozen=True):
     ssrc: int
 
 
-Report = SenderReport | ReceiverReport | KeyFrameRequest | Arrivals | Bye
+Report = SenderReport | ReceiverReport | KeyFrameRequest | PacketArrivals | Bye
 
 
 def ntp_of(utc_ns: int) -> int:
@@ -120,7 +120,7 @@ def encode(report: Report) -> bytes:
         case KeyFrameRequest():
             body = report.ssrc.to_bytes(4) + report.source.to_bytes(4)
             return _packet(_PICTURE_LOSS, PAYLOAD_FEEDBACK, body)
-        case Arrivals():
+        case PacketArrivals():
             return _encode_arrivals(report)
         case Bye():
             return _packet(1, BYE, report.ssrc.to_bytes(4))
@@ -137,7 +137,7 @@ def _packet(count: int, kind: int, body: bytes) -> bytes:
     return _HEAD.pack(0x80 | count, kind, len(body) // 4) + body
 
 
-def _encode_arrivals(report: Arrivals) -> bytes:
+def _encode_arrivals(report: PacketArrivals) -> bytes:
     words = [
         0 if age_ns is None else _ARRIVED | min(age_ns * 1024 // 1_000_000_000, _OFFSET_MAX)
         for age_ns in report.ages_ns
@@ -202,10 +202,10 @@ def _blocks(ssrc: int, count: int, body: bytes, at: int) -> list[ReceiverReport]
     return found
 
 
-def _arrivals(ssrc: int, body: bytes) -> Arrivals:
+def _arrivals(ssrc: int, body: bytes) -> PacketArrivals:
     source, begin, count = struct.unpack_from("!IHH", body, 4)
     if count > ARRIVALS_MAX:
         raise WireError(f"RTCP: arrivals of {count} packets: expected at most {ARRIVALS_MAX}")
     words = struct.unpack_from(f"!{count}H", body, 12)
     ages = tuple((word & 0x1FFF) * 1_000_000_000 // 1024 if word & _ARRIVED else None for word in words)
-    return Arrivals(ssrc, source, begin, ages)
+    return PacketArrivals(ssrc, source, begin, ages)

@@ -9,7 +9,7 @@ from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.h264_payload import nal_units, packetize
-from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import PacketArrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmware.transport.delivery.rate_control import RateControl
 
@@ -162,7 +162,7 @@ class VideoSender:
                 case ReceiverReport(source=self.ssrc):
                     self.reported_ns = now_ns
                     self._on_report(report, now_ns)
-                case Arrivals(source=self.ssrc):
+                case PacketArrivals(source=self.ssrc):
                     self.reported_ns = now_ns
                     self._on_arrivals(report, now_ns)
                 case Bye():
@@ -240,7 +240,7 @@ class VideoSender:
         self.round_trip_ns = round_trip_ns if round_trip_ns is not None else self.round_trip_ns
         self.bitrate.on_report(report.lost_ratio, round_trip_ns, now_ns)
 
-    def _on_arrivals(self, report: Arrivals, now_ns: int) -> None:
+    def _on_arrivals(self, report: PacketArrivals, now_ns: int) -> None:
         if not self._reports_arrivals:
             return
         window, arrived = self.window, -1
