@@ -8,8 +8,7 @@ from typing import Final
 
 from swarmd.video import config as settings
 from swarmd.video.codec import pyav
-from swarmd.video.core import sdp
-from swarmd.video.core.destination import Destination
+from swarmd.video.core.destination import Destination, session_description
 from swarmd.video.core.session_table import SessionKey, SessionTable
 from swarmd.video.receiving import ReceivingSession
 from swarmd.video.rtp_socket import RtpSocket, SwarmPath, resolve
@@ -155,7 +154,7 @@ class Video(Service):
         else:
             family, host = await resolve(to.host, to.port)
             path = RtpSocket(family, host, to.port, partial(self._on_report, number))
-            described = sdp.describe(number, request.source, host, to.port)
+            described = session_description(number, request.source, host, to.port)
         return SendingSession(
             self.module,
             number,

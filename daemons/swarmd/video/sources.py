@@ -1,29 +1,15 @@
 """Sources of pictures: a recording, or a stream of images of the node."""
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from concurrent.futures import Executor
-from typing import Any, Protocol
+from typing import Any
 
 from swarmd.video.codec import pyav
 from swarmd.video.config import VideoSource
 from swarmware.errors import InvalidInput
 from swarmware.module.module import Module
 from swarmware.types.perception import Image
-
-
-class PictureSource(Protocol):
-    """Pictures one after another, at their rate."""
-
-    rate_hz: float
-
-    def next(self) -> Awaitable[Any]:
-        """The next picture: an Image, or a frame of PyAV. Raises: InvalidInput when there is none."""
-        ...
-
-    def close(self) -> None:
-        """Close what it reads."""
-        ...
 
 
 class StreamSource:
@@ -96,6 +82,10 @@ class FileSource:
     def close(self) -> None:
         """Close the file, after the picture that is being read."""
         self._executor.submit(self._recording.close)
+
+
+PictureSource = StreamSource | FileSource
+"""Pictures one after another, at their rate."""
 
 
 async def open_source(

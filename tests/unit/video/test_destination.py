@@ -2,8 +2,7 @@
 
 import pytest
 
-from swarmd.video.core import sdp
-from swarmd.video.core.destination import Destination
+from swarmd.video.core.destination import Destination, session_description
 from swarmware.errors import InvalidInput
 
 
@@ -31,7 +30,7 @@ def test_anything_else_is_refused_with_what_was_expected(text: str) -> None:
 
 
 def test_the_description_names_address_codec_and_clock() -> None:
-    text = sdp.describe(7, "camera", "10.0.0.1", 5004)
+    text = session_description(7, "camera", "10.0.0.1", 5004)
     assert text.splitlines() == [
         "v=0",
         "o=- 7 0 IN IP4 10.0.0.1",
@@ -44,4 +43,4 @@ def test_the_description_names_address_codec_and_clock() -> None:
         "a=recvonly",
     ]
     assert text.endswith("\r\n")
-    assert "IN IP6 fe80::1" in sdp.describe(7, "camera", "fe80::1", 5004)
+    assert "IN IP6 fe80::1" in session_description(7, "camera", "fe80::1", 5004)

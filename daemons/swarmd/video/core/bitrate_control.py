@@ -32,6 +32,8 @@ class RateChange(msgspec.Struct, frozen=True):
     at_ns: int
     bit_s: int
     reason: str
+    is_rise: bool = False
+    """The link was free."""
 
 
 class BitrateControl:
@@ -46,8 +48,6 @@ class BitrateControl:
         self._received: deque[tuple[int, int]] = deque()
         self._received_bytes = 0
         self._base_ns: int | None = None
-        self._rises = False
-        """The newest change is a rise."""
         self._set(self.bit_s, "pinned" if pinned else "begin", now_ns)
 
     def pin(self, bit_s: int, pinned: bool, now_ns: int) -> None:
@@ -72,7 +72,7 @@ class BitrateControl:
             self._set(int(fitting), f"queue of {max(queueing_ns, waiting_ns) // 1_000_000} ms", now_ns)
         elif received:
             limit = max(received * BEYOND_RECEIVED, self.bit_s)
-            self._set(int(min(self.bit_s * (1 + INCREASE), limit)), "free", now_ns, rises=True)
+            self._set(int(min(self.bit_s * (1 + INCREASE), limit)), "free", now_ns, is_rise=True)
 
     def on_report(self, lost_ratio: float, round_trip_ns: int | None, now_ns: int) -> None:
         """Loss and round trip from a receiver that does not report arrival times."""
@@ -87,7 +87,7 @@ class BitrateControl:
         elif lost_ratio > LOSS_HIGH:
             self._set(int(self.bit_s * (1 - lost_ratio / 2)), f"loss of {lost_ratio:.0%}", now_ns)
         elif lost_ratio < LOSS_LOW:
-            self._set(int(self.bit_s * (1 + INCREASE)), "free", now_ns, rises=True)
+            self._set(int(self.bit_s * (1 + INCREASE)), "free", now_ns, is_rise=True)
 
     def on_silence(self, now_ns: int) -> None:
         """The receiver reports no longer."""
@@ -101,13 +101,12 @@ class BitrateControl:
             return 0.0
         return self._received_bytes * 8e9 / MEASURED_NS
 
-    def _set(self, bit_s: int, reason: str, now_ns: int, *, rises: bool = False) -> None:
+    def _set(self, bit_s: int, reason: str, now_ns: int, *, is_rise: bool = False) -> None:
         bit_s = max(min(bit_s, self.max_bit_s), min(RATE_MIN, self.max_bit_s))
         self._changed_ns = now_ns
         if bit_s == self.bit_s and self.changes:
             return
         self.bit_s = bit_s
-        if rises and self._rises:
+        if is_rise and self.changes and self.changes[-1].is_rise:
             self.changes.pop()  # one line for a rise
-        self._rises = rises
-        self.changes.append(RateChange(now_ns, bit_s, reason))
+        self.changes.append(RateChange(now_ns, bit_s, reason, is_rise))

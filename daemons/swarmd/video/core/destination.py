@@ -1,7 +1,8 @@
-"""Where video goes: a platform, or the address of a standard receiver."""
+"""Where video goes: a platform, or the address of a standard receiver, which gets a description."""
 
 import msgspec
 
+from swarmd.video.core.rtp_packet import CLOCK_HZ, PAYLOAD_TYPE
 from swarmware.errors import InvalidInput
 from swarmware.model import names
 
@@ -33,3 +34,20 @@ class Destination(msgspec.Struct, frozen=True):
         return self.platform or (
             f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
         )
+
+
+def session_description(session: int, name: str, host: str, port: int) -> str:
+    """The description (RFC 8866, RFC 6184) of one session, whose receiver has this address."""
+    family = "IP6" if ":" in host else "IP4"
+    lines = (
+        "v=0",
+        f"o=- {session} 0 IN {family} {host}",
+        f"s={name}",
+        f"c=IN {family} {host}",
+        "t=0 0",
+        f"m=video {port} RTP/AVP {PAYLOAD_TYPE}",
+        f"a=rtpmap:{PAYLOAD_TYPE} H264/{CLOCK_HZ}",
+        f"a=fmtp:{PAYLOAD_TYPE} packetization-mode=1",
+        "a=recvonly",
+    )
+    return "".join(f"{line}\r\n" for line in lines)
