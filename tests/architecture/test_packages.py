@@ -33,7 +33,6 @@ THIN = {
     "daemons/swarmd/broker/core/topology/link_cost.py": "the cost of a link, for neighbours and routes",
     "daemons/swarmd/hal/core/flight/attitude_loop.py": "the attitude loop, the one without an integral",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
-    "daemons/swarmd/video/core/sdp.py": "the session description for a standard receiver",
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",
     "daemons/swarmd/tree/core/rate.py": "the rate of a resource",
     "cli/swarmctl/resources/described_fields.py": "fields of types of modules, imported for a new one",

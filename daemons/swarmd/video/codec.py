@@ -10,7 +10,7 @@ from swarmware.types.perception import Image, ImageEncoding
 
 _FORMATS: Final = {ImageEncoding.MONO8: ("gray", 1), ImageEncoding.RGB8: ("rgb24", 3)}
 _SOFTWARE: Final = {"preset": "ultrafast", "tune": "zerolatency"}
-"""No picture waits for a later one; 3 ms for 640 x 272 on one core (`make bench`: video)."""
+"""No picture waits for a later one."""
 BUFFER_S: Final = 0.2
 """Of video at the highest rate: what a key frame may exceed it by."""
 SIZE_MAX: Final = 8192

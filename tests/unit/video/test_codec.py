@@ -107,8 +107,7 @@ def test_an_image_that_is_a_jpeg_file_is_read() -> None:
     context.width, context.height, context.pix_fmt, context.framerate = 64, 32, "yuvj420p", 25
     frame = av.VideoFrame(64, 32, "yuvj420p")
     frame.pts = 0
-    packets: list[Any] = [*context.encode(frame), *context.encode(None)]
-    (packet,) = packets
+    (packet,) = list(context.encode(frame)) + list(context.encode(None))
     found = to_frame(Image(64, 32, ImageEncoding.JPEG, bytes(packet)))
     assert (found.width, found.height) == (64, 32)
 

@@ -16,7 +16,7 @@ from swarmd.video.core.receiver import (
     VideoReceiver,
     receiver_ssrc,
 )
-from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.sender import EndSession, SendRtp
 
@@ -89,11 +89,13 @@ def test_a_gap_is_counted_and_a_key_frame_is_asked_for_again_until_it_comes() ->
 def test_arrivals_are_reported_after_some_packets_or_some_time() -> None:
     core = receiver()
     packets = picture(0, 10, key=True, size=100 * ARRIVALS_EVERY) + picture(1, 18)
-    early = [one for one in reports(fed(core, packets[:ARRIVALS_EVERY], 5 * MS)) if isinstance(one, Arrivals)]
+    early = [
+        one for one in reports(fed(core, packets[:ARRIVALS_EVERY], 5 * MS)) if isinstance(one, PacketArrivals)
+    ]
     assert [(one.begin, len(one.ages_ns)) for one in early] == [(10, ARRIVALS_EVERY)]
     core.on_packet(packets[ARRIVALS_EVERY + 1], 20 * MS)
     due_ns = 20 * MS + ARRIVALS_NS
-    (late,) = [one for one in reports(core.on_timer(due_ns)) if isinstance(one, Arrivals)]
+    (late,) = [one for one in reports(core.on_timer(due_ns)) if isinstance(one, PacketArrivals)]
     assert late.begin == 10, "reports overlap: one may be lost"
     assert late.ages_ns[ARRIVALS_EVERY] is None
     age_ns = late.ages_ns[ARRIVALS_EVERY + 1]

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from swarmd.video.core import rtcp
 from swarmd.video.core.rtcp import (
-    Arrivals,
     Bye,
     KeyFrameRequest,
+    PacketArrivals,
     ReceiverReport,
     SenderReport,
     decode,
@@ -26,7 +26,7 @@ BYTES = {
     SENT: "80c80006 00000007 e0000000 80000000 00015f90 0000000c 00000d80",
     RECEIVED: "81c90007 00000008 00000007 40fffffd 00010005 0000005a 00008000 00001999",
     KeyFrameRequest(8, 7): "81ce0002 00000008 00000007",
-    Arrivals(8, 7, 65_535, (0, None, 500 * MS)): "8bcd0006 00000008 00000007 ffff0003"
+    PacketArrivals(8, 7, 65_535, (0, None, 500 * MS)): "8bcd0006 00000008 00000007 ffff0003"
     " 80000000 82000000 00000000",
     Bye(7): "81cb0001 00000007",
 }

@@ -3,7 +3,7 @@
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.bitrate_control import BitrateControl
-from swarmd.video.core.rtcp import PacketArrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.sender import (
     DISCARD_NS,

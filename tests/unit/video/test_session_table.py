@@ -4,7 +4,7 @@ import pytest
 
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.receiver import receiver_ssrc
-from swarmd.video.core.rtcp import Arrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.session_table import SessionKey, SessionTable
 from swarmware.errors import Conflict, OutOfRange
@@ -30,7 +30,7 @@ def table() -> SessionTable[str, str]:
         (rtcp.encode(SenderReport(90, 0, 0, 0, 0)), UAV2, "from uav2"),
         (rtcp.encode(Bye(90)), UAV2, "from uav2"),
         (rtcp.encode(KeyFrameRequest(71, 70)), GCS, "to gcs"),
-        (rtcp.encode(Arrivals(71, 70, 0, (0,))), GCS, "to gcs"),
+        (rtcp.encode(PacketArrivals(71, 70, 0, (0,))), GCS, "to gcs"),
         (rtcp.encode(ReceiverReport(71, 70, 0, 0, 0, 0, 0, 0)), GCS, "to gcs"),
         (rtcp.encode(Bye(receiver_ssrc(70))), GCS, "to gcs"),
         (rtcp.encode(Bye(receiver_ssrc(70))), STRANGER, None),

@@ -9,7 +9,7 @@ from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.h264_payload import AccessUnit, Depacketizer
 from swarmd.video.core.jitter_buffer import JitterBuffer, OrderedPacket
-from swarmd.video.core.rtcp import PacketArrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import CLOCK_HZ, SequenceExtender
 from swarmd.video.core.sender import EndSession, SendRtp
 from swarmware.errors import WireError

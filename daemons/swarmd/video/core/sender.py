@@ -9,7 +9,7 @@ from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
 from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.h264_payload import nal_units, packetize
-from swarmd.video.core.rtcp import PacketArrivals, Bye, KeyFrameRequest, ReceiverReport, SenderReport
+from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmware.transport.delivery.rate_control import RateControl
 
@@ -203,6 +203,7 @@ class VideoSender:
         self._paced_until_ns = None
         while self._waiting:
             if self._reports_arrivals and not self.window.has_room(reserve=False):
+                self.window.on_limited()
                 break  # until reports come, or silence
             wait_ns = self._wait_ns(now_ns)
             if wait_ns:
