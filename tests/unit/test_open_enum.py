@@ -51,7 +51,7 @@ def test_every_vocabulary_of_the_payload_types_keeps_a_value_of_a_later_version(
 
 @given(st.text(max_size=40))
 def test_the_rest_of_a_payload_is_there_beside_a_value_that_is_not_known(word: str) -> None:
-    payload = msgspec.msgpack.encode([3, word, 1.5, 0.25, "note", word])
+    payload = msgspec.msgpack.encode([3, word, 1.5, 0.25, "note", word, 8.5])
     status = registry.decode(NavStatus, payload)
     assert (status.goal_seq, status.state, status.error, status.distance_m) == (3, word, word, 1.5)
     assert registry.encode(status) == payload

@@ -24,11 +24,11 @@ async def platform_health(
 
     A computer of a platform that has a route and does not answer is a fault of the platform.
     """
-    units: dict[str, list[str]] = {}
+    units: dict[str, set[str]] = {}
     for route in (await session.routes()).routes:
-        units.setdefault(route.platform, []).append(route.unit)
+        units.setdefault(route.platform, set()).add(route.unit)
     own = session.module.node.address
-    units.setdefault(own.platform, []).append(own.unit)
+    units.setdefault(own.platform, set()).add(own.unit)
     several = {name: sorted(units[name]) for name in asked if len(units.get(name, ())) > 1}
     single = [name for name in asked if name not in several]
     computers = [Address(name, unit).path for name, found in several.items() for unit in found]

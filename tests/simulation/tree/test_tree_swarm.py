@@ -10,7 +10,7 @@ import pytest
 from tests.simulation.seeds import seeds
 from tests.simulation.tree.swarm import Swarm, Weather
 
-SEEDS = seeds(15, 120)
+SEEDS = seeds(10, 120)
 HEALED_S = 9.0
 """A request that was lost twice is repeated after 4 s, and that one may be lost, too."""
 FIELDS_M = (2200.0, 2700.0, 3300.0)
