@@ -3,7 +3,7 @@
 import asyncio
 import contextlib
 import logging
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from swarmd.broker.beacon_transport import FAULTS, BeaconTransport
 from swarmd.broker.channel_api import ChannelApi
@@ -39,7 +39,6 @@ from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.media import Media
 from swarmd.broker.links.medium import MediumDatagram
-from swarmd.broker.links.metrics_server import MetricsServer
 from swarmd.broker.media_links import MediaLinks
 from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
@@ -63,6 +62,9 @@ from swarmware.types.net import (
 )
 from swarmware.types.outage import OutageTable
 from swarmware.types.rpc import Empty
+
+if TYPE_CHECKING:
+    from swarmd.broker.links.metrics_server import MetricsServer
 
 OF_DATAGRAMS: Final = (
     AdoptSession,
@@ -148,7 +150,11 @@ class BrokerShell:
             stack.callback(self._outages.close)
             self._metrics: MetricsServer | None = None
             if config.metrics_port:
-                self._metrics = MetricsServer(config, self._metrics_page, core.counters.refused)
+                from swarmd.broker.links import metrics_server  # with an HTTP library
+
+                self._metrics = metrics_server.MetricsServer(
+                    config, self._metrics_page, core.counters.refused
+                )
                 stack.callback(self._metrics.close)
             self._closing = stack.pop_all()
         self._channel_api = ChannelApi(module, core.channels, self._boards.limits)

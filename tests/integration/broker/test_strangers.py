@@ -21,6 +21,7 @@ from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import make_swarm
 from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
 from swarmware.transport.sodium import SigningKey, seal_box
+from swarmware.types.net import LinkStatus, Neighbours
 from swarmware.types.scalar import Text
 
 
@@ -58,24 +59,22 @@ def replace_key(folder: Path, root: SigningKey, names: tuple[str, str]) -> None:
 
 
 @on_uvloop
-async def test_a_member_with_a_key_that_is_not_on_the_roster_is_denied_and_it_shows(tmp_path: Path) -> None:
+async def test_a_member_with_a_key_that_is_not_on_the_roster_becomes_no_neighbour(tmp_path: Path) -> None:
     names = ("uav1", "uav2")
     make_swarm(tmp_path / "keys", dict.fromkeys(names, "operator"))
     replace_key(tmp_path / "keys" / "uav2", SigningKey(bytes(range(32))), names)
     async with swarm(tmp_path, *names, keys=False) as pair:
-        # the group key is right, so they hear each other
-        await pair["uav1"].until_up("uav2")
-        await pair["uav2"].until_up("uav1")
+        # the group key is right, but no signature of its beacons: it is a neighbour of no member
+        await pair["uav1"].until_counted(lambda traffic: traffic.refused.unproven > 5)
         box = pair["uav1"].app.inbox("cmd/note", Text)
         outcome = await pair["uav2"].app.send("/uav1/cmd/note", Text("let me in"), timeout_s=2.0)
         assert outcome.status is Status.UNREACHABLE
         assert len(box) == 0
-        traffic = await pair["uav1"].traffic()
-        assert traffic.refused.denied_connections >= 1
-        assert traffic.received_frames == 0
+        assert (await pair["uav1"].traffic()).received_frames == 0
+        assert pair["uav1"].neighbours.value == Neighbours()
         states = pair["uav2"].neighbours.value
         assert states is not None
-        assert [n.transport for n in states.neighbours] == ["tcp denied"]
+        assert [n.state for n in states.neighbours] == [LinkStatus.RECEIVED]
 
 
 @on_uvloop
