@@ -31,6 +31,7 @@ class Image(msgspec.Struct, frozen=True, array_like=True, gc=False):
     data: bytes
 
 
+@register
 class PointField(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One number of each point."""
 

@@ -78,6 +78,7 @@ class VideoDirection(OpenEnum):
     RECEIVED = "received"
 
 
+@register
 class VideoRateChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One change of the rate of an encoder."""
 

@@ -82,7 +82,9 @@ def follow(block: Block, terminal: Terminal) -> None:
             _, output = terminal.run(command, strict=False)
             assert as_printed(output, printed), f"{block.place}: {command}\n{output}"
     elif block.file:
-        (terminal.folder / block.file).write_text(block.text)
+        file = terminal.folder / block.file
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(block.text)
     elif block.page.startswith(TUTORIALS):
         assert excerpt(block.text, terminal.folder), f"{block.place}: in no file below {terminal.folder}"
 

@@ -243,7 +243,7 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ("traffic set 'nav/*' --rate fast", 7, "rate 'fast': expected 5hz"),
         ("traffic set 'nav/*' --rate 2hz --for ever", 7, "time 'ever'"),
         ("traffic set 'nav/[' --rate 2hz", 7, "unexpected '['"),
-        ("traffic set 'nav/*'", 2, "Missing option '--rate'"),
+        ("traffic set 'nav/*'", 2, "expected --rate, --protocol"),
         ("mission check bogus", 6, "neither a file or folder nor a shipped mission"),
         ("mission check /etc/hostname", 7, "must not be flown"),
         ("mission start formation", 2, "expected --yes"),

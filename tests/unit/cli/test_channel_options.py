@@ -76,7 +76,6 @@ def test_auto_takes_a_setting_out_of_the_rule() -> None:
 @pytest.mark.parametrize(
     ("given", "error", "reason"),
     [
-        ({}, InvalidInput, "nothing to set: expected --rate"),
         ({"rate": "fast"}, InvalidInput, "expected 5hz"),
         ({"rate": "2000000hz"}, OutOfRange, "max_hz"),
         ({"compress": "h264"}, InvalidInput, "video"),

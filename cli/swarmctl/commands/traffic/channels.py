@@ -9,7 +9,6 @@ from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import rate_hz, size_bytes, span_s
 from swarmctl.terminal.table import Column
-from swarmware.errors import InvalidInput
 from swarmware.model import names
 from swarmware.model.compression import Compression
 from swarmware.model.names import Pattern
@@ -75,8 +74,6 @@ def change(
                 found["buffer_bytes"] = size_bytes(part)
             else:
                 found["buffer_s"] = span_s(part)
-    if not found and not unset:
-        raise InvalidInput("nothing to set: expected --rate, --protocol, --compress, --buffer or --priority")
     settings = msgspec.structs.replace(NO_SETTINGS, **found)
     settings.check()
     return settings, tuple(unset)

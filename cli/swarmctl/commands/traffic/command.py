@@ -120,6 +120,8 @@ def set_(
     from swarmctl.terminal.quantities import span_s
     from swarmware.types.channel import SetChannel, check_rule_names
 
+    if not any((rate, protocol, compress, buffer, priority)):
+        raise click.UsageError("expected --rate, --protocol, --compress, --buffer or --priority")
     chosen, local = at_path(ctx, pattern)
     check_rule_names(local, link)  # invalid ones are refused before the node is joined
     settings_, unset = change(rate, protocol, compress, buffer, priority)
