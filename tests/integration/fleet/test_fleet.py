@@ -3,10 +3,13 @@
 import json
 import signal
 import subprocess
+import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from tests.integration.fleet.conftest import NAMES, Fleet
+
+SYNCHRONISED_S: Final = 20.0
 
 
 def listed(fleet: Fleet) -> dict[str, dict[str, Any]]:
@@ -38,6 +41,9 @@ def test_hosts_are_pushed_started_listed_and_ended_also_after_a_kill(fleet: Flee
     found = listed(fleet)
     assert {name: one["status"]["answers"] for name, one in found.items()} == dict.fromkeys(NAMES, True)
     assert {name: one["config"] for name, one in found.items()} == dict.fromkeys(NAMES, "current")
+    until = time.monotonic() + SYNCHRONISED_S
+    while not all(one["synchronised"] for one in found.values()) and time.monotonic() < until:
+        found = listed(fleet)  # nodes that have just started are in the middle of it
     assert {name: one["synchronised"] for name, one in found.items()} == dict.fromkeys(NAMES, True)
 
     done = fleet.ctl("exec", "-H", "uav*", "--", "printf", "%s\n", "a 'b' $HOME; exit 9", "*")
