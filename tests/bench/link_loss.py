@@ -9,6 +9,7 @@ five times; and 16 nodes that all start within one second.
 import argparse
 import asyncio
 import json
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,12 +17,15 @@ from statistics import median
 from typing import Final, NamedTuple
 
 import uvloop
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.integration.broker.cut_line import cut_and_heal
-from tests.simulation.directory.boot_storm import NODES, converged_s
 from tests.simulation.directory.link_loss import middle, outages, worst
+from tests.simulation.directory.storm import Storm
 
 SEEDS: Final = range(1, 51)
 STORMS: Final = range(1, 21)
+NODES: Final = 16
 REAL: Final = 5
 GOALS_S: Final = (1.5, 2.0, 1.0)
 """Loss of a neighbour, route over another one, first data after the return."""
@@ -73,8 +77,10 @@ def real_lines() -> Iterator[Line]:
 def storm_lines() -> Iterator[Line]:
     """Nodes that start within one second."""
     for loss in (0.0, 0.02, 0.3):
-        times = [converged_s(seed, loss) for seed in STORMS]
-        yield Line(f"{NODES} nodes at once, all routes, {loss:.0%} loss", median(times), max(times), None)
+        times = [Storm(seed, NODES, loss=loss).converge_s() for seed in STORMS]
+        yield Line(
+            f"{NODES} nodes at once, all routes and poses, {loss:.0%} loss", median(times), max(times), None
+        )
 
 
 def main() -> None:

@@ -8,13 +8,15 @@ signatures and questions, also those that it overhears. `former` nodes request e
 """
 
 import sys
+from pathlib import Path
 from time import process_time
 from typing import Final
 
-from tests.simulation.tree.test_join_bytes import Cell
-
 from swarmd.tree.core.structure.index import Index, leaf
 from swarmware.model.resource import Resource
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from tests.simulation.tree.test_join_bytes import Cell
 
 REST_S: Final = 60.0
 BEACONS_HZ: Final = 2.0

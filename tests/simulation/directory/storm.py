@@ -1,4 +1,4 @@
-"""A boot storm: all nodes of a cell start within a second, and subscribe to the poses of all others."""
+"""A boot storm: all nodes of a cell start within a second, and may subscribe to the poses of all others."""
 
 from typing import Final
 
@@ -18,9 +18,10 @@ LIMIT_S: Final = 60.0
 class Storm(VirtualSwarm[str]):
     """The nodes, and whose poses each of them has."""
 
-    def __init__(self, seed: int, count: int, *, loss: float) -> None:
+    def __init__(self, seed: int, count: int, *, loss: float, subscribed: bool = True) -> None:
         super().__init__(seed, loss=loss, delay_s=DELAY_S)
         self.names = [f"uav{index + 1}" for index in range(count)]
+        self.subscribed = subscribed
         self.started: dict[str, BrokerNode] = {}
         self.poses: set[tuple[str, str]] = set()
         """By receiver and origin: a pose has arrived."""
@@ -33,6 +34,8 @@ class Storm(VirtualSwarm[str]):
             self, name, VirtualClock(self), write_boards=self.write_pose, on_value=self.take_pose
         )
         self.started[name] = node
+        if not self.subscribed:
+            return
         others = (other for other in self.names if other != name)
         wants = tuple(BoardSubscription(other, "nav/pose", "Pose", POSE) for other in others)
         node.driver.feed(node.core.on_plan(TreePlan(1, OFFERS, wants), self.now_ns))

@@ -1,0 +1,22 @@
+"""Links of nodes without subscriptions, whose beacons are rare: they stay up where beacons are lost."""
+
+import pytest
+from tests.simulation.directory.storm import Storm
+from tests.simulation.seeds import seeds
+
+from swarmd.broker.core.topology.link import LinkState
+
+BEFORE_S = 20.0
+LASTS_S = 60.0
+
+
+@pytest.mark.parametrize("seed", seeds(1, 5))
+def test_the_links_of_sixteen_quiet_nodes_do_not_flap_at_a_loss_of_30_percent(seed: int) -> None:
+    swarm = Storm(seed, 16, loss=0.3, subscribed=False)
+    swarm.run_for(BEFORE_S)
+    nodes = swarm.started.values()
+    for node in nodes:
+        node.links.clear()
+    swarm.run_for(LASTS_S)
+    fell = sum(change.before is LinkState.UP for node in nodes for change in node.links)
+    assert fell <= 24, "of 240 links in a minute"
