@@ -19,6 +19,7 @@ from swarmlab.provision import plan
 from swarmlab.provision.plan import PlannedNode
 from swarmlab.radio.files import find_radio, load_radio
 from swarmlab.radio.namespace import check_rights
+from swarmlab.radio.relay_plan import RELAY, RelayPlan, reserve_descriptors
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
 from swarmware.model import paths
 from swarmware.model.airframe_file import load_airframe
@@ -33,9 +34,10 @@ RADIO_NETWORK: Final = "10.83"
 """First two bytes of the addresses of nodes in network namespaces."""
 PORTS: Final = range(20_000, 32_000)
 """Below the ephemeral ports of the kernel (32768 and up)."""
-NETS: Final = ("loopback", "netns")
+NETWORK_NAMESPACES: Final = "netns"
+NETS: Final = ("loopback", NETWORK_NAMESPACES, RELAY)
 RADIO: Final = "s3"
-"""Radio between network namespaces, unless another one is named."""
+"""Radio between the nodes, unless another one is named."""
 CLAIM_TRIES: Final = 99
 ENDING: Final = "ending"
 """File in the lab's folder: its end has begun."""
@@ -95,7 +97,7 @@ def make(spec: LabSpec) -> LabState:
     if spec.net not in NETS:
         raise InvalidInput(f"--net {spec.net}: unknown; expected one of {', '.join(NETS)}")
     radio_file = _radio_file(spec)
-    as_user = bool(radio_file) and not check_rights()
+    as_user = spec.net == NETWORK_NAMESPACES and not check_rights()
     who = plan.members(spec.nodes, spec.seed, spec.usv)
     separate = plan.per_daemon(spec.per_daemon, who)
     distributed = plan.distributed(spec.units, who)
@@ -109,8 +111,16 @@ def make(spec: LabSpec) -> LabState:
             for member in who
             for unit in (plan.UNITS if member.platform in distributed else (MAIN,))
         ]
-        if radio_file:
+        group, port = _group(), _free_port()
+        if spec.net == NETWORK_NAMESPACES:
             nodes = [_behind_radio(node, index, as_user=as_user) for index, node in enumerate(nodes)]
+        elif spec.net == RELAY:
+            reserve_descriptors(len(nodes))
+            plan_of_relay = RelayPlan(group, port)
+            nodes = [
+                msgspec.structs.replace(node, address=plan_of_relay.node(index))
+                for index, node in enumerate(nodes)
+            ]
         lab = LabState(
             name=folder.name,
             experiment=spec.experiment,
@@ -119,8 +129,8 @@ def make(spec: LabSpec) -> LabState:
             folder=str(folder),
             created_utc_ns=time.time_ns(),
             starter=processes.identity(os.getpid()),
-            multicast_group=_group(),
-            udp_port=_free_port(),
+            multicast_group=group,
+            udp_port=port,
             radio_file=radio_file,
             mongodb_uri=spec.mongodb_uri,
             mongodb_database=f"swarm_{folder.name}" if spec.mongodb_uri else "",
@@ -204,10 +214,14 @@ def _radio_file(spec: LabSpec) -> str:
     """
     if spec.net == "loopback":
         if spec.radio:
-            raise InvalidInput(f"--radio {spec.radio}: --net loopback has no radio; expected --net netns")
+            raise InvalidInput(
+                f"--radio {spec.radio}: --net loopback has no radio; expected --net netns or relay"
+            )
         return ""
-    if spec.mongodb_uri:
-        raise InvalidInput(f"--mongodb: --net {spec.net} has no way to a database; expected --net loopback")
+    if spec.mongodb_uri and spec.net == NETWORK_NAMESPACES:
+        raise InvalidInput(
+            f"--mongodb: --net {spec.net} has no way to a database; expected loopback or relay"
+        )
     path = find_radio(spec.radio or RADIO)
     load_radio(path)
     return str(path)
@@ -294,6 +308,13 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
             "udp_port": lab.udp_port,
         },
     }
+    if lab.net == RELAY:
+        relay = RelayPlan(lab.multicast_group, lab.udp_port)
+        settings["broker"] |= {
+            "multicast_group": relay.group_of(lab.nodes.index(node)),
+            "unicast_port": relay.port,
+            "tcp_port": relay.urgent_port,
+        }
     if lab.unit_delay_ms:
         settings["broker"]["unit_delay_ms"] = list(lab.unit_delay_ms)
     if node.kind != PlatformKind.GCS:

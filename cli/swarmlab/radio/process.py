@@ -1,4 +1,4 @@
-"""The process of the radio: moves frames between the devices of the nodes as its core decides."""
+"""The process of the radio: moves frames between the ends at the nodes as its core decides."""
 
 import asyncio
 import logging
@@ -6,7 +6,7 @@ import random
 import selectors
 import signal
 import time
-from functools import partial
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -14,15 +14,16 @@ from swarmctl.session import labs
 from swarmctl.session.labs import LabNode, LabState
 from swarmlab.radio import files, orders
 from swarmlab.radio.core.network import LinkReport, RadioCore, RadioDelivery, RadioNode
-from swarmlab.radio.namespace import NodeNamespace, enter_user_namespace, user_namespace
+from swarmlab.radio.devices import NamespaceDevices
+from swarmlab.radio.ends import RadioEnds
 from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, RadioOrder
 from swarmlab.radio.positions import VehiclePositions
+from swarmlab.radio.relay import LoopbackRelay
+from swarmlab.radio.relay_plan import RELAY, RelayPlan, reserve_descriptors
 from swarmware.model.names import platform_of
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.service.notify import Notifier
 
-TURN: Final = 64
-"""Frames of one node read before those of the others."""
 POSITIONS_NS: Final = 200_000_000
 """Positions are read with the first frame after this time: a vehicle moves less than 3 m."""
 _VENDOR: Final = b"\x02SW\x00"
@@ -43,7 +44,7 @@ def radio_node(index: int, node: LabNode) -> RadioNode:
 
 
 class RadioProcess:
-    """Devices, timer and orders of the radio of one lab.
+    """Ends, timer and orders of the radio of one lab.
 
     The driver of the daemons' cores rounds to milliseconds, which is longer than a frame takes here: this one
     has a timer of its own.
@@ -66,42 +67,25 @@ class RadioProcess:
         self._positions_ns = 0
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ns = 0
-        self._namespaces: list[NodeNamespace] = []
-        if as_user := {node.user_namespace for node in lab.nodes} - {""}:
-            enter_user_namespace()
-        try:
-            for link in as_user:
-                _link(link, user_namespace())
-            for index, node in enumerate(lab.nodes):
-                self._namespaces.append(NodeNamespace(node.address, ethernet_address(index)))
-                _link(node.namespace, self._namespaces[-1].path)
-        except BaseException:
-            self.close()
-            raise
+        self._ends = _ends(lab)
 
     async def run(self) -> None:
         """Forwards frames until SIGTERM or SIGINT."""
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, ended.set)
-        for index, namespace in enumerate(self._namespaces):
-            loop.add_reader(namespace.fileno(), partial(self._on_readable, index))
+        self._ends.start(self._on_frames)
         async with orders.OrderServer(self._folder, self._execute):
             Notifier().ready(f"radio of {len(self._nodes)} nodes")
             await ended.wait()
 
     def close(self) -> None:
-        """Removes the devices of all nodes."""
+        """Removes the ends at all nodes."""
         self._positions.close()
-        for namespace in self._namespaces:
-            namespace.close()
+        self._ends.close()
 
-    def _on_readable(self, index: int) -> None:
-        read = self._namespaces[index].read
-        for _ in range(TURN):
-            data = read()
-            if data is None:
-                break
+    def _on_frames(self, index: int, frames: Iterable[bytes]) -> None:
+        for data in frames:
             now_ns = time.monotonic_ns()
             if now_ns >= self._positions_ns:
                 self._positions_ns = now_ns + POSITIONS_NS
@@ -116,8 +100,8 @@ class RadioProcess:
 
     def _perform(self, deliveries: list[RadioDelivery]) -> None:
         for delivery in deliveries:
-            if not self._namespaces[delivery.receiver].write(delivery.data):
-                log.debug("node %s: its device takes no frame", self._nodes[delivery.receiver].platform)
+            if not self._ends.write(delivery.receiver, delivery.data):
+                log.debug("node %s: takes no frame", self._nodes[delivery.receiver].platform)
 
     def _arm(self) -> None:
         due_ns = self._core.deadline_ns()
@@ -143,10 +127,19 @@ class RadioProcess:
         return [self._core.report(sender, receiver, now_ns) for sender, receiver in links]
 
 
-def _link(path: str, target: str) -> None:
-    link = Path(path)
-    link.unlink(missing_ok=True)
-    link.symlink_to(target)
+def _ends(lab: LabState) -> RadioEnds:
+    ethernet = [ethernet_address(index) for index in range(len(lab.nodes))]
+    if lab.net != RELAY:
+        return NamespaceDevices(lab.nodes, ethernet)
+    reserve_descriptors(len(lab.nodes))
+    return LoopbackRelay(RelayPlan(lab.multicast_group, lab.udp_port), ethernet)
+
+
+def _loop(lab: LabState) -> asyncio.AbstractEventLoop:
+    """With the time-out in microseconds of select(2), or for any number of sockets, but in milliseconds."""
+    if lab.net == RELAY:
+        return asyncio.SelectorEventLoop()
+    return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 
 def run_radio(folder: Path) -> None:
@@ -154,12 +147,10 @@ def run_radio(folder: Path) -> None:
 
     Raises: ConfigError for an invalid radio file, Denied without the rights.
     """
-    radio = RadioProcess(labs.load(folder))
+    lab = labs.load(folder)
+    radio = RadioProcess(lab)
     try:
-        # select(2) has a time-out in microseconds; epoll, the default, rounds up to milliseconds
-        with asyncio.Runner(
-            loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())
-        ) as runner:
+        with asyncio.Runner(loop_factory=lambda: _loop(lab)) as runner:
             runner.run(radio.run())
     finally:
         radio.close()
