@@ -3,13 +3,12 @@
 import logging
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from swarmd.broker.core.admission.access_filter import AccessFilter
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.forwarding.end_to_end import AuthenticatedFrame
 from swarmd.broker.core.traffic import FrameAccounts
-from swarmd.broker.links.unit_delay import UnitDelay
 from swarmware.errors import Denied, WireError
 from swarmware.model.access import Access, Role, Verb
 from swarmware.model.frame import FrameKind
@@ -20,6 +19,9 @@ from swarmware.transport.delivery.sender import sender_of
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import Denial
+
+if TYPE_CHECKING:
+    from swarmd.broker.links.unit_delay import UnitDelay
 
 LATE: Final = "late"
 """Verb of a denial: the command arrived after its lifetime."""
@@ -39,7 +41,7 @@ class FrameDelivery:
         accounts: FrameAccounts,
         access: Access,
         on_denial: Callable[[Denial], None],
-        delay: UnitDelay | None,
+        delay: "UnitDelay | None",
     ) -> None:
         """`delay`: of frames from other units of this platform; None: they have none."""
         self._keys = keys

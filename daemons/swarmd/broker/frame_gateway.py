@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.origins import is_check
@@ -18,7 +18,6 @@ from swarmd.broker.frame_delivery import FrameDelivery
 from swarmd.broker.links.frame_datagrams import NeighbourMedia
 from swarmd.broker.links.frame_links import FrameLinks
 from swarmd.broker.links.pair_seal import PairEnd
-from swarmd.broker.links.unit_delay import UnitDelay
 from swarmd.broker.links.zmq_links import LinkPeer
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access
@@ -33,6 +32,9 @@ from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.roster import RosterChange
 from swarmware.types.net import Denial, LinkTransport
+
+if TYPE_CHECKING:
+    from swarmd.broker.links.unit_delay import UnitDelay
 
 FORWARD: Final = "forward"
 """Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
@@ -76,7 +78,7 @@ class FrameGateway:
             self._accounts,
             access,
             on_denial,
-            UnitDelay(*config.unit_delay_ms) if config.unit_delay_ms else None,
+            _unit_delay(config),
         )
         self._forwarder = core.forwarder
         self._end_to_end = EndToEnd(
@@ -413,3 +415,11 @@ class FrameGateway:
         """Close all connections to neighbours."""
         self._delivery.close()
         self.links.close()
+
+
+def _unit_delay(config: Config) -> "UnitDelay | None":
+    if not config.unit_delay_ms:
+        return None
+    from swarmd.broker.links.unit_delay import UnitDelay  # of the lab only
+
+    return UnitDelay(*config.unit_delay_ms)

@@ -33,7 +33,6 @@ from swarmd.broker.core.admission.refusal_log import RefusalLog
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.media.medium import MediumProfile
-from swarmd.broker.core.metrics_page import metrics_page
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
@@ -355,6 +354,8 @@ class BrokerShell:
         return self._core.report.traffic(self._clock.now_ns())
 
     def _metrics_page(self) -> str:
+        from swarmd.broker.core.metrics_page import metrics_page
+
         node = str(Address(self._module.platform, self._module.node.config.unit))
         return metrics_page(node, self._traffic(), self._neighbours(), self._outages.table())
 

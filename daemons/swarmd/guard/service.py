@@ -1,7 +1,7 @@
 """The guard's shell: reads application files, heartbeats and process exits, and executes actions."""
 
 import asyncio
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import msgspec
 
@@ -18,8 +18,7 @@ from swarmd.guard.core.supervision import (
     Terminate,
     WatchProcess,
 )
-from swarmd.guard.priorities import ProcessPriorities
-from swarmd.guard.supervisor import InProcessSupervisor, ProcessSupervisor, Supervisor, SystemdSupervisor
+from swarmd.guard.supervisor import InProcessSupervisor, Supervisor
 from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.module.meta import Meta
@@ -39,6 +38,9 @@ from swarmware.types.health import (
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
+if TYPE_CHECKING:
+    from swarmd.guard.priorities import ProcessPriorities
+
 
 class Guard(Service):
     """Keeps the services of node.toml running."""
@@ -56,8 +58,11 @@ class Guard(Service):
         self._node = module.node
         self._table = module.node.table
         self._supervisor = self._choose()
-        apart = self._supervisor.kind != InProcessSupervisor.kind
-        self._priorities = ProcessPriorities() if config.priorities and apart else None
+        self._priorities: ProcessPriorities | None = None
+        if config.priorities and self._supervisor.kind != InProcessSupervisor.kind:
+            from swarmd.guard import priorities  # of processes beside this one
+
+            self._priorities = priorities.ProcessPriorities()
         self._core = GuardCore(names, self._supervisor.kind, config)
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._names = names
@@ -102,6 +107,8 @@ class Guard(Service):
         node = self._node
         if node.config.processes == "one" and node.host is not None:
             return InProcessSupervisor(node.host, self._on_exit)
+        from swarmd.guard.process_supervisor import ProcessSupervisor, SystemdSupervisor  # starts processes
+
         if self.config.supervisor == "systemd":
             return SystemdSupervisor(node.config_dir, node.run_dir, self._on_exit)
         return ProcessSupervisor(node.config_dir, node.run_dir, self._on_exit)

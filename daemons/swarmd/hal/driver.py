@@ -2,15 +2,18 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from swarmd.hal.config import Config
 from swarmd.hal.core.line_load import LineUse
 from swarmware.errors import SwarmError
-from swarmware.model.airframe import Airframe
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
+
+if TYPE_CHECKING:
+    from swarmware.model.airframe import Airframe
 
 
 class DeviceError(SwarmError):
@@ -73,7 +76,7 @@ class Site(msgspec.Struct, frozen=True):
     """uav | ugv | usv | gcs."""
     data_dir: str
     """The folder share/swarm/data."""
-    airframe: Airframe | None = None
+    airframe: "Airframe | None" = None
     """Airframe that the flight controller flies; None: the chassis has its own attitude control."""
 
 

@@ -13,7 +13,6 @@ from swarmd.hal.core.line_load import is_over, line_loads
 from swarmd.hal.core.recognition import Recognition
 from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import Actuator, Device, DeviceError, DeviceGone, Sensor, Site
-from swarmd.hal.hotplug import FolderWatch, configured, nodes
 from swarmd.hal.imu_source import ImuSource
 from swarmd.hal.motors import Motors
 from swarmd.hal.sensor_calibration import SensorCalibrations
@@ -26,6 +25,7 @@ from swarmware.service.service import Service
 from swarmware.types.vehicle import DriverState, DriverTable, LineLoad
 
 if TYPE_CHECKING:
+    from swarmd.hal.hotplug import FolderWatch
     from swarmd.hal.precise_timer import PreciseTimer
 
 SENSOR_STAGE: Final = 1
@@ -81,8 +81,10 @@ class Hal(Service):
                     self._calibrations.serve()
                 group.create_task(self._report(), name="hal:report")
                 if patterns:
+                    from swarmd.hal import hotplug  # few nodes recognise devices
+
                     folders = [pattern.rpartition("/")[0] or "/" for pattern in patterns]
-                    watch = FolderWatch(folders, lambda: self._recognise(group, patterns))
+                    watch = hotplug.FolderWatch(folders, lambda: self._recognise(group, patterns))
                     self._recognise(group, patterns)
         finally:
             if watch is not None:
@@ -127,6 +129,8 @@ class Hal(Service):
 
     def _recognise(self, group: asyncio.TaskGroup, patterns: set[str]) -> None:
         """Starts the drivers of devices that were plugged in, and lets drivers that wait try at once."""
+        from swarmd.hal.hotplug import configured, nodes
+
         for one in self._recognition.on_nodes(nodes(patterns)):
             try:
                 devices = find(one.rule.driver)(configured(self.config, one), self._site)

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from swarmd.logger.config import Config
-from swarmd.logger.log_forwarder import LogForwarder
 from swarmware.errors import ConfigError, Denied, SwarmError
 from swarmware.health.monitor import HealthMonitor
 
 if TYPE_CHECKING:
+    from swarmd.logger.log_forwarder import LogForwarder
     from swarmware.recorder.mongo import MongoStore
 
 T = TypeVar("T")
@@ -123,6 +123,7 @@ class Upload:
     def _forward(self) -> int:
         """Runs in a thread: resolving the server's name may block, too."""
         if self._forwarder is None:
+            from swarmd.logger.log_forwarder import LogForwarder
             from swarmware.recorder.mongo import MongoStore
 
             config = self._config

@@ -3,14 +3,12 @@
 import random
 import re
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from swarmd.sim import config as settings
 from swarmd.sim.chassis import ChassisPort
-from swarmd.sim.core.serial_devices import SerialDevices
 from swarmd.sim.core.simulation import Command, Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
-from swarmd.sim.serial_ports import SerialPorts
 from swarmd.sim.switch import Switch
 from swarmware.errors import ConfigError
 from swarmware.geometry.world import World
@@ -30,6 +28,9 @@ from swarmware.types.vehicle import (
     Range,
     Setpoint,
 )
+
+if TYPE_CHECKING:
+    from swarmd.sim.serial_ports import SerialPorts
 
 _RESUME_S: Final = 10.0
 """Longest interruption of the simulation after which the vehicle continues at its last pose."""
@@ -71,7 +72,10 @@ class Sim(Service):
                     "services/sim.toml: key serial.folder: the flight controller of an airframe is in hal,"
                     " expected a node without airframe"
                 )
-            self._serial = SerialPorts(
+            from swarmd.sim import serial_ports  # with the protocols of all devices
+            from swarmd.sim.core.serial_devices import SerialDevices
+
+            self._serial = serial_ports.SerialPorts(
                 module,
                 Path(config.serial.folder),
                 SerialDevices(config.setpoint_timeout_s),

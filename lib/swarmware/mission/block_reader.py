@@ -15,7 +15,6 @@ from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape
-from swarmware.model.explanation import explain
 from swarmware.model.misfit import misfit
 from swarmware.model.similar import similar
 from swarmware.model.toml_lines import key_text
@@ -277,6 +276,8 @@ class BlockReader:
             message = f"parameter {key!r} of {self._spec.name}: unknown; {hint}"
             self._report(escape(spelled.get(key, key)), "param", message)
             return
+        from swarmware.model.explanation import explain  # of errors only
+
         found = explain(text, raw, self._spec.params)
         if not found.path:
             self._report("", "param", f"{self._spec.name}: {found.error[:1].lower()}{found.error[1:]}")

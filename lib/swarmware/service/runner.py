@@ -19,11 +19,9 @@ from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import until
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service import garbage
-from swarmware.service.guard_watchdog import GuardWatchdog
 from swarmware.service.host import PreparedService, ServiceHost
 from swarmware.service.notify import Notifier
 from swarmware.service.reason import reason
-from swarmware.service.starting import GUARD
 
 DRAIN_S: Final = 4.0
 """Time from SIGTERM to the end, in seconds; the systemd units allow five."""
@@ -104,7 +102,9 @@ async def _serve(host: ServiceHost, notifier: Notifier, asked: asyncio.Event) ->
     ending = asyncio.create_task(asked.wait(), name="signals")
     notifying = asyncio.create_task(_notify_ready(host, notifier), name="supervisor")
     others = [notifying, ending]
-    if host.node.config.processes == "per-daemon" and GUARD not in host.names:
+    if host.node.config.processes == "per-daemon" and "guard" not in host.names:
+        from swarmware.service.guard_watchdog import GuardWatchdog  # starts processes
+
         others.append(asyncio.create_task(GuardWatchdog(host.node).run(), name="guard watch"))
     try:
         await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)

@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from swarmd.guard.supervisor import SystemdSupervisor
+from swarmd.guard.process_supervisor import SystemdSupervisor
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.starting import spawn, starting_pid
 from swarmware.service.supervised_process import SupervisedProcess

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound
+from swarmware.transport.enrolment.proof import fingerprint
 from swarmware.transport.security.keys import FORMER_MAX, Keys, read_roster, write_keys
-from swarmware.transport.security.root import Candidate, Root, candidate, fingerprint, make_swarm
+from swarmware.transport.security.root import Candidate, Root, candidate, make_swarm
 from swarmware.transport.security.roster import (
     Roster,
     RosterMember,

@@ -10,7 +10,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.media.medium_table import Use
-from swarmd.broker.core.reliable.reliable_link import (
+from swarmd.broker.core.reliable.link_action import (
     DeliverFrame,
     FrameBegun,
     FramesDropped,

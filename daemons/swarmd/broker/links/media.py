@@ -7,8 +7,7 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec
 from swarmd.broker.core.media.medium import Address, MediumProfile
-from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival
-from swarmd.broker.links.serial_medium import OnLine, SerialLineMedium
+from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival, OnLine
 from swarmd.broker.links.udp import Udp, further_network, main_network
 from swarmware.model.clock import Clock
 from swarmware.types.net import Refused
@@ -44,6 +43,8 @@ class Media:
                 found = Udp(further_network(network), loop, clock, self._take)
                 further.append(stack.enter_context(contextlib.closing(found)))
             for line in config.serial:
+                from swarmd.broker.links.serial_medium import SerialLineMedium  # few nodes have such a line
+
                 port = SerialLineMedium(line, loop, refused, self._take, on_line)
                 further.append(stack.enter_context(contextlib.closing(port)))
             self._closing = stack.pop_all()

@@ -25,6 +25,9 @@ class MediumDatagram(msgspec.Struct, frozen=True, gc=False):
 OnArrival = Callable[[MediumProfile, MediumDatagram], None]
 """Called with the medium and what came over it."""
 
+OnLine = Callable[[str, str], None]
+"""Called with the name of a serial line and why it is not open; empty: it is."""
+
 
 class DatagramMedium(ABC):
     """A medium that carries datagrams: networks and serial lines."""

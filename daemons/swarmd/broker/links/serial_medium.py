@@ -3,14 +3,13 @@
 import asyncio
 import logging
 import time
-from collections.abc import Callable
 from typing import Final
 
 from swarmd.broker.config import SerialMedium
 from swarmd.broker.core.media.line_frames import LineReceiver, LineSender
 from swarmd.broker.core.media.line_queue import LineQueue
 from swarmd.broker.core.media.medium import Address, serial_medium
-from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival
+from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival, OnLine
 from swarmware.errors import NotFound, SwarmError
 from swarmware.runtime.serial_port import SerialPort
 from swarmware.types.net import Refused
@@ -19,9 +18,6 @@ AGAIN_S: Final = 0.5
 """Period in which an unplugged line is looked for."""
 
 log = logging.getLogger("swarm.broker")
-
-OnLine = Callable[[str, str], None]
-"""Called with the name of a medium and why it is not open; empty: it is."""
 
 
 class SerialLineMedium(DatagramMedium):

@@ -1,7 +1,6 @@
 """Median filter: rejects rare outliers of a sonar."""
 
 from collections import deque
-from statistics import median
 
 
 class MedianFilter:
@@ -15,7 +14,9 @@ class MedianFilter:
     def add(self, value: float) -> float:
         """Adds a value; the median of the window, which includes it."""
         self._values.append(value)
-        return median(self._values)
+        ordered = sorted(self._values)
+        half = len(ordered) // 2
+        return ordered[half] if len(ordered) % 2 else (ordered[half - 1] + ordered[half]) / 2
 
     def reset(self) -> None:
         """Clears the window: the next values are unrelated to the previous ones."""

@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING, Protocol
 
 from swarmd.navigator.config import Config
-from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.target import Surroundings, Target
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.vehicle import Pose, Setpoint
@@ -41,6 +40,8 @@ def controller(kind: PlatformKind, config: Config, airframe: "Airframe | None" =
             from swarmd.navigator.core.circling_controller import CirclingController  # others do not load it
 
             return CirclingController(config, airframe)
+        from swarmd.navigator.core.air_controller import AirController  # a ground vehicle does not load it
+
         return AirController(config)
     from swarmd.navigator.core.ground_controller import GroundController  # an air vehicle does not load it
 

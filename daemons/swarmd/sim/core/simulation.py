@@ -8,10 +8,7 @@ import msgspec
 from swarmd.sim.config import Config
 from swarmd.sim.core.battery import Battery
 from swarmd.sim.core.contacts import Contacts, collision
-from swarmd.sim.core.ground import Ground
-from swarmd.sim.core.multirotor import Multirotor
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
-from swarmd.sim.core.surface import Surface
 from swarmware.errors import Denied, InvalidInput
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.world import World
@@ -405,10 +402,16 @@ def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel[Setpo
     """
     match kind:
         case PlatformKind.UAV:
+            from swarmd.sim.core.multirotor import Multirotor  # each kind loads its own model only
+
             return Multirotor(config.multirotor, start)
         case PlatformKind.UGV:
+            from swarmd.sim.core.ground import Ground
+
             return Ground(config.ground, start)
         case PlatformKind.USV:
+            from swarmd.sim.core.surface import Surface
+
             return Surface(config.surface, start)
         case _:
             raise InvalidInput(f"kind {kind!r}: nothing to simulate; expected uav, ugv or usv")

@@ -14,6 +14,11 @@ def root_digest(root_public: bytes) -> bytes:
     return blake2b(root_public, digest_size=FINGERPRINT_BYTES).digest()
 
 
+def fingerprint(root_public: bytes) -> str:
+    """The digest by which people and tokens name a root."""
+    return root_digest(root_public).hex()
+
+
 def proof_of(key: SigningKey, root: bytes, platform: str) -> bytes:
     """The proof that a node holds its key: a signature for this platform and the root of this fingerprint."""
     return key.sign(_JOIN + root + platform.encode())

@@ -169,11 +169,6 @@ class Root:
         self.roster = roster
 
 
-def fingerprint(root_public: bytes) -> str:
-    """The digest by which people and tokens name a root."""
-    return root_digest(root_public).hex()
-
-
 def candidate(platform: str, role: str, seed: bytes, root_public: bytes) -> Candidate:
     """The candidate with this seed."""
     key = SigningKey(seed)

@@ -6,15 +6,9 @@ import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.link_action import DeliverFrame, FrameBegun, FramesDropped, SendPacket
 from swarmd.broker.core.reliable.packet import Packet, Piece, decode, encode
-from swarmd.broker.core.reliable.reliable_link import (
-    BLOCKED,
-    DeliverFrame,
-    FrameBegun,
-    FramesDropped,
-    ReliableLink,
-    SendPacket,
-)
+from swarmd.broker.core.reliable.reliable_link import BLOCKED, ReliableLink
 from swarmd.broker.core.reliable.reliable_links import (
     BLOCKED_NS,
     CLEAN_NS,

@@ -2,9 +2,14 @@
 
 from typing import Final
 
-import msgspec
-
 from swarmd.broker.core.forwarding.send_queue import Priority, QueuedFrame
+from swarmd.broker.core.reliable.link_action import (
+    DeliverFrame,
+    FrameBegun,
+    FramesDropped,
+    LinkAction,
+    SendPacket,
+)
 from swarmd.broker.core.reliable.loss_recovery import LossRecovery, SentPacket
 from swarmd.broker.core.reliable.outgoing import COMMANDS, ROOM, OutgoingMessages
 from swarmd.broker.core.reliable.packet import (
@@ -36,38 +41,6 @@ blocked on the way, or it does not know them."""
 
 FULL: Final = 8
 """Frames that wait to begin, from which on the rate of the link is the limit."""
-
-
-class SendPacket(msgspec.Struct, frozen=True, gc=False):
-    """Action: seal this packet and send it to the neighbour, if this is its present session."""
-
-    hw: int
-    session: int
-    data: bytes
-
-
-class DeliverFrame(msgspec.Struct, frozen=True, gc=False):
-    """Action: take an encoded frame of the neighbour."""
-
-    hw: int
-    data: bytes
-
-
-class FrameBegun(msgspec.Struct, frozen=True, gc=False):
-    """Action: count a frame that is being sent for the first time."""
-
-    hw: int
-    queued: QueuedFrame
-
-
-class FramesDropped(msgspec.Struct, frozen=True, gc=False):
-    """Action: refuse these frames to their senders: the neighbour does not take them."""
-
-    hw: int
-    frames: list[QueuedFrame]
-
-
-LinkAction = SendPacket | DeliverFrame | FrameBegun | FramesDropped
 
 
 class ReliableLink:

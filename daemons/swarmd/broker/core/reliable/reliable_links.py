@@ -5,13 +5,16 @@ queue of a slow link, in which beacons and commands wait. So frames travel over 
 fast enough, and in datagrams where its beacons are lost or late.
 """
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.reliable_link import LinkAction, ReliableLink
+from swarmd.broker.core.reliable.link_action import LinkAction
+
+if TYPE_CHECKING:
+    from swarmd.broker.core.reliable.reliable_link import ReliableLink
 
 LOSSY: Final = 0.05
 """Smoothed loss of the beacons from which on frames travel in datagrams."""
@@ -97,11 +100,11 @@ class ReliableLinks:
         choice = self._choices.get(hw)
         return choice is not None and choice.by_datagram
 
-    def link(self, hw: int) -> ReliableLink | None:
+    def link(self, hw: int) -> "ReliableLink | None":
         """The reliable link of a neighbour, if there is one."""
         return self._links.get(hw)
 
-    def links(self) -> list[ReliableLink]:
+    def links(self) -> "list[ReliableLink]":
         """The reliable links to all neighbours."""
         return list(self._links.values())
 
@@ -155,8 +158,10 @@ class ReliableLinks:
             actions += self._choose_datagrams(hw, choice, now_ns)  # the neighbour measures more loss
         return actions + list(link.on_packet(data, now_ns))
 
-    def _current(self, hw: int, session: int, now_ns: int) -> tuple[ReliableLink, list[Action]]:
+    def _current(self, hw: int, session: int, now_ns: int) -> "tuple[ReliableLink, list[Action]]":
         """The link of a session; frames that wait for a former one begin again."""
+        from swarmd.broker.core.reliable.reliable_link import ReliableLink  # of links that lose packets
+
         former = self._links.get(hw)
         if former is not None and former.session == session:
             return former, []
