@@ -1,6 +1,7 @@
 """What all tests share: asynchronous tests run in an event loop of their own."""
 
 import asyncio
+import gc
 import inspect
 
 import pytest
@@ -8,6 +9,14 @@ from hypothesis import settings
 
 settings.register_profile("swarm", deadline=None)  # no test judges wall time: the machine may be busy
 settings.load_profile("swarm")
+gc.disable()  # what collecting the tests makes stays until the end
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish() -> None:
+    """Modules and items stay until the end: the garbage collector needs not traverse them."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -4,6 +4,8 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.architecture.sources import nodes, parsed
+
 ROOT = Path(__file__).parents[2]
 WAITING = {
     "Service": {"run", "stop"},  # a service may wait as it stops, ours or a user's
@@ -66,7 +68,7 @@ def test_what_never_waits_is_not_async() -> None:
     files = [
         p for folder in ("lib", "daemons", "cli", "share") for p in sorted((ROOT / folder).rglob("*.py"))
     ]
-    trees = {path: ast.parse(path.read_text("utf-8")) for path in files}
+    trees = {path: parsed(path) for path in files}
     bases = bases_of(list(trees.values()))
     found = [
         f"{path.relative_to(ROOT)}:{line} {name}"
@@ -102,7 +104,7 @@ def test_our_own_code_awaits_nothing_that_is_open_at_once() -> None:
         f"{path.relative_to(ROOT)}:{node.lineno} {ast.unparse(node)}"
         for folder in ("lib", "daemons", "cli", "share", "tests")
         for path in sorted((ROOT / folder).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in nodes(path)
         if isinstance(node, ast.Await)
         and isinstance(node.value, ast.Call)
         and isinstance(node.value.func, ast.Attribute)

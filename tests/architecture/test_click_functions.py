@@ -4,6 +4,7 @@ import ast
 from pathlib import Path
 
 import pytest
+from tests.architecture.sources import parsed
 
 ROOT = Path(__file__).parents[2]
 NESTED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
@@ -11,7 +12,7 @@ LOGIC = (*NESTED, ast.Await, ast.For, ast.AsyncFor, ast.While, ast.Try, ast.With
 
 
 def click_functions(path: Path) -> list[ast.FunctionDef]:
-    tree = ast.parse(path.read_text("utf-8"))
+    tree = parsed(path)
     return [
         node
         for node in ast.walk(tree)

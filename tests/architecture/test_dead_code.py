@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from tests.architecture.sources import parsed
+
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("lib", "daemons", "cli")
 PAGES = (*(ROOT / "share").glob("doc/*.md"), ROOT / "README.md", ROOT / "pyproject.toml")
@@ -33,7 +35,7 @@ Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 def trees() -> Iterator[tuple[Path, ast.Module]]:
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
-            yield path, ast.parse(path.read_text())
+            yield path, parsed(path)
 
 
 def is_registered(node: Definition) -> bool:
@@ -76,7 +78,7 @@ def documented() -> set[str]:
         quoted = text if page.suffix == ".toml" else "\n".join(re.findall(r"```.*?```|`[^`\n]+`", text, re.S))
         words.update(re.findall(r"[A-Za-z_]\w*", quoted))
     for example in EXAMPLES:
-        words.update(uses(ast.parse(example.read_text())))
+        words.update(uses(parsed(example)))
     return words
 
 

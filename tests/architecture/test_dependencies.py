@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+from tests.architecture.sources import nodes
 
 ROOT: Final = Path(__file__).parents[2]
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -63,7 +64,7 @@ STUBS: Final = {"types-jsonschema": "jsonschema", "types-psutil": "psutil", "typ
 def imported_below(folder: str) -> frozenset[str]:
     found: set[str] = set()
     for path in (ROOT / folder).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in nodes(path):
             match node:
                 case ast.Import(aliases):
                     found |= {alias.name.split(".")[0] for alias in aliases}

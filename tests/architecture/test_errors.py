@@ -5,6 +5,8 @@ import builtins
 import re
 from pathlib import Path
 
+from tests.architecture.sources import nodes
+
 ROOT = Path(__file__).parents[2]
 PROTOCOL = {
     "AttributeError",  # of `__getattr__`
@@ -22,7 +24,7 @@ def test_no_builtin_error_is_raised_on_purpose() -> None:
         f"{path.relative_to(ROOT)}:{node.lineno} {name}; expected a SwarmError"
         for folder in ("lib", "daemons", "cli")
         for path in sorted((ROOT / folder).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in nodes(path)
         if isinstance(node, ast.Raise) and node.exc is not None
         for name in [ast.unparse(node.exc.func if isinstance(node.exc, ast.Call) else node.exc)]
         if hasattr(builtins, name) and name not in PROTOCOL
@@ -38,9 +40,8 @@ def test_no_error_of_many_causes_vanishes_without_a_reason() -> None:
     found = []
     for folder in ("lib", "daemons", "cli"):
         for path in sorted((ROOT / folder).rglob("*.py")):
-            text = path.read_text("utf-8")
-            lines = text.splitlines()
-            for node in ast.walk(ast.parse(text)):
+            lines = path.read_text("utf-8").splitlines()
+            for node in nodes(path):
                 match node:
                     case ast.ExceptHandler(type=kind, body=body):
                         caught = "BaseException" if kind is None else ast.unparse(kind)

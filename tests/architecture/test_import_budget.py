@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import click
 import pytest
+from tests.architecture.sources import parsed
 
 from swarmctl.main import cli
 from swarmware.errors import ConfigError, NotFound
@@ -137,7 +138,7 @@ def test_only_the_broker_loads_libzmq() -> None:
 
 def bench_table(name: str) -> Any:
     """A table of the bench, which is no importable module."""
-    for statement in ast.parse(BENCH.read_text()).body:
+    for statement in parsed(BENCH).body:
         if isinstance(statement, ast.AnnAssign) and ast.unparse(statement.target) == name:
             assert statement.value is not None
             return ast.literal_eval(statement.value)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+from tests.architecture.sources import nodes, parsed
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [
@@ -215,7 +216,7 @@ def test_a_public_docstring_has_four_words_or_more() -> None:
     found = [
         f"{name(path)}:{line}: {text!r}; expected {SHORTEST} words or more: subject, verb, object"
         for path in SOURCES
-        for line, text in docstrings(ast.parse(path.read_text()))
+        for line, text in docstrings(parsed(path))
         if len(re.findall(r"[\w'-]+", text)) < SHORTEST
     ]
     assert not found, "\n".join(found)
@@ -255,7 +256,7 @@ def uses(path: Path) -> list[tuple[str, int, str]]:
 
 def _uses(path: Path) -> Iterator[tuple[str, int, str]]:
     source = path.read_text()
-    for line, identifier in defined(ast.parse(source)):
+    for line, identifier in defined(parsed(path)):
         parts = [part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", identifier)]
         for i, part in enumerate(parts):
             if (
@@ -299,7 +300,7 @@ def prose(source: str) -> Iterator[tuple[int, str]]:
 def classes() -> dict[str, list[str]]:
     found: dict[str, list[str]] = defaultdict(list)
     for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in nodes(path):
             if isinstance(node, ast.ClassDef):
                 found[node.name].append(name(path))
     return found

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+from tests.architecture.sources import parsed
 
 ROOT: Final = Path(__file__).parents[2]
 TREES: Final = {
-    str(path.relative_to(ROOT)): ast.parse(path.read_text("utf-8"))
+    str(path.relative_to(ROOT)): parsed(path)
     for folder in ("lib", "daemons", "cli")
     for path in sorted((ROOT / folder).rglob("*.py"))
 }

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from tests.architecture.sources import parsed
 
 ROOT = Path(__file__).parents[2]
 ROOTS = ("lib", "daemons", "cli")
@@ -54,7 +55,7 @@ def sources() -> list[Path]:
 
 @pytest.mark.parametrize("package", PACKAGES, ids=name)
 def test_a_package_says_what_may_live_in_it(package: Path) -> None:
-    docstring = ast.get_docstring(ast.parse((package / "__init__.py").read_text("utf-8"))) or ""
+    docstring = ast.get_docstring(parsed(package / "__init__.py")) or ""
     purpose = docstring.partition("\n\n")[0]
     assert len(re.findall(r"\w+", purpose)) >= MIN_WORDS, f"{name(package)}: {purpose!r}"
     assert purpose.endswith(".")
@@ -85,9 +86,9 @@ def test_every_daemon_has_its_floors_and_a_folder_of_decisions() -> None:
 def test_a_thin_file_defines_a_class_or_is_a_noun_of_its_own() -> None:
     thin = set()
     for path in sources():
-        text = path.read_text("utf-8")
-        if path.name in {"command.py", "config.py"} or len(text.splitlines()) >= THIN_LINES:
+        lines = path.read_text("utf-8").splitlines()
+        if path.name in {"command.py", "config.py"} or len(lines) >= THIN_LINES:
             continue
-        if not any(isinstance(node, ast.ClassDef) for node in ast.parse(text).body):
+        if not any(isinstance(node, ast.ClassDef) for node in parsed(path).body):
             thin.add(str(path.relative_to(ROOT)))
     assert thin == set(THIN), "merge it with its noun, or name the noun"

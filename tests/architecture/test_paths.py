@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from tests.architecture.sources import parsed
+
 ROOT: Final = Path(__file__).parents[2]
 HOME: Final = {"lib/swarmware/model/paths.py", "lib/swarmware/model/names.py"}
 DERIVED: Final = re.compile(
@@ -32,7 +34,7 @@ def composed() -> Iterator[tuple[str, str, int]]:
     for folder in ("lib", "daemons", "cli"):
         for path in sorted((ROOT / folder).rglob("*.py")):
             name = str(path.relative_to(ROOT))
-            tree = ast.parse(path.read_text("utf-8"))
+            tree = parsed(path)
             for node in ast.walk(tree) if name not in HOME else ():
                 if isinstance(node, ast.JoinedStr):
                     parts = [str(part.value) for part in node.values if isinstance(part, ast.Constant)]

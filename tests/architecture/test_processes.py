@@ -4,6 +4,8 @@ import ast
 from pathlib import Path
 from typing import Final
 
+from tests.architecture.sources import parsed
+
 ROOT: Final = Path(__file__).parents[2]
 BY_NUMBER: Final = {"kill", "killpg", "pidfd_open", "pidfd_send_signal"}
 """Of `os` and `signal`: what names a process by a number that the kernel gives again."""
@@ -27,7 +29,7 @@ PROC: Final = {
 def sources() -> list[tuple[str, ast.Module]]:
     """Path and syntax tree of each module."""
     return [
-        (str(path.relative_to(ROOT)), ast.parse(path.read_text("utf-8")))
+        (str(path.relative_to(ROOT)), parsed(path))
         for folder in ("lib", "daemons", "cli")
         for path in sorted((ROOT / folder).rglob("*.py"))
     ]

@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+from tests.architecture.sources import parsed
+
 TESTS: Final = Path(__file__).parents[1]
 GENERATORS: Final = {"random.Random", "Random", "np.random.default_rng"}
 """They need a seed as argument."""
@@ -30,6 +32,6 @@ def test_no_test_draws_without_a_seed() -> None:
     found = {
         f"{path.relative_to(TESTS)}: {call}"
         for path in TESTS.rglob("*.py")
-        for call in unseeded(ast.parse(path.read_text("utf-8")))
+        for call in unseeded(parsed(path))
     }
     assert sorted(found) == []

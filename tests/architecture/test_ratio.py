@@ -3,13 +3,15 @@
 import ast
 from pathlib import Path
 
+from tests.architecture.sources import parsed
+
 ROOT = Path(__file__).parents[2]
 RATIO_MIN = 0.9
 
 
 def code_lines(path: Path) -> int:
     """Lines on which code begins: no blank lines, comments or docstrings."""
-    tree = ast.parse(path.read_text())
+    tree = parsed(path)
     texts = {
         line
         for node in ast.walk(tree)

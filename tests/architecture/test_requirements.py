@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+from tests.architecture.sources import parsed
 from tests.architecture.test_commands import generator
 
 from swarmctl.main import cli
@@ -55,7 +56,7 @@ def names_of(source: str) -> list[str]:
 
 @cache
 def functions(path: Path) -> frozenset[str]:
-    tree = ast.parse(path.read_text())
+    tree = parsed(path)
     return frozenset(n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
 
 

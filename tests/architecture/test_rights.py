@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from tests.architecture.sources import nodes
 
 from swarmware.model import template
 from swarmware.model.access import Access, Role, Sender, Verb
@@ -109,7 +110,7 @@ DOORS = {
 
 @cache
 def _nodes(file: Path) -> list[ast.AST]:
-    return list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+    return list(nodes(file))
 
 
 def _served(file: Path) -> Iterator[str]:

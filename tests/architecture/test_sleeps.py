@@ -4,6 +4,8 @@ import ast
 from pathlib import Path
 from typing import Final
 
+from tests.architecture.sources import parsed
+
 ROOT: Final = Path(__file__).parents[2]
 MEANT: Final = {
     "cli/swarmctl/commands/app/stopping.py:_until": "the stopped tree or register would carry the event",
@@ -58,7 +60,7 @@ def test_every_pause_is_listed_with_its_reason() -> None:
         place
         for folder in ("lib", "daemons", "cli")
         for path in (ROOT / folder).rglob("*.py")
-        for place in pauses(ast.parse(path.read_text("utf-8")), f"{path.relative_to(ROOT)}:")
+        for place in pauses(parsed(path), f"{path.relative_to(ROOT)}:")
     }
     assert sorted(found - MEANT.keys()) == [], "wait for the event, or list the pause with its reason"
     assert sorted(MEANT.keys() - found) == [], "listed, and does not pause"

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
+from tests.architecture.sources import parsed
+
 ROOT = Path(__file__).parents[2]
 LEFT = Path(__file__).with_name("wholeness.toml")
 """What is still to be made whole; entries are only removed."""
@@ -137,7 +139,7 @@ def late(trees: dict[str, ast.Module]) -> dict[str, list[str]]:
 @lru_cache(maxsize=1)
 def sources() -> dict[str, ast.Module]:
     return {
-        str(path.relative_to(ROOT)): ast.parse(path.read_text("utf-8"))
+        str(path.relative_to(ROOT)): parsed(path)
         for folder in ("lib", "daemons", "cli")
         for path in sorted((ROOT / folder).rglob("*.py"))
     }

@@ -1,0 +1,28 @@
+"""The sources of the project, each parsed once for all tests of a process."""
+
+import ast
+import gc
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+ROOT: Final = Path(__file__).parents[2]
+
+
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Syntax tree of a file; shared, so not to be changed."""
+    text = path.read_text("utf-8")
+    collects = gc.isenabled()
+    gc.disable()  # every node lives on: collections between them only take time
+    try:
+        return ast.parse(text)
+    finally:
+        if collects:
+            gc.enable()
+
+
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of a file, as `ast.walk` gives them."""
+    return tuple(ast.walk(parsed(path)))
