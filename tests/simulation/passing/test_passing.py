@@ -2,6 +2,7 @@
 
 import pytest
 from tests.simulation.passing.passage import HAS_M, Passage, boulders, rubble
+from tests.simulation.seeds import cases
 
 
 @pytest.mark.parametrize(
@@ -16,7 +17,7 @@ def test_boulders_on_the_way_are_passed_without_falling_far_behind(seed: int, sp
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(8, 200))
+@pytest.mark.parametrize("seed", cases(range(8, 60), range(60, 200)))
 def test_so_are_many_others(seed: int) -> None:
     passage = Passage(boulders(seed), seed)
     passage.drive(20)
