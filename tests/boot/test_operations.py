@@ -204,7 +204,7 @@ def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
 
 
 def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(node: Machine) -> None:
-    day, devices = section(PAGE, "Daily operation")
+    day, devices, _realtime = section(PAGE, "Daily operation")
     lines = day.splitlines()
     stop = next(number for number, line in enumerate(lines) if line.startswith("systemctl stop"))
     node.must("\n".join(lines[: stop + 1]))
@@ -213,6 +213,23 @@ def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(node: Machine)
     node.must("\n".join(lines[stop + 1 :]))
     node.must(devices)
     assert set(states(node).values()) == {"active"}
+
+
+def test_services_get_the_scheduling_that_the_page_gives_them_or_say_why_not(node: Machine) -> None:
+    realtime = section(PAGE, "Daily operation")[2]
+    config, units = "/etc/swarm/node.toml", "/etc/systemd/system/swarmd@{hal,control}.service.d/realtime.conf"
+    node.must(f"cp --preserve=all {config} kept.toml")
+    try:
+        scheduled = node.must(realtime)
+        healed(node)
+        if "SCHED_FIFO" in scheduled:
+            assert "priority: 50" in scheduled
+        else:  # a container may be denied it by the kernel of this machine
+            healed(node, lambda: "hal/realtime" in node.run("swarmctl health faults").stdout)
+    finally:
+        node.must(f"bash -c 'rm -f {units}'; mv kept.toml {config}; systemctl daemon-reload")
+        node.must("systemctl restart swarmd@hal swarmd@control")
+    healed(node)
 
 
 def followed(machine: Machine, block: str) -> None:

@@ -137,7 +137,7 @@ def test_a_user_has_the_role_of_the_changed_file_without_a_new_connection(tmp_pa
     assert callers.caller(OTHER) == Caller("anna", Role.OBSERVER)
 
 
-def test_denied_users_are_counted_and_logged_once_a_second_with_their_number(
+async def test_denied_users_are_counted_and_logged_once_a_second_with_their_number(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     callers = Callers(AccessRules(tmp_path), "uav1", 4242)
@@ -157,3 +157,4 @@ def test_denied_users_are_counted_and_logged_once_a_second_with_their_number(
     assert len(lines) == 2
     assert "bob@uav1 (observer) may not call it" in lines[0]
     assert lines[1].endswith("(500 since the last message)")
+    callers.close()

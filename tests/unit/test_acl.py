@@ -104,7 +104,7 @@ def test_root_and_the_user_of_the_node_have_the_rights_of_the_platform(tmp_path:
     assert callers.caller(OTHER) == Caller("nobody", Role.OBSERVER)
 
 
-def test_with_an_invalid_file_other_users_observe(tmp_path: Path) -> None:
+async def test_with_an_invalid_file_other_users_observe(tmp_path: Path) -> None:
     callers = Callers(AccessRules(write(tmp_path, "[[operator")), "uav1", 4242)
     caller = callers.caller(OTHER)
     assert caller == Caller("nobody", Role.OBSERVER)

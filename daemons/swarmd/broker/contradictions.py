@@ -1,8 +1,7 @@
 """Reports of members that state in beacons what another member never sent: to the journal, and as the event
 `net/denials`."""
 
-import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Final
 
 from swarmd.broker.core.action import ReportImpersonation
@@ -10,7 +9,7 @@ from swarmd.broker.core.admission.access_filter import UNKNOWN
 from swarmd.broker.core.boards.claims import Contradiction
 from swarmd.broker.core.broker import BrokerCore
 from swarmware.model.names import join
-from swarmware.transport.security.denials import DenialReports
+from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import Denial
 
@@ -20,17 +19,14 @@ RELAY: Final = "relay"
 BEACON: Final = "beacon"
 """Verb of a denial: a member sealed a beacon in the name of another one."""
 
-log = logging.getLogger("swarm.broker")
-
 
 class ContradictionReports:
     """Names the relays of contradicted values, each with each board at a limited rate."""
 
-    def __init__(self, core: BrokerCore, keys: Keys, on_denial: Callable[[Denial], None]) -> None:
+    def __init__(self, core: BrokerCore, keys: Keys, denials: DenialReporter) -> None:
         self._core = core
         self._keys = keys
-        self._on_denial = on_denial
-        self._reports = DenialReports()
+        self._denials = denials
 
     def on_contradictions(self, found: Iterable[Contradiction], now_ns: int) -> None:
         """Reports the relays of these values."""
@@ -44,7 +40,7 @@ class ContradictionReports:
             source = "" if each.hops <= 2 else f", or of a node between it and {origin}"
             reason = f"a value of {path} that {origin} never sent: forged by {relay}{source}"
             name = UNKNOWN if role is None else role.name.lower()
-            self._report(Denial(relay, name, RELAY, path, 1, reason), now_ns)
+            self._denials.on_denial(Denial(relay, name, RELAY, path, 1, reason), now_ns)
 
     def on_impersonation(self, found: ReportImpersonation, now_ns: int) -> None:
         """Reports the addresses of a member that sealed a beacon in the name of another one."""
@@ -55,15 +51,9 @@ class ContradictionReports:
         reason = (
             f"a beacon in the name of {victim} that {victim} never sent: sealed by a member, from {hosts}"
         )
-        self._report(Denial(found.hosts[0], UNKNOWN, BEACON, "", 1, reason), now_ns)
+        self._denials.on_denial(Denial(found.hosts[0], UNKNOWN, BEACON, "", 1, reason), now_ns)
 
     def _place(self, host: str) -> str:
         """An address, with the platform where it has only one."""
         platforms = self._core.targets.platforms_at(host)
         return f"{host}, the address of {platforms.pop()}" if len(platforms) == 1 else host
-
-    def _report(self, denial: Denial, now_ns: int) -> None:
-        report = self._reports.report(denial, now_ns)
-        if report is not None:
-            log.warning("denied: %s", denial.reason)
-            self._on_denial(report)

@@ -1,7 +1,7 @@
 """Delivers authenticated frames of other platforms to applications here: in time, and with the right to."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -17,8 +17,8 @@ from swarmware.transport.delivery.answer import answerable, expired, lifetime_ns
 from swarmware.transport.delivery.outcome import ABSENT, Status
 from swarmware.transport.delivery.sender import sender_of
 from swarmware.transport.messaging.endpoint import MessageEndpoint
+from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import Denial
 
 if TYPE_CHECKING:
     from swarmd.broker.links.unit_delay import UnitDelay
@@ -40,7 +40,7 @@ class FrameDelivery:
         core: BrokerCore,
         accounts: FrameAccounts,
         access: Access,
-        on_denial: Callable[[Denial], None],
+        denials: DenialReporter,
         delay: "UnitDelay | None",
     ) -> None:
         """`delay`: of frames from other units of this platform; None: they have none."""
@@ -53,7 +53,7 @@ class FrameDelivery:
         self._access_filter = AccessFilter(
             core.identity.platform, None if keys.roster is None else keys.roster.roles(), access
         )
-        self._on_denial = on_denial
+        self._denials = denials
         self._delay = delay
 
     def set_roles(self, roles: Mapping[str, Role]) -> None:
@@ -137,10 +137,8 @@ class FrameDelivery:
         via: tuple[str, ...] = (),
     ) -> None:
         """Counts a refusal, and reports it at a limited rate."""
-        denial = self._access_filter.denied(platform, verb, path, reason, now_ns, caller, via)
-        if denial is not None:
-            log.warning("denied: %s", reason)
-            self._on_denial(denial)
+        denial = self._access_filter.denied(platform, verb, path, reason, caller, via)
+        self._denials.on_denial(denial, now_ns)
 
     def path_of(self, data_id: int) -> str | None:
         """Path that an application of this node serves; None: no application serves it."""

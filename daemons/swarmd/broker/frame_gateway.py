@@ -29,9 +29,10 @@ from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.messaging.endpoint import MessageEndpoint
+from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.roster import RosterChange
-from swarmware.types.net import Denial, LinkTransport
+from swarmware.types.net import LinkTransport
 
 if TYPE_CHECKING:
     from swarmd.broker.links.unit_delay import UnitDelay
@@ -58,7 +59,7 @@ class FrameGateway:
         table: AppTable,
         core: BrokerCore,
         ways: NeighbourMedia | None,
-        on_denial: Callable[[Denial], None],
+        denials: DenialReporter,
         on_roster_actions: Callable[[list[RosterAction]], None],
         access: Access,
     ) -> None:
@@ -77,7 +78,7 @@ class FrameGateway:
             core,
             self._accounts,
             access,
-            on_denial,
+            denials,
             _unit_delay(config),
         )
         self._forwarder = core.forwarder

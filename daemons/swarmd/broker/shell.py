@@ -48,6 +48,7 @@ from swarmware.model.acl import FILE as ACL_FILE
 from swarmware.model.names import Address
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.service.service import Service
+from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import (
     Denial,
@@ -102,11 +103,13 @@ class BrokerShell:
         self._core = core
         self._plan_at = -1
         self._refusals = RefusalLog()
-        self._contradictions = ContradictionReports(core, keys, self._on_denial)
+        self._denials = DenialReporter(self._on_denial)
+        self._contradictions = ContradictionReports(core, keys, self._denials)
         self._seeds = bool(config.seeds)
         self._driver = service.drive(core, self._perform)
         feed = self._driver.feed
         with contextlib.ExitStack() as stack:
+            stack.callback(self._denials.close)
             self._media = Media(
                 config,
                 asyncio.get_running_loop(),
@@ -128,7 +131,7 @@ class BrokerShell:
                 node.table,
                 core,
                 None if core.media is None else MediaLinks(self._media, core.media, module.clock),
-                self._on_denial,
+                self._denials,
                 lambda found: feed(core.on_roster_actions(found, module.clock.now_ns())),
                 node.access_rules.access,
             )
@@ -296,6 +299,7 @@ class BrokerShell:
             self._health.report(f"medium_{medium}", description=OPEN_LINE)
 
     def _on_denial(self, denial: Denial) -> None:
+        log.warning("denied: %s", denial.reason)
         self._boards.denials.write(denial)
 
     def _report_access_rules(self) -> None:

@@ -7,7 +7,7 @@ from swarmd.tree.change_log import ChangeLog
 from swarmware.model import names
 from swarmware.model.access import Sender, Verb
 from swarmware.module.module import DENIED, Module
-from swarmware.transport.security.denials import DenialReports
+from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.types.net import Denial
 from swarmware.types.tree import TreeChange
 
@@ -23,7 +23,7 @@ class DenialLog:
     def __init__(self, module: Module, changes: ChangeLog) -> None:
         self._module = module
         self._changes = changes
-        self._reports = DenialReports()
+        self._reporter = DenialReporter(self._report)
         self._events = module.stream_writer(
             "tree/denials", Denial, kind="event", log="all", description="Changes denied by access control"
         )
@@ -38,10 +38,15 @@ class DenialLog:
         denial = Denial(
             sender.platform, sender.role.name.lower(), str(verb), path, 1, reason, sender.caller, sender.via
         )
-        report = self._reports.report(denial, self._module.now_ns())
-        if report is not None:
-            log.warning("denied: %s", reason)
-            self._events.write(report)
+        self._reporter.on_denial(denial, self._module.now_ns())
+
+    def _report(self, report: Denial) -> None:
+        log.warning("denied: %s", report.reason)
+        self._events.write(report)
+
+    def close(self) -> None:
+        """Report nothing more."""
+        self._reporter.close()
 
     async def follow_broker(self) -> None:
         """Record the requests that the broker denied, until cancelled."""

@@ -164,6 +164,7 @@ class Tree(Service):
         self._driver.stop()
         for tap in self._taps.values():
             tap.close()
+        self._denials.close()
         self._settings.close()
         self._mirrors.close()
         self._peek.close()

@@ -303,6 +303,7 @@ class Node(Immediate):
         self._tending.cancel()
         self._loop.remove_reader(self.doorbell.fd)
         self.messaging.close()
+        self.callers.close()
         self._apps_watchers.close()
         self._mirror_watchers.close()
         self.doorbell.close()

@@ -26,7 +26,36 @@ def test_a_thousand_invented_names_make_few_reports_and_little_memory() -> None:
     one = DenialReports()
     found = [one.report(denial(f"10.0.{number}"), number) for number in range(1000)]
     assert sum(report is not None for report in found) == NEW_BURST
-    assert len(one._reported) <= REFUSALS_MAX
+    assert len(one._kinds) <= REFUSALS_MAX
     late = one.report(denial("10.0.999"), REPORT_NS)
     assert late is not None
     assert late.count == 2, "the one that was not reported counts"
+
+
+def test_what_was_counted_after_a_report_is_due_a_second_later_with_the_newest_reason() -> None:
+    one = DenialReports()
+    assert one.deadline_ns() is None
+    assert one.report(denial(), 0) is not None
+    assert one.deadline_ns() is None
+    for step in range(1, 500):
+        assert one.report(denial(), step) is None
+    assert one.deadline_ns() == REPORT_NS
+    assert one.due(REPORT_NS - 1) == []
+    assert [report.count for report in one.due(REPORT_NS)] == [499]
+    assert one.due(9 * REPORT_NS) == []
+    assert one.deadline_ns() is None
+
+
+def test_of_a_thousand_invented_names_some_are_reported_in_each_period() -> None:
+    one = DenialReports()
+    for number in range(1000):
+        one.report(denial(f"10.0.{number}"), number)
+    now_ns, found = 0, 0
+    while (deadline_ns := one.deadline_ns()) is not None:
+        assert deadline_ns >= now_ns
+        now_ns = deadline_ns
+        reports = one.due(now_ns)
+        assert len(reports) <= NEW_BURST
+        found += len(reports)
+    assert found == REFUSALS_MAX
+    assert now_ns < 20 * REPORT_NS

@@ -14,7 +14,7 @@ from swarmware.model.acl import OperatorEntry
 from swarmware.transport.delivery.sender import Caller
 
 if TYPE_CHECKING:
-    from swarmware.transport.security.denials import DenialReports
+    from swarmware.transport.security.denial_reporter import DenialReporter
     from swarmware.types.net import Denial
 
 NAME_LIMIT: Final = 31
@@ -35,7 +35,7 @@ class Callers:
         self._platform = platform
         self._trusted = frozenset({0, node_uid, os.geteuid()})
         self._known: dict[int, Caller] = {}
-        self._reports: DenialReports | None = None
+        self._reporter: DenialReporter | None = None
         self._listeners: dict[Callable[[Denial], None], None] = {}
         self.denied = 0
         """Number of denied messages and requests of users of this computer."""
@@ -74,19 +74,25 @@ class Callers:
         self._listeners.pop(listener, None)
 
     def _report(self, caller: Caller, path: str, reason: str, now_ns: int) -> None:
-        from swarmware.transport.security.denials import DenialReports  # only a process that denies needs it
+        # only a process that denies needs it
+        from swarmware.transport.security.denial_reporter import DenialReporter
         from swarmware.types.net import Denial
 
-        if self._reports is None:
-            self._reports = DenialReports()
+        if self._reporter is None:
+            self._reporter = DenialReporter(self._on_report)
         role = caller.role.name.lower()
         denial = Denial(self._platform, role, str(Verb.CALL), path, 1, reason, caller.name)
-        report = self._reports.report(denial, now_ns)
-        if report is None:
-            return
-        log.warning("denied: %s (%d since the last message)", reason, report.count)
+        self._reporter.on_denial(denial, now_ns)
+
+    def _on_report(self, report: "Denial") -> None:
+        log.warning("denied: %s (%d since the last message)", report.reason, report.count)
         if self._listeners:
             next(iter(self._listeners))(report)
+
+    def close(self) -> None:
+        """Report nothing more."""
+        if self._reporter is not None:
+            self._reporter.close()
 
     def sender(self, caller: Caller) -> Sender:
         """The caller as the sender of a frame."""

@@ -13,30 +13,61 @@ REFUSALS_MAX: Final = 256
 NEW_BURST: Final = 32
 """Kinds that are reported in one period for the first time; further ones wait for the next period."""
 
+_Kind = tuple[str, str, str, str]
+
+
+class _Waiting(msgspec.Struct, gc=False):
+    """What is known of one kind of refusal."""
+
+    denial: Denial
+    """The newest one."""
+    reported_ns: int
+    """Instant from which the period until the next report counts."""
+    count: int
+    """Number since the last report."""
+
 
 class DenialReports:
     """Decides which denials are reported."""
 
     def __init__(self) -> None:
-        self._reported: dict[tuple[str, str, str, str], tuple[int, int]] = {}
+        self._kinds: dict[_Kind, _Waiting] = {}
         self._burst_ns = -REPORT_NS
         self._burst = 0
 
     def report(self, denial: Denial, now_ns: int) -> Denial | None:
         """The report that is due now, with the number of such denials since the last one; None: later."""
         key = denial.platform, denial.caller, denial.verb, denial.path
-        is_new = key not in self._reported
-        reported_ns, count = self._reported.pop(key, (now_ns - REPORT_NS, 0))
-        if len(self._reported) >= REFUSALS_MAX:
-            del self._reported[next(iter(self._reported))]
-        if now_ns - reported_ns < REPORT_NS or (is_new and not self._may_begin(now_ns)):
-            self._reported[key] = reported_ns, count + denial.count
-            return None
-        self._reported[key] = now_ns, 0
-        return msgspec.structs.replace(denial, count=count + denial.count)
+        known = self._kinds.pop(key, None)
+        if len(self._kinds) >= REFUSALS_MAX:
+            del self._kinds[next(iter(self._kinds))]
+        if known is None:
+            may_begin = self._may_begin(now_ns)
+            known = _Waiting(denial, now_ns - REPORT_NS if may_begin else self._burst_ns, 0)
+        self._kinds[key] = known
+        known.denial = denial
+        known.count += denial.count
+        return _reported(known, now_ns) if now_ns - known.reported_ns >= REPORT_NS else None
+
+    def deadline_ns(self) -> int | None:
+        """Instant at which `due` has a report; None: every denial was reported."""
+        waiting = [one.reported_ns for one in self._kinds.values() if one.count]
+        return min(waiting) + REPORT_NS if waiting else None
+
+    def due(self, now_ns: int) -> list[Denial]:
+        """The reports of what was counted after the last one, when nothing more came; some at a time."""
+        late = [one for one in self._kinds.values() if one.count and now_ns - one.reported_ns >= REPORT_NS]
+        for one in late[NEW_BURST:]:
+            one.reported_ns = now_ns
+        return [_reported(one, now_ns) for one in late[:NEW_BURST]]
 
     def _may_begin(self, now_ns: int) -> bool:
         if now_ns - self._burst_ns >= REPORT_NS:
             self._burst_ns, self._burst = now_ns, 0
         self._burst += 1
         return self._burst <= NEW_BURST
+
+
+def _reported(kind: _Waiting, now_ns: int) -> Denial:
+    count, kind.count, kind.reported_ns = kind.count, 0, now_ns
+    return msgspec.structs.replace(kind.denial, count=count)

@@ -7,7 +7,6 @@ from swarmware.model.access import Access, Role, Sender, Verb
 from swarmware.model.frame import Frame
 from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.sender import caller_of, with_sender
-from swarmware.transport.security.denials import DenialReports
 from swarmware.types.net import Denial
 
 UNKNOWN: Final = "unknown"
@@ -25,7 +24,6 @@ class AccessFilter:
         self._open = roles is None
         self._roles = roles or {}
         self._senders: dict[str, Sender] = {}
-        self._reports = DenialReports()
 
     def set_roles(self, roles: Mapping[str, Role]) -> None:
         """Takes the roles of another roster."""
@@ -77,11 +75,10 @@ class AccessFilter:
         verb: str,
         path: str,
         reason: str,
-        now_ns: int,
         caller: str = "",
         via: tuple[str, ...] = (),
-    ) -> Denial | None:
-        """Records a refusal; returns the report that is due, if any."""
+    ) -> Denial:
+        """A refusal of a platform, with its role."""
         role = self._roles.get(platform)
         name = UNKNOWN if role is None else role.name.lower()
-        return self._reports.report(Denial(platform, name, str(verb), path, 1, reason, caller, via), now_ns)
+        return Denial(platform, name, str(verb), path, 1, reason, caller, via)
