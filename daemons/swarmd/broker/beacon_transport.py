@@ -217,7 +217,7 @@ class BeaconTransport:
                 is_late = opened is Refusal.EPOCH and self._take_late(header, data, start, address)
                 if opened is not Refusal.REPLAYED and not is_late:
                     self._limiter.bad(address)
-                self._refused(sender_hw, opened, medium.counted_bytes(len(data)), medium)
+                self._refused(header, opened, medium.counted_bytes(len(data)), medium, address, now_ns)
                 return
             beacon = codec.decode(opened.body)
         except WireError as error:
@@ -368,8 +368,16 @@ class BeaconTransport:
             self._feed(self._core.on_impersonation(address[0], self._clock.from_mono_ns(rx_mono_ns)))
         return True
 
-    def _refused(self, sender_hw: int, refusal: Refusal, size: int, medium: MediumProfile) -> None:
-        refused = self._counters.refused
+    def _refused(
+        self,
+        header: Header,
+        refusal: Refusal,
+        size: int,
+        medium: MediumProfile,
+        address: Address,
+        now_ns: int,
+    ) -> None:
+        refused, sender_hw = self._counters.refused, header.sender_hw
         known = self._core.has_link(sender_hw)
         link = self._counters.datagram_received(
             size, self._core.nodes.platform(sender_hw) if known else UNACCEPTED, medium.transport
@@ -377,6 +385,8 @@ class BeaconTransport:
         if refusal is Refusal.REPLAYED:
             refused.replayed += 1
             link.duplicates += 1
+        elif self._core.other_swarms.on_unopened(header.session, address, now_ns):
+            refused.other_swarm += 1
         elif refusal is Refusal.FORGED:
             refused.forged += 1
         elif refusal is Refusal.UNKNOWN:

@@ -9,6 +9,7 @@ from swarmd.broker.core.beacon.declared_period import CEILINGS_NS
 from swarmd.broker.core.topology.neighbour import notice_ns
 from swarmware.errors import Denied
 from swarmware.runtime.filewriter import replace_file
+from swarmware.transport.security.seal import SESSION_MARK
 
 SESSION: Final = "broker.session"
 PERIOD: Final = "broker.period"
@@ -52,16 +53,18 @@ class FormerSession:
         )
         return CEILINGS_NS[-1]
 
-    def next_session(self, wanted: int) -> int:
+    def next_session(self, wanted: int, mark: int = 0) -> int:
         """The session number of this start, greater than all earlier ones, also when the wall clock was set
         back: neighbours refuse old sessions, and a repeated one would repeat nonces. `wanted`: a wall-clock
-        stamp.
+        stamp; `mark`: of the swarm, the lowest bits of the session.
 
         Raises: Denied when it cannot be stored.
         """
         try:
             before = int.from_bytes(self._session.read_bytes()[:8], "little") if self._session.exists() else 0
-            session = max(wanted, before + 1)
+            session = max(wanted, before + 1) & ~SESSION_MARK | mark
+            if session <= before:
+                session += SESSION_MARK + 1
             self._session.parent.mkdir(parents=True, exist_ok=True)
             replace_file(self._session, session.to_bytes(8, "little"), mode=0o600)
         except OSError as error:

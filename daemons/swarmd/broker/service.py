@@ -59,7 +59,7 @@ class Broker(Service):
 
     def _core(self, config: settings.Config, keys: Keys, former_session: FormerSession) -> BrokerCore:
         node, now_ns = self.module.node, self.module.clock.now_ns()
-        session = former_session.next_session(utc_ns())
+        session = former_session.next_session(utc_ns(), keys.swarm_mark)
         quiet_ns = former_session.quiet_ns(round(config.link_timeout_s * 1e9))
         core = BrokerCore(
             NodeIdentity(

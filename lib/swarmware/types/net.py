@@ -226,7 +226,7 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Counters of refused input from outside since the start."""
 
     forged: int = 0
-    """Datagrams without a valid seal of this swarm."""
+    """Datagrams without a valid seal of this swarm, which name no other one."""
     replayed: int = 0
     """Datagrams received before, and forwarded frames that were made too long ago."""
     old_session: int = 0
@@ -279,6 +279,8 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Frames of serial lines that were damaged: noise, or another rate; the log has the reasons."""
     scrapes: int = 0
     """Requests for the metrics page that were malformed, too long, too many, or without the token."""
+    other_swarm: int = 0
+    """Datagrams of another swarm on the same network, as their sessions state."""
 
 
 CERTAINLY_HOSTILE: Final = (
@@ -299,6 +301,7 @@ HOSTILE: Final = (
     "expired",
     "flooded",
     "rosters",
+    "other_swarm",
 )
 """Counters of `Refused` to watch; the uncertain ones count effects of poor links and restarts, too."""
 
@@ -361,6 +364,18 @@ class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class OtherSwarm(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Another swarm on the same network, received in the last minute."""
+
+    root: str
+    """The first four digits of the fingerprint of its root; empty: nodes without keys."""
+    datagrams: int
+    """Number since it was received first."""
+    addresses: tuple[str, ...]
+    """Some of the addresses that they came from."""
+
+
+@register
 class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Everything this node's broker sent and received since its start (board `net/traffic`).
 
@@ -397,6 +412,8 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Beacons that were delayed because the processor was overloaded."""
     slowdown: float = 1.0
     """Factor by which beacons are sent less often because the processor is overloaded; 1: it keeps up."""
+    other_swarms: tuple[OtherSwarm, ...] = ()
+    """Other swarms that this node receives."""
 
 
 @register

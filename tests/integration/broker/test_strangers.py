@@ -10,6 +10,7 @@ import pytest
 import zmq
 from tests.integration.broker.swarm import Station, free_port, on_uvloop, swarm
 
+from swarmctl.commands.doctor.checks import foreign
 from swarmd.broker.config import Config
 from swarmd.broker.links.tcp_count import HALF_OPEN_MAX
 from swarmware.errors import Denied
@@ -18,7 +19,7 @@ from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.security.keys import Keys
-from swarmware.transport.security.root import make_swarm
+from swarmware.transport.security.root import fingerprint, make_swarm
 from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
 from swarmware.transport.sodium import SigningKey, seal_box
 from swarmware.types.net import LinkStatus, Neighbours
@@ -26,15 +27,24 @@ from swarmware.types.scalar import Text
 
 
 @on_uvloop
-async def test_a_stranger_with_another_group_key_is_dropped_and_counted(tmp_path: Path) -> None:
+async def test_another_swarm_is_dropped_and_named_by_doctor_and_no_forger(tmp_path: Path) -> None:
     port = free_port()
     async with (
         swarm(tmp_path / "a", "uav1", "uav2", udp_port=port) as ours,
         swarm(tmp_path / "b", "uav3", udp_port=port) as theirs,
     ):
         await ours["uav1"].until_up("uav2")
-        traffic = await ours["uav1"].until_counted(lambda traffic: traffic.refused.forged > 0)
+        traffic = await ours["uav1"].until_counted(lambda traffic: traffic.refused.other_swarm > 5)
+        assert traffic.refused.forged == 0
         assert set(ours["uav1"].states()) == {"uav2"}
+        root = fingerprint((tmp_path / "b" / "keys" / "uav3" / "root.pub").read_bytes())
+        assert traffic.other_swarms[0].root == root[:4]
+        assert traffic.other_swarms[0].addresses == ("127.0.0.1",)
+        shm = ours["uav1"].node.config.shm_path
+        (found,) = await asyncio.to_thread(lambda: list(foreign(shm)))
+        assert found.verdict == "warning"
+        assert found.text.startswith(f"another swarm, root {root[:4]}…, on this network: ")
+        assert "multicast_group" in found.advice
         assert theirs["uav3"].states() == {}
         assert {link.platform for link in traffic.links} == {"*", "uav2", "?"}
 

@@ -39,9 +39,9 @@ async def check(made: Swarm, own: set[int]) -> None:
             assert await heard(module) < own
             traffic = module.reader("net/traffic", Traffic)
             now = await until(
-                traffic, lambda now: now.refused.forged > 0, "without the other swarm's datagrams"
+                traffic, lambda now: now.refused.other_swarm > 0, "without the other swarm's datagrams"
             )
-            print(f"{made.record.folder} {module.platform}: {now.refused.forged} datagrams of strangers")
+            print(f"{made.record.folder} {module.platform}: {now.refused.other_swarm} datagrams of strangers")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from swarmd.broker.core.beacon.declared_period import CEILINGS_NS, LOWER_NS, Dec
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, NeighbourTable, notice_ns
 from swarmd.broker.former_session import PERIOD, SESSION, FormerSession
+from swarmware.transport.security.seal import SESSION_MARK
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS
@@ -83,12 +84,21 @@ def test_the_period_of_a_former_session_holds_until_all_have_a_newer_one() -> No
 def test_what_is_kept_is_there_at_the_next_start(tmp_path: Path) -> None:
     first = FormerSession(tmp_path)
     assert first.declared_period_ns == 0, "nobody can know a former session"
-    assert first.next_session(100) == 100
+    assert first.next_session(100) == 1 << 16
     first.keep(2000 * MS)
     second = FormerSession(tmp_path)
     assert second.declared_period_ns == 2000 * MS
-    assert second.next_session(50) == 101
+    assert second.next_session(50) == 2 << 16
     assert sorted(path.name for path in tmp_path.iterdir()) == [PERIOD, SESSION]
+
+
+def test_a_session_has_the_mark_of_its_swarm_and_rises_with_each_start(tmp_path: Path) -> None:
+    wall_ns = 1_790_000_000_123_456_789
+    sessions = [FormerSession(tmp_path).next_session(wall_ns, mark) for mark in (0xAB12, 0xAB12, 5, 0xFFFF)]
+    assert [session & SESSION_MARK for session in sessions] == [0xAB12, 0xAB12, 5, 0xFFFF]
+    assert sorted(set(sessions)) == sessions
+    assert abs(sessions[0] - wall_ns) <= SESSION_MARK
+    assert sessions[-1] < wall_ns + 4 * (SESSION_MARK + 1)
 
 
 def test_a_node_whose_data_was_lost_waits_as_one_that_was_idle(tmp_path: Path) -> None:

@@ -135,3 +135,16 @@ async def test_the_status_names_who_ordered_the_mission() -> None:
     await print_status(session)
     assert "uav1: ordered by ann@gcs" in session.stderr.getvalue()
     assert "formation" in session.stdout.getvalue()
+
+
+async def test_who_watches_a_mission_sees_who_ordered_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def follow(*_: object) -> None:
+        """It has ended."""
+
+    playing = msgspec.structs.replace(state(), epoch=7)
+    monkeypatch.setattr(members, "mission_states", lambda session: {"uav1": playing})
+    monkeypatch.setattr(members, "follow", follow)
+    found = MissionStatus("uav1", playing, "leader", 0, ordered_by="ann@gcs")
+    session = ScriptedSession({"sys/mission/status": found}, node="uav1")
+    await members.watch(session, ())
+    assert session.stderr.getvalue() == "formation: ordered by ann@gcs\n"

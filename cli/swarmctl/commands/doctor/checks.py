@@ -297,12 +297,17 @@ def foreign(shm_dir: Path) -> Iterator[CheckResult]:
     refused = traffic.refused
     if refused.forged:
         text = (
-            f"{refused.forged} datagrams that no member has sealed: of another swarm, forged, or of a member"
-            f" that missed more than {FORMER_MAX} changes of the group key"
+            f"{refused.forged} datagrams that no member has sealed, and that name no other swarm: forged, or"
+            f" of a member that missed more than {FORMER_MAX} changes of the group key"
         )
+        yield CheckResult("keys", "warning", text, f"block outsiders by a firewall; {MISSED}")
+    for other in traffic.other_swarms:
+        what = f"another swarm, root {other.root}…" if other.root else "nodes without keys"
+        text = f"{what}, on this network: {other.datagrams} datagrams from {', '.join(other.addresses)}"
         advice = (
-            "compare `root` and the roster of `swarmctl keys show` on the nodes that do not see each other;"
-            f" {MISSED}"
+            "where a node there belongs to this swarm, compare `root` of `swarmctl keys show`, then `swarmctl"
+            " keys invite` here and `swarmctl keys join --replace` there; otherwise give one swarm another"
+            " udp_port or multicast_group in broker.toml"
         )
         yield CheckResult("keys", "warning", text, advice)
     if refused.other_epoch:

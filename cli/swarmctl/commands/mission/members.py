@@ -39,6 +39,8 @@ class ActiveMission(msgspec.Struct, frozen=True):
     """Kinds of the members, as far as known."""
     plays: bool
     """Whether it has not ended at every member."""
+    ordered_by: str = ""
+    """Who ordered it, `user@platform`, as its members say; empty: none of them answered."""
 
 
 class MemberState(msgspec.Struct, frozen=True):
@@ -78,7 +80,8 @@ def _ensemble(epoch: int, states: dict[str, MissionState], answers: list[Mission
     members = tuple(sorted(kinds, key=names.natural))
     plays = any(state.state not in INACTIVE for state in inside.values())
     mission = next((state.mission for state in inside.values() if state.mission), "mission")
-    return ActiveMission(mission, epoch, members, kinds, plays)
+    ordered_by = next((answer.ordered_by for answer in answers if answer.ordered_by), "")
+    return ActiveMission(mission, epoch, members, kinds, plays, ordered_by)
 
 
 class _MotionBoards:
@@ -184,4 +187,6 @@ async def watch(session: Session, platforms: tuple[str, ...]) -> None:
     node = session.settings.node
     words = joined(platforms) or (node if is_selection(node) else EVERY)
     members = NodeSelection(words).choose(found.members, f"the run of {found.mission}")
+    if found.ordered_by:
+        session.out.say(f"{found.mission}: ordered by {found.ordered_by}")
     await follow(session, found.epoch, tuple(members))

@@ -70,7 +70,7 @@ async def print_log(
         )
         for one in changes
     ]
-    session.out.table(columns, rows, empty=f"{found.platform}: no such change was asked for")
+    session.out.table(columns, rows, empty=f"{found.platform}: no recorded change matches")
     if found.more:
         session.out.say(f"{found.more} older changes; --count shows more")
 

@@ -27,6 +27,7 @@ from swarmd.broker.core.action import (
     WriteStructure,
 )
 from swarmd.broker.core.admission.origins import RATE_DIVISOR
+from swarmd.broker.core.admission.other_swarms import OtherSwarms
 from swarmd.broker.core.admission.own_signatures import OwnSignatures
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
@@ -125,8 +126,15 @@ class BrokerCore:
         self.targets = LinkTargets(
             topology.neighbours, protocol.nodes, None if self.media is None else self.media.host
         )
+        self.other_swarms = OtherSwarms(session)
         self.report = NetReport(
-            protocol, topology, self.counters, self.targets.by_unicast, now_ns, self.media
+            protocol,
+            topology,
+            self.counters,
+            self.targets.by_unicast,
+            self.other_swarms,
+            now_ns,
+            self.media,
         )
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)

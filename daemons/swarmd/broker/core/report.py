@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Final
 
+from swarmd.broker.core.admission.other_swarms import OtherSwarms
 from swarmd.broker.core.beacon.beacon import INFINITY, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.media.medium_link import MediumLink
@@ -62,6 +63,7 @@ class NetReport:
         topology: Topology,
         counters: Counters,
         by_unicast: set[int],
+        other_swarms: OtherSwarms,
         since_ns: int,
         media: MediumTable | None = None,
     ) -> None:
@@ -76,6 +78,7 @@ class NetReport:
         self._routing = topology.routing
         self._counters = counters
         self._by_unicast = by_unicast
+        self._other_swarms = other_swarms
         self._since_ns = since_ns
 
     def neighbours(self, connection_of: Callable[[int], ConnectionStatus], now_ns: int) -> Neighbours:
@@ -217,6 +220,7 @@ class NetReport:
             failed_ticks=counters.failed_ticks,
             slowed_ticks=self._slowdown.delayed_beacons,
             slowdown=round(self._slowdown.factor, 2),
+            other_swarms=self._other_swarms.table(now_ns),
         )
 
 

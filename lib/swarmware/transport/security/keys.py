@@ -13,6 +13,7 @@ from swarmware.errors import ConfigError, Denied
 from swarmware.model import document
 from swarmware.model.digest import blake2b
 from swarmware.runtime.filewriter import replace_file
+from swarmware.transport.enrolment.proof import root_digest
 from swarmware.transport.security.roster import (
     Roster,
     RosterChange,
@@ -105,6 +106,11 @@ class Keys:
     def is_open(self) -> bool:
         """Whether no keys were made for this node."""
         return self.roster is None
+
+    @property
+    def swarm_mark(self) -> int:
+        """The first two bytes of the fingerprint of the root, which sessions show; 0 without keys."""
+        return int.from_bytes(root_digest(self.root_public)[:2]) if self.root_public else 0
 
     @property
     def is_revoked(self) -> bool:
