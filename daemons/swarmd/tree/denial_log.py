@@ -45,7 +45,7 @@ class DenialLog:
         self._events.write(report)
 
     def close(self) -> None:
-        """Report nothing more."""
+        """End the reports of denials."""
         self._reporter.close()
 
     async def follow_broker(self) -> None:

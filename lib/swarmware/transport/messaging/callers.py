@@ -90,7 +90,7 @@ class Callers:
             next(iter(self._listeners))(report)
 
     def close(self) -> None:
-        """Report nothing more."""
+        """End the reports of denials."""
         if self._reporter is not None:
             self._reporter.close()
 

@@ -35,7 +35,7 @@ class DenialReporter:
         self._wait(deadline_ns)
 
     def close(self) -> None:
-        """Reports nothing more."""
+        """Ends the reports of denials."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

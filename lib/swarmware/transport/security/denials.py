@@ -16,7 +16,7 @@ NEW_BURST: Final = 32
 _Kind = tuple[str, str, str, str]
 
 
-class _Waiting(msgspec.Struct, gc=False):
+class _Refusal(msgspec.Struct, gc=False):
     """What is known of one kind of refusal."""
 
     denial: Denial
@@ -31,7 +31,7 @@ class DenialReports:
     """Decides which denials are reported."""
 
     def __init__(self) -> None:
-        self._kinds: dict[_Kind, _Waiting] = {}
+        self._kinds: dict[_Kind, _Refusal] = {}
         self._burst_ns = -REPORT_NS
         self._burst = 0
 
@@ -43,7 +43,7 @@ class DenialReports:
             del self._kinds[next(iter(self._kinds))]
         if known is None:
             may_begin = self._may_begin(now_ns)
-            known = _Waiting(denial, now_ns - REPORT_NS if may_begin else self._burst_ns, 0)
+            known = _Refusal(denial, now_ns - REPORT_NS if may_begin else self._burst_ns, 0)
         self._kinds[key] = known
         known.denial = denial
         known.count += denial.count
@@ -68,6 +68,6 @@ class DenialReports:
         return self._burst <= NEW_BURST
 
 
-def _reported(kind: _Waiting, now_ns: int) -> Denial:
+def _reported(kind: _Refusal, now_ns: int) -> Denial:
     count, kind.count, kind.reported_ns = kind.count, 0, now_ns
     return msgspec.structs.replace(kind.denial, count=count)
