@@ -4,13 +4,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.admission.access_filter import AccessFilter
+from swarmd.broker.core.admission.access_filter import UNKNOWN, AccessFilter
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.sender import Caller, arrival_ns, sender_of, with_caller, with_sender
-from swarmware.transport.security.denials import REPORT_NS
 from swarmware.transport.security.roster import Roster, RosterMember
 
 GCS = Sender("gcs", Role.OPERATOR)
@@ -167,15 +166,12 @@ def test_a_denial_names_the_user_with_its_role() -> None:
         gate().check(frame, "gcs", "cmd/goto")
 
 
-def test_the_same_refusal_is_reported_once_a_second_with_its_number() -> None:
+def test_a_refusal_has_the_role_of_its_sender_on_the_roster() -> None:
     one = gate()
-    reports = [one.denied("uav2", Verb.CALL, "cmd/goto", "no", step * REPORT_NS // 4) for step in range(9)]
-    assert [None if report is None else report.count for report in reports] == [
-        1, None, None, None, 4, None, None, None, 4,
-    ]  # fmt: skip
-    other = one.denied("uav2", Verb.CALL, "cmd/abort", "no", 0)
-    assert other is not None
-    assert (other.platform, other.role, other.path) == ("uav2", "node", "cmd/abort")
+    known = one.denied("uav2", Verb.CALL, "cmd/abort", "no", "anna", ("uav3",))
+    assert (known.platform, known.role, known.path) == ("uav2", "node", "cmd/abort")
+    assert (known.caller, known.via, known.count) == ("anna", ("uav3",), 1)
+    assert one.denied("10.0.0.9", "connect", "", "no").role == UNKNOWN
 
 
 def test_another_roster_changes_the_role_of_a_sender_that_is_known_already() -> None:
