@@ -19,6 +19,8 @@ from swarmd.broker.core.admission.origins import (
 )
 from swarmd.broker.core.forwarding.end_to_end import EndToEnd, Incoming
 from swarmd.broker.core.forwarding.frame_datagram import FRAME_MAX, pack
+from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.outgoing import OutgoingMessages
 from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.delivery.answer import answer, with_lifetime
@@ -240,6 +242,20 @@ def test_a_signed_frame_that_is_too_long_for_a_datagram_is_not_changed_on_the_wa
     signed = gcs.end.signed(frame, UAV2)
     signed.flags = Flag.URGENT
     assert pack(signed) is None
+
+
+def test_an_answer_and_a_question_at_once_are_two_frames_for_the_links_on_the_way(
+    gcs: Member, uav1: Member
+) -> None:
+    frame = gcs.message(UAV1, SECOND)
+    [question] = uav1.take(frame, SECOND).outgoing
+    sent = gcs.take(uav1.end.signed(question, UAV2), SECOND).outgoing
+    assert len(sent) == 2, "it answers, and asks for itself"
+    queue = OutgoingMessages()
+    for own in sent:
+        signed = gcs.end.signed(own, UAV2)
+        queue.put(QueuedFrame(encode(signed), signed, SECOND))
+    assert queue.waiting == 2, "a copy of a frame that is in flight is dropped"
 
 
 def test_questions_are_few_and_waiting_frames_are_bounded() -> None:

@@ -45,7 +45,7 @@ from swarmd.broker.core.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESH
 from swarmd.broker.core.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
 from swarmd.broker.core.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
-from swarmd.broker.core.reliable.reliable_link import BLOCKED
+from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER
 from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS, CLEAN, CLEAN_NS, LOSSY
 from swarmd.broker.core.topology.link_cost import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
 from swarmd.broker.core.topology.neighbour import (
@@ -253,7 +253,7 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"with content {PACKET},",
         f"smoothed loss of {LOSSY:.0%}".replace("%", " %"),
         f"below {CLEAN:.0%}".replace("%", " %") + f" for {CLEAN_NS // SECOND} s",
-        f"acknowledge {BLOCKED} probes in a row",
+        f"acknowledge {BLOCKED} probes in a row, {BLOCKED_LATER} where it has",
         f"A packet has at most {PACKET_MAX // 1000} {PACKET_MAX % 1000} bytes",
         f"up to {SPAN_MAX // 1000} {SPAN_MAX % 1000:03}",
         f"at most {RANGES_MAX} ranges",

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from swarmd.broker.config import Config
+from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.media.medium_table import Use
@@ -35,10 +36,6 @@ from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import ConnectionStatus, LinkTraffic, LinkTransport
-
-BY_CONNECTION: Final = frozenset({FrameKind.HELLO, FrameKind.ROSTER})
-"""Frames that prove something by the connection that they come over."""
-
 
 log = logging.getLogger("swarm.broker")
 
@@ -175,9 +172,7 @@ class FrameLinks:
     def _by_datagram(self, peer: LinkPeer, frame: Frame) -> bool:
         if not peer.host:
             return True  # no medium to it has connections
-        return (
-            bool(peer.frame_port) and frame.kind not in BY_CONNECTION and self._core.uses_datagrams(peer.hw)
-        )
+        return bool(peer.frame_port) and self._core.uses_datagrams(peer.hw) and not _needs_connection(frame)
 
     def _send_datagrams(self, peer: LinkPeer, queued: QueuedFrame) -> None:
         now_ns = self._clock.now_ns()
@@ -282,6 +277,13 @@ class FrameLinks:
         self._driver.stop()
         self._datagrams.close()
         self._connections.close()
+
+
+def _needs_connection(frame: Frame) -> bool:
+    """Whether a frame proves something by the connection that it comes over; a check of an origin is signed."""
+    if frame.kind is FrameKind.HELLO:
+        return not is_check(frame.payload)
+    return frame.kind is FrameKind.ROSTER
 
 
 def _add_waiting(row: LinkTraffic, frames: int, size: int) -> None:

@@ -58,6 +58,13 @@ class _Pending(msgspec.Struct):
     soft_refusal: Outcome | None = None
     """Newest temporary refusal: the outcome if no other follows before the time-out."""
 
+    def next_wait_ns(self) -> int:
+        """Time to the transmission after this one: it doubles, unless a hop has answered that it has no
+        route, which may return at any moment."""
+        if self.soft_refusal is not None and self.soft_refusal.status is Status.UNREACHABLE:
+            return self.limits.initial_ns
+        return min(self.wait_ns * 2, self.limits.max_ns)
+
 
 class Outbox:
     """Pending messages and requests of an application process."""
@@ -150,7 +157,7 @@ class Outbox:
                 pending.sent_ns = now_ns
                 pending.times_sent += 1
                 self.resent += 1
-                pending.wait_ns = min(pending.wait_ns * 2, pending.limits.max_ns)
+                pending.wait_ns = pending.next_wait_ns()
                 actions.append(Transmit(pending.frame, retransmission=True))
                 self._schedule(key, self._next_ns(pending, now_ns))
         return actions

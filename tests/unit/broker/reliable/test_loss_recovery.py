@@ -2,6 +2,8 @@
 
 from swarmd.broker.core.reliable.loss_recovery import (
     BACKOFF_MAX,
+    COMMAND_PROBES,
+    COMMAND_SLACK_NS,
     PACKET_THRESHOLD,
     SLACK_NS,
     LossRecovery,
@@ -84,6 +86,52 @@ def test_silence_is_probed_at_growing_distances_up_to_a_limit() -> None:
     assert waits == [first] + [2 * first] * (BACKOFF_MAX + 2)
     acknowledge(recovery, (11, 11), now_ns=now_ns)
     assert recovery.probes == 0
+
+
+def command(recovery: LossRecovery, number: int, at_ns: int) -> None:
+    recovery.on_sent(SentPacket(number, 100, at_ns, (), has_command=True))
+
+
+def test_a_command_is_probed_earlier_and_several_times_before_the_distance_grows() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0)
+    acknowledge(recovery, (0, 0), now_ns=RTT)
+    sent(recovery, 1, at_ns=RTT)
+    command(recovery, 2, RTT)
+    waits: list[int] = []
+    now_ns = RTT
+    for number in range(3, COMMAND_PROBES + 6):
+        oldest, due_ns = recovery.oldest, recovery.deadline_ns()
+        assert oldest is not None
+        assert oldest.number == 2, "the command is repeated, not what waits longer"
+        assert due_ns is not None
+        waits.append(due_ns - now_ns)
+        now_ns = due_ns
+        assert recovery.on_due(now_ns) == ((), True)
+        command(recovery, number, now_ns)
+    first = 3 * RTT + COMMAND_SLACK_NS
+    assert waits == [first] * (COMMAND_PROBES + 1) + [2 * first] * 2
+
+
+def test_a_probe_that_has_nothing_of_the_command_to_repeat_is_not_due_again_at_once() -> None:
+    recovery = LossRecovery(RTT)
+    command(recovery, 0, 0)
+    now_ns = recovery.deadline_ns() or 0
+    recovery.on_due(now_ns)
+    sent(recovery, 1, at_ns=now_ns)
+    due_ns = recovery.deadline_ns()
+    assert due_ns is not None
+    assert due_ns > now_ns
+
+
+def test_without_a_command_in_flight_the_longer_wait_applies_again() -> None:
+    recovery = LossRecovery(RTT)
+    command(recovery, 0, 0)
+    sent(recovery, 1)
+    acknowledge(recovery, (0, 0), now_ns=RTT)
+    sent(recovery, 2, at_ns=RTT)
+    recovery.on_due(RTT * 9 // 8)
+    assert recovery.deadline_ns() == RTT + 3 * RTT + SLACK_NS
 
 
 def test_before_the_first_round_trip_that_of_the_beacons_counts() -> None:

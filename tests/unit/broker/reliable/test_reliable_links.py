@@ -7,8 +7,8 @@ import pytest
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.reliable.link_action import DeliverFrame, FrameBegun, FramesDropped, SendPacket
-from swarmd.broker.core.reliable.packet import Packet, Piece, decode, encode
-from swarmd.broker.core.reliable.reliable_link import BLOCKED, ReliableLink
+from swarmd.broker.core.reliable.packet import Acknowledgement, Packet, Piece, decode, encode
+from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER, ReliableLink
 from swarmd.broker.core.reliable.reliable_links import (
     BLOCKED_NS,
     CLEAN_NS,
@@ -157,6 +157,23 @@ def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while()
     assert not links.uses_datagrams(UAV1)
     assert links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS - 1) == []
     assert links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS) == [UseDatagrams(UAV1)]
+
+
+def test_a_neighbour_that_has_acknowledged_before_may_be_silent_for_seconds() -> None:
+    links = ReliableLinks(Config())
+    chosen(links, [0.3])
+    links.on_frame(UAV1, SESSION, queued(1), 0)
+    links.on_packet(UAV1, SESSION, encode(Packet(0, 0, Acknowledgement(((0, 0),), 0), ())), 20_000_000)
+    links.on_frame(UAV1, SESSION, queued(2), S)
+    now_ns = S
+    for _ in range(BLOCKED_LATER - 1):
+        now_ns = links.deadline_ns() or 0
+        links.on_timer(now_ns)
+    assert now_ns > 5 * S, "a busy computer answers after less"
+    assert links.on_quality(UAV1, LinkQuality(0.3), now_ns) == []
+    now_ns = links.deadline_ns() or 0
+    links.on_timer(now_ns)
+    assert isinstance(links.on_quality(UAV1, LinkQuality(0.3), now_ns)[0], UseConnection)
 
 
 def test_in_an_outage_of_the_whole_link_it_goes_on() -> None:

@@ -8,8 +8,9 @@ import msgspec
 
 FRAME_AGE_NS: Final = 50_000_000_000
 """Maximum age of a relayed frame without a lifetime: the receiver remembers for 60 s what it has received."""
-QUESTION_NS: Final = 1_000_000_000
-"""Minimum period between questions to one origin."""
+QUESTION_NS: Final = 250_000_000
+"""Minimum period between questions to one origin: shorter than the time until a sender retransmits, so that
+a lost question does not cost a second one."""
 ANSWER_NS: Final = 10_000_000_000
 """Time for which the answer to a question is taken."""
 RENEWAL_NS: Final = 3_600_000_000_000

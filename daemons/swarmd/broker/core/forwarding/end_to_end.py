@@ -61,6 +61,8 @@ class EndToEnd:
         self._platform_of = platform_of
         self._refused = refused
         self._origins: Origins[AuthenticatedFrame] = Origins(session)
+        self._checks = 0
+        """Number of the last question or answer: links drop a frame that is in flight already."""
 
     def signed(self, frame: Frame, via: int) -> Frame:
         """The frame as it is sent to this next hop: signed, unless that is its receiver.
@@ -155,7 +157,8 @@ class EndToEnd:
         return () if question is None else (self._check_frame(origin, question, now_ns),)
 
     def _check_frame(self, origin: int, payload: bytes, now_ns: int) -> Frame:
-        return Frame(FrameKind.HELLO, 0, self._own_hw, 0, origin, 0, stamp_ns=now_ns, payload=payload)
+        self._checks = self._checks + 1 & 0xFFFF_FFFF
+        return Frame(FrameKind.HELLO, 0, self._own_hw, 0, origin, 0, self._checks, now_ns, payload=payload)
 
 
 def _is_hop_refusal(frame: Frame) -> bool:

@@ -148,6 +148,11 @@ class OutgoingMessages:
         message = self._messages.get(piece.message)
         return message is not None and piece.offset not in message.arrived
 
+    def has_command(self, pieces: tuple[Piece, ...]) -> bool:
+        """Whether one of the pieces is of a command that has not arrived."""
+        found = (self._messages.get(piece.message) for piece in pieces)
+        return any(message is not None and message.rank in COMMANDS for message in found)
+
     def on_arrived(self, piece: Piece) -> None:
         """A piece was acknowledged."""
         message = self._messages.get(piece.message)

@@ -35,9 +35,12 @@ PROBES: Final = 2
 SILENCE: Final = 6
 """Probes in a row without an acknowledgement after which less is sent; at 40 % loss less than one loss in a
 hundred has this consequence."""
-BLOCKED: Final = 12
+BLOCKED: Final = 24
 """Probes in a row without an acknowledgement after which the neighbour does not get the datagrams: they are
 blocked on the way, or it does not know them."""
+BLOCKED_LATER: Final = 96
+"""The same where it has acknowledged packets before. A busy computer may not answer for a second, and a
+connection that is opened over a lossy link needs several."""
 
 FULL: Final = 8
 """Frames that wait to begin, from which on the rate of the link is the limit."""
@@ -67,7 +70,8 @@ class ReliableLink:
     @property
     def is_blocked(self) -> bool:
         """Whether its datagrams do not reach the neighbour, although its beacons arrive."""
-        return self._recovery.probes >= BLOCKED or self._next_number >= NUMBER_MAX - ROOM
+        limit = BLOCKED_LATER if self._recovery.has_arrived else BLOCKED
+        return self._recovery.probes >= limit or self._next_number >= NUMBER_MAX - ROOM
 
     @property
     def is_full(self) -> bool:
@@ -218,7 +222,8 @@ class ReliableLink:
         data = encode(packet)
         if packet.is_answered:
             size = len(data) + OVERHEAD
-            self._recovery.on_sent(SentPacket(packet.number, size, now_ns, pieces))
+            has_command = self._outgoing.has_command(pieces)
+            self._recovery.on_sent(SentPacket(packet.number, size, now_ns, pieces, has_command))
             self.rate.on_sent(size)
         return SendPacket(self.hw, self.session, data)
 
