@@ -12,6 +12,7 @@ from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.forwarding.end_to_end import EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.forwarding.waiting_answers import WaitingAnswers
 from swarmd.broker.core.topology.link_targets import LinkTarget
 from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.frame_delivery import FrameDelivery
@@ -88,6 +89,7 @@ class FrameGateway:
         self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
         """Connection targets of neighbours that got frames, by hardware id; replaced when a target
         changes."""
+        self._answers = WaitingAnswers()
         self._visits: dict[int, int] = {}
         """Nodes that are not neighbours and got the roster, and when their connection is closed."""
         self.links = FrameLinks(
@@ -153,6 +155,15 @@ class FrameGateway:
             decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
             relayed = item.frame.sender_hw != self._core.identity.hw
             self._onward(item.frame, decision, item.data, rerouted=True, relayed=relayed)
+
+    def on_routes(self) -> None:
+        """Sends the answers that have a route now."""
+        if not self._answers:
+            return
+        now_ns = self._clock.now_ns()
+        for item in self._answers.take(self._forwarder.has_route, now_ns):
+            decision = self._forwarder.reroute(item.frame, now_ns)
+            self._onward(item.frame, decision, None, relayed=item.relayed)
 
     def _from_connection(self, data: bytes, user: str) -> None:
         arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
@@ -333,7 +344,7 @@ class FrameGateway:
         elif decision.step is ForwardStep.HOP_LIMIT:
             refused.hop_limit += 1
             self._refuse(frame, f"too many hops to {receiver}")
-        else:
+        elif not self._answers.hold(frame, relayed, self._clock.now_ns()):
             refused.no_route += 1
             self._refuse(frame, f"no route to {receiver}")
 

@@ -262,6 +262,7 @@ class BrokerShell:
         self._driver.feed(self._core.on_inputs_read(now_ns))
 
     def _publish(self, traffic: bool) -> None:
+        self._gateway.on_routes()
         self._gateway.end_visits()
         self._report_access_rules()
         if traffic:

@@ -6,7 +6,8 @@ from tests.simulation.reliable.radio_link import MS, SESSION, Medium, S
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.reliable_link import OVERHEAD, DeliverFrame, SendPacket
+from swarmd.broker.core.reliable.link_action import DeliverFrame, SendPacket
+from swarmd.broker.core.reliable.reliable_link import OVERHEAD
 from swarmd.broker.core.reliable.reliable_links import Action, LinkQuality, ReliableLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.testing.virtual import VirtualTime
@@ -32,8 +33,7 @@ class Chain:
             if node + step in self._nodes
         }
         self._drivers = {
-            node: self._time.drive(links, partial(self._perform, node))
-            for node, links in self._nodes.items()
+            node: self._time.drive(links, partial(self._perform, node)) for node, links in self._nodes.items()
         }
         for node, next_node in self._media:
             self._nodes[node].on_quality(next_node, LinkQuality(loss, round(2 * delay_ms * MS)), S)
@@ -44,7 +44,11 @@ class Chain:
         """Time in ms until the sender knew the outcome of each message, and the outcome."""
         self.arrived: dict[int, int] = {}
         """Copies of each message at the last node."""
-        self.packets = 0
+
+    @property
+    def repeated_bytes(self) -> int:
+        """Bytes that the links sent again."""
+        return sum(link.repeated_bytes for node in self._nodes.values() for link in node.links())
 
     def send(self, size: int, timeout_s: float = 10.0) -> None:
         """Send a message from the first node to the last one."""
@@ -80,7 +84,6 @@ class Chain:
     def _perform(self, node: int, action: Action) -> None:
         match action:
             case SendPacket(hw, _, data):
-                self.packets += 1
                 at_ns = self._media[node, hw].arrival_ns(len(data) + OVERHEAD, self._time.now_ns)
                 if at_ns is not None:
                     self._time.at(at_ns, partial(self._arrive, hw, node, data))
@@ -100,6 +103,4 @@ class Chain:
             self._sender.feed(self._outbox.on_ack(key, ack, self._time.now_ns))
         else:
             self.arrived[frame.sequence] = self.arrived.get(frame.sequence, 0) + 1
-            self._forward(
-                node, answer(frame, Status.DELIVERED, where="last", stamp_ns=self._time.now_ns)
-            )
+            self._forward(node, answer(frame, Status.DELIVERED, where="last", stamp_ns=self._time.now_ns))

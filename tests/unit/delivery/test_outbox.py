@@ -100,6 +100,19 @@ def test_a_way_that_opens_again_delivers() -> None:
     assert outcomes(outbox.on_ack(key, Ack(int(Status.DELIVERED), "uav2:x#1"), 960 * MS))[0].delivered
 
 
+def test_a_way_that_may_open_at_any_moment_is_tried_at_a_steady_pace() -> None:
+    outbox = Outbox(HERE)
+    outbox.on_submit(message(receiver_hw=THERE), 5000 * MS, 0)
+    key, sent_ms = Outbox.key(message()), [0]
+    for _ in range(5):
+        outbox.on_ack(key, Ack(int(Status.UNREACHABLE), "uav4"), (sent_ms[-1] + 5) * MS)
+        due_ns = outbox.deadline_ns()
+        assert due_ns is not None
+        assert outbox.on_timer(due_ns)
+        sent_ms.append(due_ns // MS)
+    assert sent_ms == [0, 300, 600, 900, 1200, 1500]
+
+
 def test_the_pace_follows_the_measured_round_trip() -> None:
     outbox = Outbox(HERE)
     for sequence in range(20):

@@ -4,7 +4,6 @@ import asyncio
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.origins import is_check
@@ -36,7 +35,6 @@ from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import ConnectionStatus, LinkTraffic, LinkTransport
-
 log = logging.getLogger("swarm.broker")
 
 
@@ -280,7 +278,7 @@ class FrameLinks:
 
 
 def _needs_connection(frame: Frame) -> bool:
-    """Whether a frame proves something by the connection that it comes over; a check of an origin is signed."""
+    """Whether a frame proves something by its connection; checks of origins are signed."""
     if frame.kind is FrameKind.HELLO:
         return not is_check(frame.payload)
     return frame.kind is FrameKind.ROSTER

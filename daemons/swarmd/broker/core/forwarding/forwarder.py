@@ -66,6 +66,10 @@ class FrameForwarder:
         frame.hops_left = HOPS if frame.sender_hw == self._own_hw else HOPS - 1
         return self._onward(frame, self._first(frame, now_ns), now_ns)
 
+    def has_route(self, hw: int) -> bool:
+        """Whether a node can be reached now."""
+        return bool(self._routing.next_hop(hw))
+
     def reroute(self, frame: Frame, now_ns: int) -> ForwardDecision:
         """Decides again about a frame queued for a lost neighbour."""
         return self._onward(frame, False, now_ns)
