@@ -35,6 +35,7 @@ from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.security.keys import Keys
 from swarmware.types.net import ConnectionStatus, LinkTraffic, LinkTransport
+
 log = logging.getLogger("swarm.broker")
 
 
