@@ -1,4 +1,4 @@
-"""Answers whose receiver has no route at the moment: they wait for one, because nobody repeats an answer."""
+"""Answers whose receiver has no route at the moment: they wait for one, because no sender repeats them."""
 
 from collections import deque
 from collections.abc import Callable
@@ -27,7 +27,7 @@ class WaitingAnswer(msgspec.Struct, frozen=True, gc=False):
 class WaitingAnswers:
     """Answers without a route, the oldest first; bounded in number, bytes and time.
 
-    A message or request without a route is refused instead: its sender is told, and repeats it.
+    A message or request without a route is refused instead: its sender gets the reason and repeats it.
     """
 
     def __init__(self) -> None:

@@ -173,7 +173,7 @@ class LossRecovery:
         if due_ns is None or now_ns < due_ns:
             return (), False
         self.probes += 1
-        self._command_sent_ns = now_ns  # also where nothing of the command has to be repeated
+        self._command_sent_ns = now_ns  # also where every piece of the command has arrived
         return (), True
 
     def _probe_ns(self) -> int | None:
