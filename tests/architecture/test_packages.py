@@ -32,6 +32,7 @@ THIN = {
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
     "daemons/swarmd/broker/core/topology/link_cost.py": "the cost of a link, for neighbours and routes",
+    "daemons/swarmd/hal/buses/write_at_end.py": "a program that a driver starts",
     "daemons/swarmd/hal/core/flight/attitude_loop.py": "the attitude loop, the one without an integral",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
     "daemons/swarmd/tree/core/quality.py": "the quality of a value",

@@ -12,7 +12,7 @@ from swarmctl.resources.listing import consequence
 from swarmctl.resources.newest import newest
 from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
-from swarmware.errors import NotFound, SwarmError
+from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, split
@@ -73,6 +73,24 @@ class Written(msgspec.Struct, frozen=True):
     type: str
     value: Any
     version: int
+    applied_by: tuple[str, ...] = ()
+    """Applications in which the value of a setting is in force."""
+    awaited: tuple[str, ...] = ()
+    """Applications with the setting that have not confirmed it in time."""
+
+    @property
+    def details(self) -> str:
+        """Version, and the applications that have taken a setting."""
+        return ", ".join((f"version {self.version}", *(f"in force in {name}" for name in self.applied_by)))
+
+    def check_applied(self) -> None:
+        """Raises: NoAnswer when an application with the setting has not taken it."""
+        if self.awaited:
+            names = ", ".join(self.awaited)
+            raise NoAnswer(
+                f"{self.path}: stored as version {self.version}, but {names} has not taken it: expected its"
+                " confirmation; `swarmctl app ls` shows whether it works"
+            )
 
 
 async def read(
@@ -146,13 +164,14 @@ async def _ask_owner(session: Session, verb: str, path: str, request: msgspec.St
 async def _written(session: Session, done: TreeSetDone) -> Written:
     platform = split(done.path)[0] or session.here
     cls = await payload_class(session, platform, done.type)
-    return Written(done.path, done.type, decoded(cls, done.data), done.version)
+    value = decoded(cls, done.data)
+    return Written(done.path, done.type, value, done.version, done.applied_by, done.awaited)
 
 
 async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
     """Sets a resource or a field and prints the value in force; `yes`: without a confirmation.
 
-    Raises: as `write` and `confirm`.
+    Raises: as `write` and `confirm`; NoAnswer when an application with the setting has not taken it.
     """
     full = session.path(path)
     will = "" if yes else await consequence(session, full)
@@ -161,7 +180,8 @@ async def set_resource(session: Session, path: str, text: str, *, version: int |
     if session.settings.structured:
         session.out.document(done)
     else:
-        session.out.text(f"{done.path} = {brief(done.value)} (version {done.version})")
+        session.out.text(f"{done.path} = {brief(done.value)} ({done.details})")
+    done.check_applied()
 
 
 async def undo(session: Session, path: str) -> Written:

@@ -23,7 +23,8 @@ class SettingUndone(msgspec.Struct, frozen=True):
 async def undo_resource(session: Session, path: str, *, yes: bool) -> None:
     """Takes back the last change of a setting and prints both values; `yes`: asks nothing.
 
-    Raises: NotFound when it was not changed, InvalidInput when it is not a setting; as `confirm`.
+    Raises: NotFound when it was not changed, InvalidInput when it is not a setting; NoAnswer when an
+    application has not taken it; as `confirm`.
     """
     full = session.path(path)
     will = "" if yes else await consequence(session, full)
@@ -34,4 +35,5 @@ async def undo_resource(session: Session, path: str, *, yes: bool) -> None:
         session.out.document(SettingUndone(done.path, before.value, done.value, done.version))
     else:
         was, now = brief(before.value), brief(done.value)
-        session.out.text(f"{done.path} = {now} (version {done.version}; was {was})")
+        session.out.text(f"{done.path} = {now} ({done.details}; was {was})")
+    done.check_applied()

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmctl.resources.access import write
+from swarmctl.resources.access import Written, write
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmware.errors import InvalidInput, Partial, SwarmError
@@ -55,7 +55,9 @@ async def set_all(session: Session, changes: Iterable[ValueChange]) -> None:
     done: list[ValueChange] = []
     for change in changes:
         try:
-            await _set(session, change.path, change.after)
+            written = await _set(session, change.path, change.after)
+            done.append(change)
+            written.check_applied()
         except SwarmError as error:
             left = []
             for earlier in reversed(done):
@@ -66,8 +68,7 @@ async def set_all(session: Session, changes: Iterable[ValueChange]) -> None:
             if left:
                 raise Partial(f"{error}; not taken back: {', '.join(left)}") from error
             raise
-        done.append(change)
 
 
-async def _set(session: Session, path: str, value: Any) -> None:
-    await write(session, path, msgspec.json.encode(value).decode())
+async def _set(session: Session, path: str, value: Any) -> Written:
+    return await write(session, path, msgspec.json.encode(value).decode())

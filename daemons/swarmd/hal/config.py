@@ -226,6 +226,27 @@ class AdcDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Inputs that are published."""
 
 
+class CameraDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Driver `camera`: pictures by PyAV (extra `video`)."""
+
+    device: str = "/dev/video0"
+    """File of the camera, address of a stream (`rtsp://camera/1`), or a recording."""
+    format: str = "v4l2"
+    """Input format of FFmpeg; empty: what the source says."""
+    width: Annotated[int, msgspec.Meta(ge=16, le=8192)] = 640
+    """Pixels of a row that are asked of the camera; pictures of another size are scaled."""
+    height: Annotated[int, msgspec.Meta(ge=16, le=8192)] = 480
+    """Rows that are asked of the camera."""
+    rate_hz: Annotated[float, msgspec.Meta(ge=0.1, le=240)] = 15.0
+    """Pictures a second that are asked of the camera."""
+    encoding: Literal["rgb8", "mono8", "jpeg"] = "rgb8"
+    """Encoding of the images; `jpeg` as the camera compresses them, else by Pillow (extra `images`)."""
+    quality: Annotated[int, msgspec.Meta(ge=1, le=100)] = 80
+    """Quality of JPEG that is compressed here."""
+    path: str = "sensor/camera"
+    """Stream of the images."""
+
+
 class Bmp280Driver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Driver `bmp280`: a barometer BMP280 or BME280."""
 
@@ -413,6 +434,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     ppm: PpmDriver = PpmDriver()
     serial_chassis: SerialChassisDriver = SerialChassisDriver()
     adc: AdcDriver = AdcDriver()
+    camera: CameraDriver = CameraDriver()
     bmp280: Bmp280Driver = Bmp280Driver()
     invensense: InvensenseDriver = InvensenseDriver()
     servo: ServoDriver = ServoDriver()

@@ -9,7 +9,7 @@ from swarmd.navigator.core.guidance import Guidance
 from swarmd.navigator.core.pace import Pace
 from swarmd.navigator.core.prediction import ReceivedPose
 from swarmd.navigator.inputs import Fresh, GuidanceInputs, StateInputs, vehicle_airframe
-from swarmd.navigator.outputs import LIVE_SETTINGS, SETTINGS_EVERY, GuidanceWriters
+from swarmd.navigator.outputs import LIVE_SETTINGS, GuidanceWriters
 from swarmware.errors import NoAnswer
 from swarmware.module.module import Module
 from swarmware.service.live_config import LiveConfig
@@ -41,7 +41,7 @@ class GuidanceService(Service):
     async def run(self) -> None:
         """Steers until the service ends."""
         module, core = self.module, self._core
-        pace, steps = Pace(), 0
+        pace = Pace()
         while True:
             period_s = self.config.period_s(resting=core.resting)
             with suppress(NoAnswer):
@@ -53,9 +53,8 @@ class GuidanceService(Service):
             self._guidance.feed(core, now_ns)
             if not pace.take(now_ns, period_s):
                 continue
-            if steps % SETTINGS_EVERY == 0 and (changed := self._live.take()) is not None:
+            if (changed := self._live.take()) is not None:
                 core.set_config(changed)
-            steps += 1
             output = core.step(self._pose.at(now_ns), now_ns)
             self._writers.write(output.setpoint, output.status, now_ns)
 

@@ -8,8 +8,6 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.vehicle import NavStatus, Pose, Setpoint
 
-SETTINGS_EVERY: Final = 10
-"""Control steps between two checks of the parameters."""
 LIVE_SETTINGS: Final[Mapping[str, str]] = {
     "dwa.heading_weight": "navigator/heading_weight",
     "dwa.distance_weight": "navigator/distance_weight",

@@ -6,7 +6,7 @@ from swarmd.navigator import config as settings
 from swarmd.navigator.core.controller import controller
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.navigator.inputs import GuidanceInputs, SensorInputs, StateInputs, map_origin, vehicle_airframe
-from swarmd.navigator.outputs import LIVE_SETTINGS, SETTINGS_EVERY, GuidanceWriters, pose_writer
+from swarmd.navigator.outputs import LIVE_SETTINGS, GuidanceWriters, pose_writer
 from swarmware.module.module import Module
 from swarmware.service.live_config import LiveConfig
 from swarmware.service.service import Service
@@ -35,9 +35,9 @@ class Navigator(Service):
         """Runs the control loop until the service ends."""
         module, navigator = self.module, self._core
         ticker = module.every(navigator.period_s(), stage=2)
-        async for tick in ticker:
+        async for _ in ticker:
             now_ns = module.now_ns()
-            if tick % SETTINGS_EVERY == 0 and (changed := self._live.take()) is not None:
+            if (changed := self._live.take()) is not None:
                 navigator.set_config(changed)
             self._sensors.feed(navigator, now_ns)
             self._state.feed(navigator)

@@ -14,6 +14,7 @@ from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.rule_store import RuleStore
+from swarmd.tree.setting_effect import SettingEffect
 from swarmd.tree.settings import Settings
 from swarmd.tree.tree_view import TreeView, json_text
 from swarmd.tree.type_catalogue import TypeCatalogue
@@ -86,6 +87,7 @@ class OperatorApi:
         self._access = access
         self._denials = denials
         self._units = UnitForwarder(module, view, answer_s)
+        self._effect = SettingEffect(module)
 
     def serve(self) -> None:
         """Registers the handlers of the requests."""
@@ -245,7 +247,7 @@ class OperatorApi:
         value = typed(resource, plain, f"{shown}.{field}" if field else shown, cls)
         if resource.kind is Kind.SETTING:
             version = await self._settings.set(resource, value, shown, by, request.version)
-            return TreeSetDone(shown, version, resource.type, registry.encode(value))
+            return await self._done(resource, shown, value, version)
         if request.version is not None and (frame is None or frame.sequence != request.version):
             have = "no value"
             if frame is not None:
@@ -270,11 +272,16 @@ class OperatorApi:
 
     async def _undo_here(self, resource: Resource, shown: str, by: str) -> TreeSetDone:
         value, version = await self._settings.undo(resource, shown, by)
-        return TreeSetDone(shown, version, resource.type, registry.encode(value))
+        return await self._done(resource, shown, value, version)
 
     async def _reset_here(self, resource: Resource, shown: str, by: str) -> TreeSetDone:
         value, version = await self._settings.reset(resource, shown, by)
-        return TreeSetDone(shown, version, resource.type, registry.encode(value))
+        return await self._done(resource, shown, value, version)
+
+    async def _done(self, resource: Resource, shown: str, value: msgspec.Struct, version: int) -> TreeSetDone:
+        """The answer to the change of a setting: its applications have taken it, or their time is over."""
+        done = TreeSetDone(shown, version, resource.type, registry.encode(value))
+        return await self._effect.followed(resource.path, value, done)
 
     # -- rules of notifications
 

@@ -18,6 +18,7 @@ BLOCK_GROUP: Final = "swarmware.blocks"
 OWN_DRIVERS: Final = (
     "adc",
     "bmp280",
+    "camera",
     "crsf",
     "invensense",
     "nmea",

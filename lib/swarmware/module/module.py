@@ -8,7 +8,7 @@ import msgspec
 
 from swarmware.errors import InvalidInput, TypeMismatch, WireError
 from swarmware.model.frame import Frame
-from swarmware.model.resource import Kind, Link, Resource
+from swarmware.model.resource import Kind, Link, Plain, Resource
 from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
 from swarmware.module.client import Client
@@ -91,6 +91,10 @@ class Module(Client):
     def withdraw(self, path: str) -> None:
         """Remove a resource from the application file."""
         self._member.participant.withdraw(path)
+
+    def apply(self, settings: Mapping[str, Plain]) -> None:
+        """State in the application file which values of live settings are in force in this application."""
+        self._member.participant.apply(settings)
 
     # -- boards, events, streams
 

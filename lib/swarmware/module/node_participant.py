@@ -9,7 +9,7 @@ import msgspec
 
 from swarmware.errors import Conflict, InvalidInput
 from swarmware.model import names
-from swarmware.model.resource import Kind, Resource
+from swarmware.model.resource import Kind, Plain, Resource
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.unit_directory import UnitDirectory
 from swarmware.node.node import Node
@@ -57,6 +57,7 @@ class NodeParticipant:
         self._serves: dict[str, Served] = {}
         self._reads: dict[str, None] = {}
         self._types: dict[str, str] = {}
+        self._applied: dict[str, Plain] = {}
         self._flush_comes = False
         node.messaging.add_application(self.app_id)
         node.messaging.add_clocks(self.remote_clocks)
@@ -127,6 +128,11 @@ class NodeParticipant:
         self._reads[path] = None
         self._changed()
 
+    def apply(self, settings: Mapping[str, Plain]) -> None:
+        """Declare values of live settings that this application has taken, by the key of the setting."""
+        self._applied.update(settings)
+        self._changed()
+
     def serve(
         self,
         path: str,
@@ -179,6 +185,7 @@ class NodeParticipant:
                 serves=tuple(self._serves.values()),
                 reads=tuple(self._reads),
                 types=self._types,
+                applied=dict(self._applied),
             )
         )
 

@@ -9,6 +9,7 @@ import msgspec
 
 from swarmware.errors import ConfigError
 from swarmware.model import paths
+from swarmware.model.resource import Plain
 from swarmware.model.stored_setting import FILE, read_settings
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -71,7 +72,9 @@ class LiveConfig(Generic[C]):
     """
 
     def __init__(self, module: Module, config: C, live_settings: Mapping[str, str]) -> None:
+        self._module = module
         self._config = config
+        self._names = live_settings
         self._since_ns = module.entry.started_ns
         self._boards: dict[str, BoardReader[Any]] = {
             key: module.reader(paths.setting(name), _TYPES[type(value_at(config, key))])
@@ -82,6 +85,7 @@ class LiveConfig(Generic[C]):
     def take(self) -> C | None:
         """The configuration, if a setting has changed it since the last call."""
         config = self._config
+        applied: dict[str, Plain] = {}
         for key, board in self._boards.items():
             value = board.value
             if value is None or value is self._taken[key]:
@@ -89,6 +93,9 @@ class LiveConfig(Generic[C]):
             self._taken[key] = value
             if (board.stamp_ns or 0) >= self._since_ns:
                 config = with_value(config, key, value.value)
+                applied[self._names[key]] = value.value
+        if applied:
+            self._module.apply(applied)  # the tree answers the requester with it
         if config == self._config:
             return None
         self._config = config

@@ -112,6 +112,10 @@ class TreeSetDone(msgspec.Struct, frozen=True, array_like=True, gc=False):
     type: str
     data: bytes
     """MessagePack of the value now set."""
+    applied_by: tuple[str, ...] = ()
+    """Applications that have stated that the value of the setting is in force in them."""
+    awaited: tuple[str, ...] = ()
+    """Applications with the setting that have not stated it in time."""
 
 
 @register

@@ -27,11 +27,14 @@ def test_a_setting_is_changed_versioned_and_read_back(ctl: Ctl) -> None:
     assert (done["path"], done["value"], done["version"]) == (GAIN, 1.5, before["version"] + 1)
     assert ctl(f"tree get {GAIN}").out == "1.5 1/s\n"
     assert ctl(f"tree set {GAIN} 2 --if-version {before['version']}").code == 1
-    assert ctl("config set navigator/altitude_kp 1.25 -n uav2").code == 0
+    assert done["applied_by"] == ["navigator"], "it was followed to the module that flies with it"
+    changed = ctl("config set navigator/altitude_kp 1.25 -n uav2").out
+    assert changed == f"{GAIN} = 1.25 (version {before['version'] + 2}, in force in navigator)\n"
+    assert "in force in mission)" in ctl("config set mission/link_loss_s 12 -n uav2").out
     assert ctl("config get navigator/altitude_kp -n uav2").out == "1.25\n"
     assert ctl(f"tree watch {GAIN} --count 1").out.endswith("  1.25 1/s\n")
     undone = ctl("config undo navigator/altitude_kp -n uav2").out
-    assert undone == f"{GAIN} = 1.5 (version {before['version'] + 3}; was 1.25)\n"
+    assert undone == f"{GAIN} = 1.5 (version {before['version'] + 3}, in force in navigator; was 1.25)\n"
     assert ctl("config get navigator/altitude_kp -n uav2").out == "1.5\n"
     assert ctl(f"tree undo {GAIN} --json").document["value"] == 1.25
     refused = ctl(f"tree set {GAIN} 2 --version 99")

@@ -57,6 +57,9 @@ def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_tak
     there = json.loads(ctl("link", "ls", "-n", "uav1.nav", "--json").stdout)
     assert {"main", "fc"} <= {one["unit"] for one in there["neighbours"] if one["platform"] == "uav1"}
 
+    changed = json.loads(ctl("config", "set", "navigator/altitude_kp", "1.5", "-n", "uav1", "--json").stdout)
+    assert changed["applied_by"] == ["guidance"], "the module that flies with it, on another computer"
+
     (report,) = json.loads(ctl("doctor", "placement", "-n", "uav1", "--json", code=None).stdout)["platforms"]
     assert [unit["unit"] for unit in report["units"]] == ["main", "fc", "nav"]
     (pose,) = [

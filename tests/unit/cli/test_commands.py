@@ -312,15 +312,33 @@ async def test_a_type_that_is_not_installed_here_is_decoded_by_its_owners_descri
 async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None:
     answers = {
         LIST: listing(GAIN, confirm="the vehicle may swing"),
-        f"{SET} {GAIN}": TreeSetDone(GAIN, 2, "Float", msgspec.msgpack.encode([1.5])),
+        f"{SET} {GAIN}": TreeSetDone(GAIN, 2, "Float", msgspec.msgpack.encode([1.5]), ("navigator",)),
     }
     session = ScriptedSession(answers, node="uav1")
     with pytest.raises(click.UsageError, match="the vehicle may swing"):
         await set_resource(session, "config/gain", "1.5", version=None, yes=False)
     assert SET not in session.asked
     await set_resource(session, "config/gain", "1.5", version=None, yes=True)
-    assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2)\n"
+    assert session.stdout.getvalue() == f"{GAIN} = 1.5 (version 2, in force in navigator)\n"
     assert session.asked.count(LIST) == 1, "who has confirmed needs no question for the confirmation"
+
+
+@pytest.mark.parametrize("verb", [SET, UNDO])
+async def test_a_setting_that_its_application_does_not_take_is_an_error_after_it_was_stored(
+    verb: str,
+) -> None:
+    done = TreeSetDone(
+        GAIN, 2, "Float", msgspec.msgpack.encode([1.5]), applied_by=("guidance",), awaited=("navigator",)
+    )
+    answers = {LIST: listing(GAIN), f"{GET} {GAIN}": value(GAIN, 4.0), f"{verb} {GAIN}": done}
+    session = ScriptedSession(answers, node="uav1")
+    with pytest.raises(NoAnswer, match="stored as version 2, but navigator has not taken it") as failed:
+        if verb == SET:
+            await set_resource(session, "config/gain", "1.5", version=None, yes=True)
+        else:
+            await undo_setting(session, "gain", yes=True)
+    assert failed.value.exit_code == 4
+    assert "(version 2, in force in guidance" in session.stdout.getvalue()
 
 
 async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_printed() -> None:

@@ -1,5 +1,6 @@
 """Real-time scheduling of declared services: given to a process of its own, or a reason why not."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -22,7 +23,10 @@ found = []
 thread = threading.Thread(target=lambda: found.append(os.sched_getscheduler(0)))
 thread.start()
 thread.join()
-print(os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, found[0], bool(reason))
+refused = reason.replace(" ", "_") or "-"
+print(os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, found[0], refused)
+with open("/proc/self/status") as file:
+    print(next(line for line in file if line.startswith("VmLck:")).split()[1])
 """
 
 
@@ -31,10 +35,28 @@ def test_a_process_of_its_own_gets_the_policy_and_its_threads_as_well(policy: st
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, policy], capture_output=True, text=True, check=True, timeout=60
     )
-    found, priority, of_thread, refused = done.stdout.split()
-    if refused == "True":
-        pytest.skip("this user may not use real-time scheduling")
+    found, priority, of_thread, refused, locked_kib = done.stdout.split()
+    if refused != "-":
+        pytest.skip(f"this user may not: {refused}")
     assert (int(found), int(priority), int(of_thread)) == (number, 30, number)
+    assert int(locked_kib) > 5_000, "the interpreter alone has more"
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(8 << 20, "at most 8192 KiB are permitted"), (-1, "EPERM")])
+def test_memory_that_cannot_be_locked_is_stated_and_the_scheduling_stays(limit: int, expected: str) -> None:
+    with (
+        patch("swarmware.service.realtime._privileged", return_value=False),
+        patch("resource.getrlimit", return_value=(limit, limit)),
+        patch("ctypes.CDLL") as library,
+        patch("ctypes.get_errno", return_value=errno.EPERM),
+        patch("os.sched_setscheduler") as call,
+    ):
+        library.return_value.mlockall.return_value = -1
+        reason = give_realtime(HAL, ["hal"])
+        call.assert_called_once()
+    assert reason.startswith("memory is not locked: ")
+    assert expected in reason
+    assert reason.endswith("expected LimitMEMLOCK=infinity (realtime.conf), or CAP_IPC_LOCK")
 
 
 def test_nothing_is_changed_where_nothing_is_declared() -> None:
@@ -49,7 +71,10 @@ def test_a_service_that_shares_its_process_with_others_is_not_given_it() -> None
         reason = give_realtime(HAL, ["hal", "logger"])
         call.assert_not_called()
     assert reason.startswith("hal shares its process with logger; expected a process of its own")
-    with patch("os.sched_setscheduler") as call:
+    with (
+        patch("os.sched_setscheduler") as call,
+        patch("swarmware.service.realtime.lock_memory", return_value=""),
+    ):
         assert give_realtime(HAL, ["hal", "control"]) == ""
         (_, _, param), _ = call.call_args
         assert param.sched_priority == 50
@@ -78,4 +103,6 @@ def test_only_services_of_the_node_and_priorities_of_the_kernel_are_accepted() -
 
 def test_the_unit_of_systemd_permits_it_with_a_limit() -> None:
     text = (Path(__file__).parents[3] / "share/swarm/systemd/realtime.conf").read_text()
-    assert {"RestrictRealtime=no", "LimitRTPRIO=60", "LimitRTTIME=500ms"} <= set(text.splitlines())
+    assert {"RestrictRealtime=no", "LimitRTPRIO=60", "LimitRTTIME=500ms", "LimitMEMLOCK=infinity"} <= set(
+        text.splitlines()
+    )

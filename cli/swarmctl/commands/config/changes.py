@@ -74,7 +74,7 @@ async def _live_name(session: Session, key: str) -> str:
 async def reset_setting(session: Session, key: str, *, yes: bool) -> None:
     """Removes the override of a setting: the value of its file is in force, else the default.
 
-    Raises: Denied for a key of a file, NotFound; as `confirm`.
+    Raises: Denied for a key of a file, NotFound; NoAnswer when a service has not taken it; as `confirm`.
     """
     _check_one(key)
     name = await _live_name(session, key)
@@ -84,9 +84,10 @@ async def reset_setting(session: Session, key: str, *, yes: bool) -> None:
     done = await reset(session, path)
     if session.settings.structured:
         session.out.document(done)
-        return
-    now = (await configured(session, name)).settings[0]
-    session.out.text(f"{done.path} = {brief(done.value)} (version {done.version}; {now.source})")
+    else:
+        now = (await configured(session, name)).settings[0]
+        session.out.text(f"{done.path} = {brief(done.value)} ({done.details}; {now.source})")
+    done.check_applied()
 
 
 async def undo_setting(session: Session, key: str, *, yes: bool) -> None:

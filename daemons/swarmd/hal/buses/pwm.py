@@ -48,6 +48,11 @@ class PwmChannel(Bus):
         except OSError as error:
             raise transfer_error(self.path, error) from error
 
+    def texts(self, width_us: float) -> list[tuple[str, str]]:
+        """What to write to which files for a width, when this process cannot do it any more."""
+        found = [(str(self._folder / "duty_cycle"), f"{round(width_us * _US)}\n")]
+        return found if width_us > 0 else [*found, (str(self._folder / "enable"), "0\n")]
+
     def close(self) -> None:
         """Closes the channel, whose pulses continue at the last width: a motor must not lose them."""
         if self._duty >= 0:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from swarmd.hal.blocking import DeviceThread
+from swarmd.hal.buses.end_writer import EndWriter
 from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.config import ChassisConfig, Config, MotorPulse, PwmFlightDriver, ServoPulse
 from swarmd.hal.core.flight.control_law import HoverLaw
@@ -32,7 +33,7 @@ _HELICOPTER: Final = (1, 4)
 class PwmFlight(FlightController):
     """Flight controller whose motors follow the width of pulses of the PWM of Linux.
 
-    The pulses of a killed process continue until the guard has started `hal` again, which stops them.
+    The chip continues the pulses of a killed process: another process stops them (ADR 59).
     """
 
     def __init__(
@@ -48,6 +49,7 @@ class PwmFlight(FlightController):
         """The report that was made last, and when."""
         self._thread: DeviceThread | None = None
         self._channels: list[PwmChannel] = []
+        self._end_writer: EndWriter | None = None
         self._widths_us: Sequence[float] = ()
         """What the channels have now."""
 
@@ -68,6 +70,10 @@ class PwmFlight(FlightController):
         for number in numbers:
             self._channels.append(PwmChannel(settings.device, number, 1 / settings.pulses_hz))
         self._stop()
+        pairs = zip(self._channels, self._widths(ActuatorOutputs()), strict=True)
+        self._end_writer = EndWriter(
+            [text for channel, width_us in pairs for text in channel.texts(width_us)]
+        )
 
     async def write(self, now_ns: int) -> bool:
         """Runs the cascade for the newest inertial sample, and sets the pulses.
@@ -127,6 +133,8 @@ class PwmFlight(FlightController):
         if widths_us == self._widths_us:
             return
         self._widths_us = ()
+        if self._end_writer is not None:
+            self._end_writer.keep()
         for channel, width_us in zip(self._channels, widths_us, strict=True):
             channel.set_pulse(width_us)
         self._widths_us = widths_us
@@ -140,6 +148,9 @@ class PwmFlight(FlightController):
             self._widths_us = ()
             for channel in channels:
                 channel.close()
+            if self._end_writer is not None:
+                self._end_writer.close()
+                self._end_writer = None
 
     async def close(self) -> None:
         """Stops the motors, and closes the channels."""

@@ -1,6 +1,7 @@
 """Driver of servos and motor controllers that follow the width of pulses (RC, 1 to 2 ms)."""
 
 from swarmd.hal.blocking import BlockingDevice
+from swarmd.hal.buses.end_writer import EndWriter
 from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.config import Config, ServoDriver
 from swarmd.hal.driver import Actuator, Device, Site
@@ -20,6 +21,7 @@ class Servos(BlockingDevice, Actuator):
         self._widths_us: list[float] = []
         """What the channels have now."""
         self._boards: OutputBoards | None = None
+        self._end_writer: EndWriter | None = None
 
     async def open(self, module: Module) -> None:
         """Opens the boards; the outputs begin with their safe widths."""
@@ -32,6 +34,8 @@ class Servos(BlockingDevice, Actuator):
         for one in config.outputs:
             self._channels.append(PwmChannel(config.device, one.channel, 1 / config.rate_hz))
         self._carry([one.safe_us for one in config.outputs])
+        pairs = zip(self._channels, config.outputs, strict=True)
+        self._end_writer = EndWriter([text for channel, one in pairs for text in channel.texts(one.safe_us)])
 
     async def write(self, now_ns: int) -> bool:
         """Sets the widths that changed."""
@@ -49,6 +53,8 @@ class Servos(BlockingDevice, Actuator):
     def _carry(self, widths_us: list[float]) -> None:
         """Sets the pulses, in the thread of the device."""
         self._widths_us = []
+        if self._end_writer is not None:
+            self._end_writer.keep()
         for channel, width_us in zip(self._channels, widths_us, strict=True):
             channel.set_pulse(width_us)
         self._widths_us = widths_us
@@ -66,6 +72,9 @@ class Servos(BlockingDevice, Actuator):
         finally:
             for channel in channels:
                 channel.close()
+            if self._end_writer is not None:
+                self._end_writer.close()
+                self._end_writer = None
 
     async def close(self) -> None:
         """Closes boards and channels; the outputs keep their safe widths."""

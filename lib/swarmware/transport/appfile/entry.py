@@ -8,7 +8,7 @@ import tomli_w
 
 from swarmware.errors import ConfigError, WireError
 from swarmware.model import document, names
-from swarmware.model.resource import Resource
+from swarmware.model.resource import Plain, Resource
 
 _MARK: Final = "# crc32 "
 """Mark of the last line: the file is rewritten in place, and a reader must detect a partial one."""
@@ -51,6 +51,8 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     """Configuration of the service by its file and the defaults, as TOML values."""
     live: dict[str, str] = {}
     """Keys of `config`, dotted, and the keys of the live settings that override them."""
+    applied: dict[str, Plain] = {}
+    """Values of live settings that it has taken since it joined, by the key of the setting."""
 
     @property
     def id(self) -> str:

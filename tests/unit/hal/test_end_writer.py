@@ -1,0 +1,101 @@
+"""Outputs of a chip after the process of their driver was killed: another process sets the safe widths."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+from tests.unit.hal.test_servo import chip, number
+
+from swarmd.hal.buses.end_writer import EndWriter
+from swarmd.hal.buses.pwm import PwmChannel
+
+DRIVER = """
+import sys
+from swarmd.hal.config import ServoDriver, ServoOutput
+from swarmd.hal.drivers.servo import Servos
+outputs = tuple(
+    ServoOutput(channel=channel, path=f"act/output{channel}", safe_us=safe_us)
+    for channel, safe_us in enumerate((1000.0, 0.0))
+)
+servos = Servos(ServoDriver(device=sys.argv[1], outputs=outputs))
+servos.connect()
+servos._carry([1800.0, 1700.0])
+print(servos._end_writer.pid, flush=True)
+sys.stdin.read()
+servos.disconnect()
+"""
+
+
+@contextmanager
+def driver(folder: Path) -> Iterator[tuple[subprocess.Popen[str], psutil.Process]]:
+    """A process with the driver of two outputs, whose pulses are long, and the process that watches it."""
+    with subprocess.Popen(
+        [sys.executable, "-c", DRIVER, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        watcher = psutil.Process(int(process.stdout.readline()))
+        try:
+            yield process, watcher
+        finally:
+            process.kill()
+            watcher.wait(10.0) if watcher.is_running() else None
+
+
+def test_the_outputs_of_a_killed_driver_take_their_safe_widths_without_it(tmp_path: Path) -> None:
+    folder = chip(tmp_path)
+    with driver(folder) as (process, watcher):
+        assert (number(folder / "pwm0", "duty_cycle"), number(folder / "pwm1", "enable")) == (1_800_000, 1)
+        for stopping in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            watcher.send_signal(stopping)  # as a supervisor that ends the whole service
+        assert os.getpgid(watcher.pid) != os.getpgid(process.pid), "a kill of the group spares it"
+        process.kill()
+        watcher.wait(10.0)
+        assert number(folder / "pwm0", "duty_cycle") == 1_000_000
+        assert number(folder / "pwm0", "enable") == 1, "a motor controller wants its pulses"
+        assert (number(folder / "pwm1", "duty_cycle"), number(folder / "pwm1", "enable")) == (0, 0)
+
+
+def test_a_driver_that_ends_in_order_takes_the_process_along(tmp_path: Path) -> None:
+    folder = chip(tmp_path)
+    with driver(folder) as (process, watcher):
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait(20.0) == 0
+        assert not watcher.is_running()
+        assert number(folder / "pwm0", "duty_cycle") == 1_000_000
+
+
+def test_a_process_that_something_ended_is_started_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = chip(tmp_path, 1)
+    channel = PwmChannel(str(folder), 0, 0.02)
+    channel.set_pulse(1500.0)
+    writer = EndWriter(channel.texts(1000.0))
+    first = writer.pid
+    writer.keep()
+    assert writer.pid == first
+    os.kill(first, signal.SIGKILL)
+    end_s = time.monotonic() + 10.0
+    while writer.pid == first:
+        assert time.monotonic() < end_s
+        writer.keep()
+    assert "is started again" in caplog.text
+    assert number(folder / "pwm0", "duty_cycle") == 1_500_000, "the driver lives: nothing is stopped"
+    channel.close()
+    writer.close()
+    assert number(folder / "pwm0", "duty_cycle") == 1_000_000
+
+
+def test_a_file_that_is_gone_does_not_keep_the_others_from_their_values(tmp_path: Path) -> None:
+    (tmp_path / "there").write_text("7")
+    writer = EndWriter([(str(tmp_path / "no" / "file"), "1"), (str(tmp_path / "there"), "2")])
+    writer.close()
+    assert (tmp_path / "there").read_text() == "2"

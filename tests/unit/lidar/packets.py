@@ -1,0 +1,46 @@
+"""Packets of a VLP-16 in surroundings that a function describes."""
+
+import math
+import struct
+from collections.abc import Callable
+from typing import Final
+
+from swarmd.lidar.core.turn_decoder import ELEVATIONS_DEG
+
+BLOCK_DEG: Final = 0.4
+"""Azimuth between two blocks, which have two firings each, at 10 turns a second."""
+Surroundings = Callable[[float, float], float]
+"""Distance in m, by azimuth (clockwise from the lidar's zero) and elevation in rad; 0: no echo."""
+
+
+def turn(surroundings: Surroundings, blocks: int = 900) -> list[bytes]:
+    """One turn, of 75 packets."""
+    made = []
+    for number in range(blocks):
+        azimuth = number * BLOCK_DEG
+        block = struct.pack("<HH", 0xEEFF, round(azimuth * 100))
+        for firing in (0.0, BLOCK_DEG / 2):
+            for elevation in ELEVATIONS_DEG:
+                distance = surroundings(math.radians(azimuth + firing), math.radians(elevation))
+                block += struct.pack("<HB", round(distance / 0.002), 100)
+        made.append(block)
+    return [b"".join(part) + bytes(6) for part in _twelve(made)]
+
+
+def _twelve(blocks: list[bytes]) -> list[list[bytes]]:
+    return [blocks[at : at + 12] for at in range(0, len(blocks), 12)]
+
+
+def wall(ahead_m: float) -> Surroundings:
+    """A wall across the way, and nothing else."""
+
+    def distance(azimuth: float, elevation: float) -> float:
+        towards = math.cos(azimuth) * math.cos(elevation)
+        return ahead_m / towards if towards > 0.1 and ahead_m / towards < 100.0 else 0.0
+
+    return distance
+
+
+def ground(height_m: float) -> Surroundings:
+    """Level ground below a lidar at this height."""
+    return lambda _, elevation: height_m / -math.sin(elevation) if elevation < 0 else 0.0
