@@ -1,5 +1,6 @@
 # Every target sets up what it needs in .venv first; nothing else has to be installed than python3 >= 3.11.
 SHELL := /bin/bash
+unexport PYTHONDONTWRITEBYTECODE # without bytecode each process of a node or a test compiles all sources again
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

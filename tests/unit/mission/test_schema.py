@@ -17,6 +17,7 @@ from swarmware.model.config import share_dir
 
 SHIPPED = share_dir() / "schemas" / "mission.schema.json"
 PUBLISHED = Path(__file__).parents[2] / "data" / "bdl"
+VALIDATOR = jsonschema.Draft202012Validator(json.loads(SHIPPED.read_text()))
 MISSIONS = sorted((share_dir() / "missions").rglob("*.json"))
 
 
@@ -31,7 +32,7 @@ def test_the_shipped_schema_is_the_one_of_the_catalogue() -> None:
     ids=str,
 )
 def test_good_missions_fit_the_schema(path: Path) -> None:
-    jsonschema.validate(json.loads(path.read_text()), json.loads(SHIPPED.read_text()))
+    VALIDATOR.validate(json.loads(path.read_text()))
 
 
 @pytest.mark.parametrize(
@@ -52,14 +53,13 @@ def test_good_missions_fit_the_schema(path: Path) -> None:
 )
 def test_what_does_not_fit_the_schema_is_refused(text: str) -> None:
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(json.loads(text), json.loads(SHIPPED.read_text()))
+        VALIDATOR.validate(json.loads(text))
 
 
 # -- what the loader and the schema say about form is the same
 
 BEYOND_FORM = {"no-such-block", "into-start", "start", "end"}
 """Rules about the graph, which no schema can express."""
-VALIDATOR = jsonschema.Draft202012Validator(json.loads(SHIPPED.read_text()))
 TARGET = st.sampled_from(["a", "b", "c", "d"])
 ANY_TARGET: st.SearchStrategy[Any] = (
     TARGET | st.lists(TARGET, max_size=3) | st.sampled_from([None, 3, True, {}])
