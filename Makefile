@@ -16,10 +16,10 @@ LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests; those that compute one per core, those that wait three at a time, labs two at a time
+test: $(VENV)/.test ## all tests; those that compute one per core, those that wait four at a time, labs three at a time
 	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
-	$(RUN) pytest -q -n 3 --dist loadfile $(LABS:%=--ignore=%) tests/integration
-	$(RUN) pytest -q -n 2 --dist loadfile --no-loadscope-reorder $(LABS)
+	$(RUN) pytest -q -n 4 --dist loadfile $(LABS:%=--ignore=%) tests/integration
+	$(RUN) pytest -q -n 3 --dist loadfile --no-loadscope-reorder $(LABS)
 
 simulations: $(VENV)/.test ## the simulations with all their seeds; test runs a part of them
 	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation
