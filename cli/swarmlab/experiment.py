@@ -310,4 +310,5 @@ def _node_metadata(running: RunningLab, course: MissionRun, node: LabNode) -> No
         log=str(_log_of(node)),
         cpu_percent=course.percent(node.platform) if whole else None,
         rss_mb=course.after[node.platform].rss_mb if code is None else None,
+        pss_mb=course.after[node.platform].pss_mb if code is None else None,
     )

@@ -31,7 +31,9 @@ def parser() -> argparse.ArgumentParser:
     )
     forks = commands.add_parser("forkserver")  # started by `swarmd node`: no help, so not listed
     forks.add_argument("services", nargs="*")
-    for command in (run, node, units, forks):
+    forks.add_argument("--socket", metavar="PATH", type=Path, required=True)
+    forks.add_argument("--shared", action="store_true")
+    for command in (run, node, units):
         command.add_argument(
             "--config",
             metavar="DIR",

@@ -23,8 +23,9 @@ class Forks:
     """Starts and restarts the fork server. The node works without it; only the start of processes takes
     longer."""
 
-    def __init__(self, services: list[str], config_dir: str, run_dir: str) -> None:
-        self._words = ["forkserver", *services, "--config", config_dir]
+    def __init__(self, services: list[str], run_dir: str) -> None:
+        self._path = os.path.join(run_dir, FOLDER, SOCKET)
+        self._words = ["forkserver", *services, "--socket", self._path]
         self._run_dir = run_dir
         self._lives = RestartPolicy()
         self._lifeline = -1
@@ -68,7 +69,7 @@ class Forks:
                 self._process.signal(signal.SIGKILL)
             os.waitid(os.P_PID, self.pid, os.WEXITED)
             self._forget()
-        remove_file(os.path.join(self._run_dir, FOLDER, SOCKET))
+        remove_file(self._path)
 
     def _forget(self) -> None:
         if self._process is not None:

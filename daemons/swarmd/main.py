@@ -20,6 +20,8 @@ class Options:
         self.command = command
         self.services = list(services)
         self.config = config
+        self.socket = Path()
+        self.shared = False
 
 
 def parse(words: list[str]) -> Options:
@@ -63,7 +65,7 @@ def _carry_out(options: Options) -> int:
             case "node":
                 return _node(_folder(options.config))
             case "forkserver":
-                return _forks(_folder(options.config), options.services)
+                return _forks(options)
             case _:
                 return _run(_folder(options.config), options.services)
     except SwarmError as error:
@@ -108,14 +110,12 @@ def _run(config_dir: Path, names: list[str]) -> int:
     return run_services(config_dir, list(dict.fromkeys(names)))
 
 
-def _forks(config_dir: Path, names: list[str]) -> int:
+def _forks(options: Options) -> int:
     _import_event_loop()
     from swarmd.forkserver import ForkServer, preload
-    from swarmware.model.config import load_node
 
-    run_dir = load_node(config_dir).run_path
-    preload(names)
-    order = ForkServer(run_dir).run()
+    preload(options.services)
+    order = ForkServer(options.socket, shared=options.shared).run()
     return 0 if order is None else _run(order.config_dir, list(order.names))
 
 

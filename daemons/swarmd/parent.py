@@ -99,7 +99,7 @@ def main(words: list[str]) -> int:
         if shared:
             from swarmd.forks import Forks  # one process for all services has no fork server
 
-            forks = Forks(services, config_dir, run_dir)
+            forks = Forks(services, run_dir)
             return Parent(guard, platform, listening, RestartPolicy(), forks).run()
         return Parent(one, platform, listening, RestartPolicy()).run()
     finally:

@@ -122,7 +122,7 @@ def enter(node: LabNode) -> list[str]:
 async def over_radio(lab: LabState, frames: int) -> Probe:
     """The same exchange between two nodes of a lab."""
     started = RunningLab(lab)
-    await started.start_radio(20)
+    await started.start_shared(20)
     try:
         one, other = lab.nodes[:2]
         return await asyncio.to_thread(exchange, enter(one), enter(other), one.address, frames, FLOOD_S)

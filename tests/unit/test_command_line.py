@@ -19,8 +19,8 @@ LINES = [
     ["node"],
     ["units"],
     ["ls"],
-    ["forkserver", "--config", "etc"],
-    ["forkserver", "tree", "guard", "--config", "etc"],
+    ["forkserver", "--socket", "run/fork"],
+    ["forkserver", "tree", "guard", "--socket", "run/fork", "--shared"],
 ]
 REFUSED = [
     [],
@@ -40,6 +40,8 @@ def test_a_command_line_means_what_argparse_makes_of_it(words: list[str]) -> Non
     found = parse(words)
     assert (found.command, found.config) == (expected.command, getattr(expected, "config", None))
     assert found.services == getattr(expected, "services", [])
+    assert found.socket == getattr(expected, "socket", Path())
+    assert found.shared == getattr(expected, "shared", False)
 
 
 @pytest.mark.parametrize("words", REFUSED, ids=" ".join)

@@ -17,7 +17,9 @@ class Usage(msgspec.Struct, frozen=True):
     cpu_s: float
     """Processor time of all its processes so far."""
     rss_mb: float
-    """Resident memory of all its processes; 1 MB is 10⁶ bytes."""
+    """Resident memory of all its processes (RSS): pages that are shared count in each; 1 MB is 10⁶ bytes."""
+    pss_mb: float = 0.0
+    """The same with shared pages divided among those who share them (PSS)."""
 
 
 def usage(lab: LabState) -> dict[str, Usage]:
@@ -25,17 +27,18 @@ def usage(lab: LabState) -> dict[str, Usage]:
     running = processes.by_mark(NODE_MARK)
     found = {}
     for node in lab.nodes:
-        cpu_s = rss = 0.0
+        cpu_s = rss = pss = 0.0
         for who in running.get(node.folder, ()):
             try:
                 process = psutil.Process(who.pid)
                 with process.oneshot():
-                    times, memory = process.cpu_times(), process.memory_info()
+                    times, memory = process.cpu_times(), process.memory_full_info()
             except psutil.Error:
                 continue  # it has just ended
             cpu_s += times.user + times.system
             rss += memory.rss
-        found[node.platform] = Usage(time.monotonic(), cpu_s, rss / 1e6)
+            pss += memory.pss
+        found[node.platform] = Usage(time.monotonic(), cpu_s, rss / 1e6, pss / 1e6)
     return found
 
 

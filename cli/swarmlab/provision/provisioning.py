@@ -288,6 +288,11 @@ def _write(lab: LabState, node: LabNode, keys: Path) -> None:
         _toml(paths.service_config(node.config_dir, name), settings)
 
 
+def services(lab: LabState) -> list[str]:
+    """Names of all services that nodes of the lab have."""
+    return list(dict.fromkeys(name for node in lab.nodes for name in _names(lab, node)))
+
+
 def _names(lab: LabState, node: LabNode) -> tuple[str, ...]:
     """Names of the services of a node."""
     if node.kind == PlatformKind.GCS:

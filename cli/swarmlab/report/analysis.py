@@ -142,6 +142,7 @@ class Analysis:
             clock_error_us=P95(clock.p95),
             cpu_percent_of_core=_mean_max([node.cpu_percent for node in metadata.nodes]),
             rss_mb=_mean_max([node.rss_mb for node in metadata.nodes]),
+            pss_mb=_mean_max([node.pss_mb for node in metadata.nodes]),
             host=metadata.host,
         )
 

@@ -91,8 +91,10 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     cpu_percent_of_core: MeanMax
     """Processor time per node over the mission, in percent of one core."""
     rss_mb: MeanMax
-    """Resident memory per node."""
+    """Resident memory per node (RSS): pages that its processes or nodes share count in each."""
     host: HostInfo = HostInfo()
+    pss_mb: MeanMax = MeanMax()
+    """The same with shared pages divided among those who share them (PSS)."""
 
 
 class PaperFigures(msgspec.Struct, frozen=True):
@@ -229,7 +231,13 @@ def _rows(report: ExperimentReport) -> list[ComparisonRow]:
             "memory per node",
             "",
             _number(report.rss_mb.mean, "MB"),
-            f"max {_number(report.rss_mb.max, 'MB')}",
+            f"max {_number(report.rss_mb.max, 'MB')}; shared pages count in each (RSS)",
+        ),
+        ComparisonRow(
+            "memory per node, shared divided",
+            "",
+            _number(report.pss_mb.mean, "MB"),
+            f"max {_number(report.pss_mb.max, 'MB')}; PSS",
         ),
     ]
 

@@ -31,7 +31,9 @@ class NodeMetadata(msgspec.Struct, frozen=True, kw_only=True):
     cpu_percent: float | None = None
     """Processor time of all its processes from the command to the end, in percent of one core."""
     rss_mb: float | None = None
-    """Resident memory of all its processes at the end."""
+    """Resident memory of all its processes at the end (RSS): shared pages count in each."""
+    pss_mb: float | None = None
+    """The same with shared pages divided among those who share them (PSS)."""
 
 
 class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):

@@ -94,7 +94,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     """
     lab = running.state
     running.on_restart = lambda platform, what: out.warn(f"node {platform}: {what}")
-    await running.start_radio(UP_S)
+    await running.start_shared(UP_S)
     order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
     with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
         running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")

@@ -19,6 +19,7 @@ from swarmctl.session.processes import NODE_MARK
 from swarmlab.provision import provisioning
 from swarmlab.radio.namespace import ENTER
 from swarmlab.run.child import child_environment, exit_description, tail
+from swarmlab.run.fork_server_child import ForkServerChild, fork_variables
 from swarmlab.run.notify import NotifySocket, Restarts
 from swarmlab.run.radio_child import RadioChild
 from swarmware.errors import NoAnswer, SwarmError
@@ -53,7 +54,8 @@ def command(node: LabNode) -> list[str]:
 
 def environment(lab: LabState, node: LabNode) -> dict[str, str]:
     """Environment of a node's processes."""
-    return child_environment(lab, node.notify_path) | {NODE_MARK: node.folder}
+    variables = child_environment(lab, node.notify_path) | {NODE_MARK: node.folder}
+    return variables | fork_variables(lab, node)
 
 
 class RunningLab:
@@ -69,6 +71,7 @@ class RunningLab:
         self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
         """Called with platform and text when its supervisor restarts its process, and when that is ready."""
         self._radio = RadioChild(lab, self._note_change) if lab.radio_file else None
+        self._fork_server = ForkServerChild(lab, provisioning.services(lab), self._note_change)
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._processes: dict[str, WatchedProcess] = {}
         self._sockets: dict[str, NotifySocket] = {}
@@ -88,13 +91,15 @@ class RunningLab:
         """Whether the node has reported that it is ready."""
         return platform in self._sockets and self._sockets[platform].ready
 
-    async def start_radio(self, timeout_s: float) -> None:
-        """Starts the radio of a lab that has one; returns when nodes can enter their namespaces.
+    async def start_shared(self, timeout_s: float) -> None:
+        """Starts what the nodes share; returns when they can enter their namespaces and be forked.
 
         Raises: Denied without the rights, SwarmError when it ends, NoAnswer when it is not ready in time.
         """
+        self.began_mono_ns = time.monotonic_ns()
         if self._radio is not None:
             await self._radio.start(timeout_s)
+        await self._fork_server.start(timeout_s)
 
     async def start(self, order: list[str], timeout_s: float) -> None:
         """Starts these nodes in this order and returns when all of them are ready.
@@ -247,6 +252,7 @@ class RunningLab:
         """Stops watching after processing earlier exits and notifications; the nodes continue."""
         loop = asyncio.get_running_loop()
         self._watching = False
+        self._fork_server.stop_watching()
         if self._radio is not None:
             self._radio.stop_watching()
         for platform, (timer, code) in self._again.items():
@@ -268,6 +274,7 @@ class RunningLab:
 
     def detach(self) -> None:
         """Lets this process end before the nodes."""
+        self._fork_server.detach()
         if self._radio is not None:
             self._radio.detach()
         for child in self._children.values():
@@ -276,6 +283,7 @@ class RunningLab:
 
     def wait_children(self) -> None:
         """Waits for the exit codes of all ended children."""
+        self._fork_server.wait()
         if self._radio is not None:
             self._radio.wait()
         for child in self._children.values():

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import select
+import sys
 
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal, socket
@@ -23,7 +24,12 @@ if TYPE_CHECKING:
 FOLDER: Final = "parent"
 """Folder in the run directory, closed to other users: sockets of the parent and of its fork server."""
 SOCKET: Final = "fork"
+VARIABLE: Final = "SWARM_FORK_SERVER"
+"""Environment variable with the socket of a fork server that several nodes share, as those of a lab do."""
 MESSAGE_BYTES: Final = 8192
+REQUEST_BYTES: Final = 1 << 16
+"""Maximum size of a request: mostly the environment of the new process."""
+_OWN_NETWORK: Final = "/proc/self/ns/net"
 ANSWER_S: Final = 2.0
 """A fork takes milliseconds; a server that needs longer hangs, and is killed: the parent starts another."""
 ENDED_S: Final = 0.3
@@ -74,17 +80,22 @@ class StartedProcess:
 
 
 def request_fork(
-    names: list[str], config_dir: Path, run_dir: Path, *, notifies: bool
+    names: list[str], config_dir: Path, run_dir: Path, variables: dict[str, str]
 ) -> StartedProcess | None:
-    """Request a process of these services from the fork server of the node; None: it does not answer."""
+    """Request a process of these services from the fork server of the node; None: it does not answer.
+
+    The process has this environment, and the working directory, output and network of this process.
+    """
+    shared = os.environ.get(VARIABLE)
     asking = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_CLOEXEC)
     try:
         asking.settimeout(ANSWER_S)
-        asking.connect(os.path.join(run_dir, FOLDER, SOCKET))
-        asking.send("\0".join(["speaks" if notifies else "", os.fspath(config_dir), *names]).encode())
+        asking.connect(shared or os.path.join(run_dir, FOLDER, SOCKET))
+        _send(asking, [os.fspath(config_dir), os.getcwd(), str(len(names)), *names], variables)
         pid = int(asking.recv(MESSAGE_BYTES) or b"0")
     except TimeoutError:
-        _end_server(asking)
+        if not shared:  # a shared one is only slow: other nodes are being started
+            _end_server(asking)
         pid = 0
     except (OSError, ValueError):
         pid = 0  # no fork server runs, it is being started, or it has just died
@@ -93,6 +104,19 @@ def request_fork(
         return None
     asking.setblocking(False)
     return StartedProcess(pid, asking)
+
+
+def _send(asking: socket.socket, words: list[str], variables: dict[str, str]) -> None:
+    """Sends a request with the output and the network of this process. Raises: OSError, ValueError."""
+    text = os.fsencode("\0".join([*words, *(f"{key}={value}" for key, value in variables.items())]))
+    if len(text) > REQUEST_BYTES:
+        raise ValueError(f"an environment of {len(text)} bytes; expected at most {REQUEST_BYTES}")
+    network = os.open(_OWN_NETWORK, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        files = b"".join(fd.to_bytes(4, sys.byteorder) for fd in (1, 2, network))
+        asking.sendmsg([text], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, files)])
+    finally:
+        os.close(network)
 
 
 def _end_server(asking: socket.socket) -> None:

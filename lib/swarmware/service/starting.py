@@ -43,11 +43,10 @@ def launch(
 
     `notifies`: it notifies the parent of the node's processes, if there is one, that it is ready and alive.
     """
-    if (forked := request_fork(names, config_dir, run_dir, notifies=notifies)) is not None:
+    variables = environment(run_dir, notifies=notifies)
+    if (forked := request_fork(names, config_dir, run_dir, variables)) is not None:
         return forked
-    return StartedProcess(
-        start(["run", *names, "--config", os.fspath(config_dir)], environment(run_dir, notifies=notifies))
-    )
+    return StartedProcess(start(["run", *names, "--config", os.fspath(config_dir)], variables))
 
 
 def start(words: list[str], variables: dict[str, str], stdin: int | None = None) -> int:

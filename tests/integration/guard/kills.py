@@ -22,6 +22,7 @@ from typing import Final, NamedTuple
 
 from swarmware.errors import NoAnswer, NotFound, WireError
 from swarmware.module.module import Module
+from swarmware.service.fork import FOLDER, SOCKET
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.entry import AppEntry
@@ -96,12 +97,12 @@ def everybody(root: Path, chance: random.Random) -> Harm:
 
 def everybody_and_the_fork_server(root: Path, chance: random.Random) -> Harm:
     """All of them, and what starts them: only the parent is left."""
-    config = str(root / "uav1/etc").encode()
+    socket = str(root / "uav1/run" / FOLDER / SOCKET).encode()
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
             with suppress(OSError):  # it ended meanwhile, or is another user's
                 words = (entry / "cmdline").read_bytes().split(b"\0")
-                if b"forkserver" in words and config in words:
+                if b"forkserver" in words and socket in words:
                     os.kill(int(entry.name), signal.SIGKILL)
     harm = everybody(root, chance)
     return Harm(f"fork server+{harm.what}", harm.killed)

@@ -171,9 +171,12 @@ def namespaces() -> set[int]:
 
 
 def radio_of(lab: LabState) -> processes.ProcessIdentity:
-    nodes = {who for found in processes.by_mark(NODE_MARK).values() for who in found}
-    (radio,) = set(processes.marked(lab.mark)) - nodes
+    (radio,) = [who for who in processes.marked(lab.mark) if b"swarmlab.radio" in words_of(who)]
     return radio
+
+
+def words_of(who: processes.ProcessIdentity) -> bytes:
+    return Path(f"/proc/{who.pid}/cmdline").read_bytes()
 
 
 def foreground(labs_folder: Path) -> "subprocess.Popen[str]":

@@ -17,7 +17,7 @@ import pytest
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.start_ticks import start_ticks
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import FOLDER, SOCKET, request_fork
+from swarmware.service.fork import FOLDER, SOCKET, VARIABLE, request_fork
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
@@ -162,20 +162,46 @@ def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_par
     config = make_node(tmp_path, services={"timesync": {}}, processes="per-daemon")
     run_dir = tmp_path / "uav1/run"
     (run_dir / FOLDER).mkdir(parents=True)
-    words = [sys.executable, "-m", "swarmd", "forkserver", "timesync", "--config", str(config)]
+    words = [sys.executable, "-m", "swarmd", "forkserver", "timesync"]
+    words += ["--socket", str(run_dir / FOLDER / SOCKET)]
     with no_leaks(run_dir), subprocess.Popen(words, stdin=subprocess.PIPE) as server:
         assert server.stdin is not None
         asyncio.run(until((run_dir / FOLDER / SOCKET).exists, "socket"))
         os.kill(server.pid, signal.SIGSTOP)
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as impatient:
             impatient.connect(str(run_dir / FOLDER / SOCKET))
-            impatient.send(f"\0{config}\0timesync".encode())
+            socket.send_fds(impatient, [f"{config}\0/\x001\0timesync".encode()], [1, 2, 2])
         os.kill(server.pid, signal.SIGCONT)
         # asked later, answered later: what comes before was looked at
-        started = request_fork(["nosuch"], config, run_dir, notifies=False)
+        started = request_fork(["nosuch"], config, run_dir, dict(os.environ))
         assert started is not None
         assert started.exit_status(PATIENCE_S) == ExitStatus(code=6)
         started.close()
         assert not Path(f"/proc/{server.pid}/task/{server.pid}/children").read_text().split()
         server.stdin.close()
         assert server.wait(PATIENCE_S) == 0
+
+
+def test_a_server_that_nodes_share_stays_until_its_last_process_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = make_node(tmp_path, services={"timesync": {}, "register": {}})
+    path, run_dir = tmp_path / "shared", tmp_path / "uav1/run"
+    monkeypatch.setenv(VARIABLE, str(path))
+    words = [sys.executable, "-m", "swarmd", "forkserver", "timesync", "--socket", str(path), "--shared"]
+    with no_leaks(), subprocess.Popen(words, stdin=subprocess.PIPE) as server:
+        assert server.stdin is not None
+        asyncio.run(until(path.exists, "socket"))
+        first = request_fork(["timesync"], config, run_dir, dict(os.environ))
+        server.stdin.close()
+        second = request_fork(["nosuch"], config, run_dir, dict(os.environ))
+        assert first is not None
+        assert second is not None
+        assert second.exit_status(PATIENCE_S) == ExitStatus(code=6)
+        assert server.poll() is None
+        os.kill(first.pid, signal.SIGKILL)
+        assert first.exit_status(PATIENCE_S) == ExitStatus(signal=signal.SIGKILL)
+        assert server.wait(PATIENCE_S) == 0
+        for started in (first, second):
+            started.close()
+    assert not path.exists()

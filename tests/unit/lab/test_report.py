@@ -39,7 +39,7 @@ KEYS = json.loads(
     '{"p50":0,"p99":0,"max":0},"order_to_receipt_ms":{"p50":0,"p99":0,"max":0},"receipts":[],"formation_error_m":{"mean":0,"max":0},"min_separation_m":0,"collisions":0,'
     '"frames_lost":0,"log_frames":0,"log_gaps":0,"clock_error_us":{"p95":0},"cpu_percent_of_core":{"mean":0,'
     '"max":0},"rss_mb":{"mean":0,"max":0},"host":{"processor":"","cores":2,"kernel":"","load_before":0,'
-    '"nodes_percent":0,"others_percent":0}}'
+    '"nodes_percent":0,"others_percent":0},"pss_mb":{"mean":0,"max":0}}'
 )
 """The promised document; programs of others read these keys."""
 

@@ -115,13 +115,13 @@ def test_a_request_names_the_services_and_its_answer_the_process(tmp_path: Path)
         asking.send(b"exit 3")
 
     with server(tmp_path, answer):
-        started = request_fork(["hal", "sim"], "/etc/swarm", tmp_path, notifies=True)
+        started = request_fork(["hal", "sim"], "/etc/swarm", tmp_path, {"HOME": "/", "MARK": "a=b"})
         assert started is not None
         assert started.pid == 4711
         assert started.exit_status(10.0) == ExitStatus(code=3)
         started.close()
         started.close()
-    assert asked == [["speaks", "/etc/swarm", "hal", "sim"]]
+    assert asked == [["/etc/swarm", str(Path.cwd()), "2", "hal", "sim", "HOME=/", "MARK=a=b"]]
 
 
 REFUSALS: dict[str, Answer] = {
@@ -134,11 +134,29 @@ REFUSALS: dict[str, Answer] = {
 @pytest.mark.parametrize("answer", REFUSALS.values(), ids=REFUSALS)
 def test_without_a_process_of_the_fork_server_there_is_none(tmp_path: Path, answer: Answer) -> None:
     with server(tmp_path, answer):
-        assert request_fork(["hal"], "/etc/swarm", tmp_path, notifies=False) is None
+        assert request_fork(["hal"], "/etc/swarm", tmp_path, {}) is None
 
 
 def test_without_a_fork_server_there_is_none(tmp_path: Path) -> None:
-    assert request_fork(["hal"], "/etc/swarm", tmp_path, notifies=False) is None
+    assert request_fork(["hal"], "/etc/swarm", tmp_path, {}) is None
+
+
+def test_a_request_that_is_too_long_is_not_sent(tmp_path: Path) -> None:
+    asked: list[list[str]] = []
+    with server(tmp_path, lambda _, words: asked.append(words)):
+        assert request_fork(["hal"], "/etc/swarm", tmp_path, {"LONG": "x" * fork.REQUEST_BYTES}) is None
+    assert asked == [[""]], "the connection was closed"
+
+
+def test_a_fork_server_that_nodes_share_is_asked_instead_of_the_own_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared = tmp_path / "shared"
+    monkeypatch.setenv(fork.VARIABLE, str(shared / FOLDER / SOCKET))
+    with server(shared, lambda asking, _: asking.send(b"4711")):
+        started = request_fork(["hal"], "/etc/swarm", tmp_path, {})
+        assert started is not None
+        started.close()
 
 
 def test_a_fork_server_that_hangs_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,7 +175,7 @@ def test_a_fork_server_that_hangs_is_killed(tmp_path: Path, monkeypatch: pytest.
     )
     assert select.select([reading], [], [], 20.0)[0], "it listens"
     monkeypatch.setattr(fork, "ANSWER_S", 0.05)
-    assert request_fork(["hal"], "/etc/swarm", tmp_path, notifies=False) is None
+    assert request_fork(["hal"], "/etc/swarm", tmp_path, {}) is None
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
     for fd in (reading, writing, waits, never):
         os.close(fd)
