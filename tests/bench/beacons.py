@@ -29,7 +29,8 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.admission.sessions import Sessions
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
+from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.former_session import FormerSession

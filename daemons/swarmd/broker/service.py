@@ -10,7 +10,7 @@ import msgspec
 from swarmd.broker import config as settings
 from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.beacon.beacon import PlatformCode
-from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.former_session import FormerSession

@@ -9,7 +9,7 @@ import pytest
 from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
 
 from swarmd.broker.core.beacon.beacon import Hello
-from swarmd.broker.core.beacon_protocol import BeaconProtocol
+from swarmd.broker.core.beacon.hello_schedule import HelloSchedule, Moment
 from swarmd.broker.core.forwarding.frame_datagram import FRAME, encode_header
 from swarmd.broker.core.media.medium_table import Use
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
@@ -158,13 +158,13 @@ async def test_a_lost_datagram_is_repeated_over_the_connection(tmp_path: Path, w
 async def test_a_node_that_announces_no_port_gets_urgent_frames_over_the_connection(
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hello = BeaconProtocol._hello
+    hello = HelloSchedule.next_hello
 
-    def without_port(protocol: BeaconProtocol, now_ns: int) -> Hello | None:
-        protocol.frame_port = 0 if protocol.identity.platform == "uav1" else protocol.frame_port
-        return hello(protocol, now_ns)
+    def without_port(hellos: HelloSchedule, at: Moment) -> Hello | None:
+        hellos.frame_port = 0 if hellos.identity.platform == "uav1" else hellos.frame_port
+        return hello(hellos, at)
 
-    monkeypatch.setattr(BeaconProtocol, "_hello", without_port)
+    monkeypatch.setattr(HelloSchedule, "next_hello", without_port)
     async with swarm(tmp_path, "gcs", "uav1") as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")

@@ -15,7 +15,7 @@ from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
 from swarmd.broker.core.beacon.beacon_history import datagram_digest
-from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.core.topology.link import LinkChanged, LinkState

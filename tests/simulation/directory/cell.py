@@ -28,7 +28,8 @@ from swarmd.broker.core.beacon.beacon import NO_ECHO, Beacon, BoardValue, Echo, 
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
-from swarmd.broker.core.topology.neighbour import LISTING_EACH_NS, LISTING_NS, NeighbourTable
+from swarmd.broker.core.topology.neighbour import LISTING_NS
+from swarmd.broker.core.topology.neighbour_table import LISTING_EACH_NS, NeighbourTable
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, LinkStatus, TreePlan

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys
 from tests.simulation.directory.radios import RadioSwarm
+from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmware.model.names import data_id, hardware_id
@@ -107,13 +108,13 @@ class Air(RadioSwarm):
 
 def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
     ages_s: dict[int, list[float]] = defaultdict(list)
-    for seed in range(5):
+    bytes_s: list[float] = []
+    for seed in seeds(2, 5):
         air = Air(seed, count=16, degree=6.0, speed_m_s=5.0)
         air.run_for(4.0)
         warm_bytes = air.sent_bytes_all()
-        air.fly(8.0, look=True)
-        per_node = (air.sent_bytes_all() - warm_bytes) / 16 / 8.0
-        assert per_node <= 2200, "bytes per node and second"
+        air.fly(6.0, look=True)
+        bytes_s.append((air.sent_bytes_all() - warm_bytes) / 16 / 6.0)
         assert max(air.ages_s) >= 3, "this seed shows nothing about many hops"
         for hops, found_s in air.ages_s.items():
             ages_s[hops] += found_s
@@ -125,8 +126,9 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
                     assert member is not None
                     assert member.platform == platform
                     assert member.tree_version == hardware_id(platform) & 0xFFFF
+    assert np.mean(bytes_s) <= 2200, "bytes per node and second"
     # of all swarms together: in one of them a single node at the edge decides about three hops
-    for hops, limit_s in ((1, 0.15), (2, 0.35), (3, 0.65)):
+    for hops, limit_s in ((1, 0.15), (2, 0.3), (3, 0.65)):
         assert np.quantile(np.array(ages_s[hops]), 0.95) <= limit_s
 
 
@@ -134,21 +136,21 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
 @pytest.mark.timeout(600)  # 15 s of an idle core
 def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby() -> None:
     air = Air(0, count=100, degree=9.0, speed_m_s=5.0)
-    air.fly(7.0, look=False)  # until all names are known
+    air.fly(5.0, look=False)  # until all names are known
     warm_bytes = air.sent_bytes_all()
-    air.fly(2.0, look=True)
-    per_node = (air.sent_bytes_all() - warm_bytes) / 100 / 2.0
+    air.fly(1.5, look=True)
+    per_node = (air.sent_bytes_all() - warm_bytes) / 100 / 1.5
     assert per_node <= 3800, "bytes per node and second"
-    assert np.quantile(np.array(air.ages_s[1]), 0.95) <= 0.25
-    assert np.quantile(np.array(air.ages_s[2]), 0.95) <= 0.6
+    assert np.quantile(np.array(air.ages_s[1]), 0.95) <= 0.15
+    assert np.quantile(np.array(air.ages_s[2]), 0.95) <= 0.3
 
 
 def test_poses_of_16_nodes_in_one_cell_are_not_relayed() -> None:
     air = Air(1, count=16, degree=300.0, speed_m_s=0.0)
     air.run_for(3.0)
     warm_bytes = air.sent_bytes_all()
-    air.run_for(10.0)
-    total = (air.sent_bytes_all() - warm_bytes) / 10.0
+    air.run_for(6.0)  # three periods of hellos
+    total = (air.sent_bytes_all() - warm_bytes) / 6.0
     assert total <= 16_000, "bytes per second of all 16 together"
     air.look()
     assert set(air.ages_s) == {1}

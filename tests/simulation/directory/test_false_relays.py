@@ -16,7 +16,7 @@ from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.action import ReportContradictions
 from swarmd.broker.core.beacon.beacon import RelayedValue
-from swarmd.broker.core.beacon_protocol import DIRECT_PERIODS
+from swarmd.broker.core.boards.received_values import DIRECT_PERIODS
 from swarmd.broker.core.boards.relay_cache import OLDEST_NS, RemoteValue
 from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription, ConnectionStatus, LinkStatus

@@ -9,12 +9,8 @@ import pytest
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformCode, RouteRow
 from swarmd.broker.core.beacon.beacon_rate import QUIET_HELLOS
-from swarmd.broker.core.beacon_protocol import (
-    SILENCE_NS,
-    BeaconProtocol,
-    NodeIdentity,
-    OutgoingBeacon,
-)
+from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, NodeIdentity
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmd.broker.core.topology.topology import LinkState, Topology
@@ -121,7 +117,7 @@ def test_names_are_repeated_sooner_while_links_change_and_after_a_new_tree(one: 
 
 def test_the_first_hello_of_a_neighbour_is_reported_once(one: Node, other: Node) -> None:
     assert [received.first_hello for received in one.transmit(0, other)] == [True]
-    one.protocol.schedule_hello()
+    one.protocol.hellos.schedule()
     assert [received.first_hello for received in one.transmit(PERIOD, other)] == [False]
 
 
@@ -429,3 +425,18 @@ def test_a_body_stays_within_its_limit_however_much_there_is_to_say(one: Node, o
         assert len(codec.encode(outgoing.beacon)) <= BODY_LIMIT
         sent |= {value.data_id for value in outgoing.beacon.values}
     assert len(sent) == 200
+
+
+def test_what_a_beacon_leaves_of_the_relay_budget_is_for_the_next_one(one: Node, other: Node) -> None:
+    meet(one, other)
+    start_ns, relays = 10 * PERIOD, 0
+    one.transmit(start_ns, other)
+    for slot in range(1, 24):
+        now_ns = start_ns + slot * PERIOD
+        for origin in range(100, 105):
+            value = b"%0200d" % slot
+            one.protocol.relay_cache.on_value(origin, origin, POSE, now_ns // 1000, 0, 1, True, value, now_ns)
+        one.transmit(now_ns, other)
+        relays += len(one.newest.beacon.relays) if slot > 3 else 0
+    sent_bytes_s = relays * codec.relay_bytes(bytes(200)) / 2.0
+    assert sent_bytes_s == pytest.approx(3000.0, rel=0.1), "two of 220 bytes do not fit into 300"

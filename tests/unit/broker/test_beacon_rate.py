@@ -24,7 +24,8 @@ from swarmd.broker.core.beacon.beacon_rate import (
     airtime_s,
     allowed_hz,
 )
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, NodeIdentity
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
+from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.topology.topology import Topology
 from swarmd.broker.core.traffic import Counters
 

@@ -10,8 +10,8 @@ from swarmd.broker.core.action import Action, ReportImpersonation
 from swarmd.broker.core.admission.sessions import digest
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode, RouteRow
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
-from swarmd.broker.core.beacon_protocol import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RelayCache
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmd.broker.core.media.medium import MediumProfile

@@ -8,8 +8,8 @@ from swarmd.broker.core.beacon.beacon_codec import value_bytes
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.relay_cache import (
-    COPIES,
     FORGET_NS,
+    FURTHER_NS,
     OLDEST_NS,
     PERIOD_NS,
     RelayCache,
@@ -218,14 +218,18 @@ def test_a_value_is_passed_on_once_with_what_it_aged_meanwhile() -> None:
     assert told(cache, 1145) == []
 
 
-def test_values_from_far_are_passed_on_less_often() -> None:
+@pytest.mark.parametrize(("hops", "beacons"), [(1, 100), (2, 60), (4, 30)])
+def test_values_from_far_are_passed_on_less_often_with_the_period_in_the_mean(
+    hops: int, beacons: int
+) -> None:
     cache = RelayCache()
-    counts = 0
-    for slot in range(40):
-        heard(cache, 1000 + slot * 100, sender=UAV3, hops=4)
-        counts += len(told(cache, 1000 + slot * 100))
-    assert PERIOD_NS * 4 == SECOND
-    assert counts == 4, "every tenth beacon"
+    told_ns: list[int] = []
+    for slot in range(beacons):
+        heard(cache, 1000 + slot * 100, sender=UAV3, hops=hops)
+        if told(cache, 1000 + slot * 100):
+            told_ns.append(slot * PERIOD)
+    mean_ns = (told_ns[-1] - told_ns[0]) / (len(told_ns) - 1)
+    assert mean_ns == pytest.approx(PERIOD_NS + FURTHER_NS * (hops - 1), rel=0.05)
 
 
 def test_what_all_neighbours_hear_themselves_is_not_passed_on() -> None:
@@ -248,12 +252,25 @@ def test_what_no_neighbour_lacks_is_not_passed_on() -> None:
     assert asked == [(UAV2, {UAV2, UAV3})]
 
 
-def test_what_was_overheard_often_enough_is_not_said_again() -> None:
+def test_what_another_node_relayed_to_all_that_need_it_waits_as_if_it_were_the_own_relay() -> None:
     cache = RelayCache()
-    heard(cache, 1000)
-    for sender in range(COPIES):
-        heard(cache, 1000, sender=100 + sender, hops=2)
-    assert told(cache, 1000) == []
+    told_ms: list[int] = []
+    for now_ms in range(1000, 1400, 20):
+        if now_ms % 100 == 0:
+            heard(cache, now_ms)
+        if now_ms == 1020:
+            heard(cache, 1000, sender=UAV3, hops=2, now_ms=1020)
+        if cache.compose(now_ms * MS, 1000, NOBODY, lambda *_, some=now_ms >= 1060: some):
+            told_ms.append(now_ms)
+    assert told_ms[0] == 1160, "130 ms after the other one"
+
+
+def test_a_relay_by_a_node_that_is_nearer_to_the_origin_does_not_count_as_the_own_one() -> None:
+    cache = RelayCache()
+    heard(cache, 1000, sender=UAV3, hops=3)
+    heard(cache, 1000, sender=UAV4, hops=2, now_ms=1010)
+    assert cache.compose(1020 * MS, 1000, NOBODY, lambda *_: False) == []
+    assert told(cache, 1030) == [1000]
 
 
 def test_a_value_that_still_holds_is_passed_on_again_each_second() -> None:
@@ -282,6 +299,18 @@ def test_relays_stay_within_their_budget_the_longest_waiting_first() -> None:
         assert len(out) == 2
         said += [relay.data_id for relay in out]
     assert [said.count(data_id) for data_id in range(6)] == [7] * 6
+
+
+def test_where_there_is_little_room_near_values_go_first_and_far_ones_are_not_forgotten() -> None:
+    cache = RelayCache()
+    said: list[int] = []
+    for slot in range(60):
+        for hops in (1, 2, 6):
+            cache.on_value(UAV3, hops, POSE, slot * 100_000, 0, hops, True, bytes(82), slot * PERIOD)
+        said += [r.origin_hw for r in cache.compose(slot * PERIOD, 100, NOBODY, lambda *_: True)]
+    counts = [said.count(hops) for hops in (1, 2, 6)]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[2] >= 2
 
 
 def test_what_was_not_heard_for_a_minute_is_forgotten() -> None:

@@ -188,7 +188,14 @@ def test_a_relayed_value_that_is_known_stands_for_a_repetition(receiver: Receive
     receiver.claim(receiver.clock_us, b"true 1", hops=2)
     receiver.claim(receiver.clock_us, b"true 1", hops=2, relay=FARTHER)
     assert receiver.cache.duplicates == 2
-    assert receiver.cache.compose(receiver.clock_us * 1000, 1000, frozenset(), lambda *_: True) == []
+    asked: list[set[int]] = []
+
+    def needed(_: int, have: set[int]) -> bool:
+        asked.append(have)
+        return False
+
+    receiver.cache.compose(receiver.clock_us * 1000, 1000, frozenset(), needed)
+    assert {RELAY, FARTHER} <= asked[0], "who has relayed it has it"
 
 
 def test_relays_without_number_take_no_memory(receiver: Receiver) -> None:

@@ -27,10 +27,10 @@ from swarmd.broker.core.beacon.beacon_rate import (
     SLOWDOWN_MAX,
     TRIGGERED_NS,
 )
+from swarmd.broker.core.beacon.hello_schedule import HELLO_CHANGING_NS, HELLO_NS, SLOWER
 from swarmd.broker.core.beacon.session_checks import CheckKind
-from swarmd.broker.core.beacon_protocol import HELLO_CHANGING_NS, HELLO_NS, SLOWER
 from swarmd.broker.core.boards.published_boards import REPEATS
-from swarmd.broker.core.boards.relay_cache import COPIES, OLDEST_NS, PERIOD_NS, REPEAT_NS
+from swarmd.broker.core.boards.relay_cache import FURTHER_NS, OLDEST_NS, PERIOD_NS, REPEAT_NS
 from swarmd.broker.core.forwarding.forwarder import LOOP_NS
 from swarmd.broker.core.forwarding.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
 from swarmd.broker.core.forwarding.frame_datagram import MAGIC as DATAGRAM_MAGIC
@@ -53,7 +53,6 @@ from swarmd.broker.core.topology.neighbour import (
     EXPECTED_MIN,
     FALSE_ALARM,
     FIRST_PERIOD_NS,
-    LISTING_EACH_NS,
     LISTING_NS,
     LISTINGS,
     LONG_WINDOW,
@@ -61,10 +60,14 @@ from swarmd.broker.core.topology.neighbour import (
     MISSES_MAX,
     NOTICE_SLACK_NS,
     PERIODS,
-    QUALITY_NS,
-    QUALITY_STEP,
     UNLISTED_SLACK_NS,
     WINDOW,
+)
+from swarmd.broker.core.topology.neighbour_table import (
+    LISTING_EACH_NS,
+    QUALITY_NS,
+    QUALITY_STEP,
+    WELL,
 )
 from swarmd.broker.core.topology.routing_table import (
     FORWARD_AGAIN_NS,
@@ -207,8 +210,8 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"0x{INFINITY:X} retracts the route",
         f"A changed value is in the next {['one', 'two', 'three'][REPEATS - 1]} datagrams",
         f"1 to {HOPS_MAX}; any other number makes the body invalid",
-        f"At most once in {PERIOD_NS / SECOND} s per hop from the origin",
-        f"Not when {['one', 'two'][COPIES - 1]} other nodes",
+        f"with a quality of {WELL} or more",
+        f"at most once in {PERIOD_NS / SECOND} s, and {FURTHER_NS / SECOND} s more for each hop",
         f"is more than {OLDEST_NS // SECOND} s old",
         f"may be relayed again after {REPEAT_NS / SECOND} s",
         f"at {limits.tick_hz:g} Hz while its boards have subscribers or it relays boards of others,"

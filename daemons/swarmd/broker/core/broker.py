@@ -37,7 +37,8 @@ from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
-from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, NodeIdentity, OutgoingBeacon
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
+from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.clock_batches import ClockBatches
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
@@ -118,7 +119,7 @@ class BrokerCore:
         )
         self.exchange = exchange
         if exchange is not None:
-            protocol.set_roster_version(exchange.version)
+            protocol.hellos.set_roster_version(exchange.version)
         self.nodes = protocol.nodes
         self.published = protocol.published
         self.channels = protocol.channels
@@ -160,8 +161,8 @@ class BrokerCore:
 
     def set_ports(self, tcp_port: int, frame_port: int) -> None:
         """Sets the ports that hellos announce: of connections, and of frames as datagrams."""
-        self._protocol.tcp_port = tcp_port
-        self._protocol.frame_port = frame_port
+        self._protocol.hellos.tcp_port = tcp_port
+        self._protocol.hellos.frame_port = frame_port
         if self.exchange is not None:
             self.exchange.port = tcp_port
 
@@ -319,7 +320,7 @@ class BrokerCore:
         if received.structure is not None:
             actions.append(WriteStructure(received.structure))
         if received.first_hello:
-            self._protocol.schedule_hello()
+            self._protocol.hellos.schedule()
         if received.links or received.routes:
             self._on_changes(received.links, received.routes, actions, now_ns)
         if received.first_hello or received.links:
@@ -374,7 +375,7 @@ class BrokerCore:
         if outcome.sign_all:
             self._sign_all(now_ns)
         if outcome.soon:
-            self._protocol.schedule_hello()
+            self._protocol.hellos.schedule()
             self._triggered = True
         if not outcome.accepted:
             refused, present = self.counters.refused, self._sessions.present(hw)
@@ -415,7 +416,7 @@ class BrokerCore:
 
     def _on_roster(self, change: RosterChange, actions: list[Action], now_ns: int) -> None:
         assert self.exchange is not None, "without keys there is no roster"
-        self._protocol.set_roster_version(change.roster.version)
+        self._protocol.hellos.set_roster_version(change.roster.version)
         self._triggered = True
         self.add_members((member.platform for member in change.roster.valid()), now_ns)
         gone = {member.platform for member in change.gone}
@@ -438,7 +439,7 @@ class BrokerCore:
         if self.exchange is not None:
             up = (neighbour.hw for neighbour in self._neighbours.up())
             if self.exchange.switch_epoch(up, now_ns):
-                protocol.schedule_hello()  # with the session: others open it with another key from now on
+                protocol.hellos.schedule()  # with the session: others open it with another key from now on
         try:
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting)
             signature_bytes = 0

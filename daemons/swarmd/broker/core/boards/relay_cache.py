@@ -1,5 +1,6 @@
 """Newest values of other nodes' boards: duplicate detection, and relaying beyond the range of the origin."""
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -9,16 +10,17 @@ from swarmd.broker.core.beacon.beacon import HOPS_MAX, NEVER_NS, BoardValue, Rel
 from swarmd.broker.core.beacon.beacon_codec import relay_bytes
 from swarmd.broker.core.boards.claims import Claim, Claims, Contradiction, OriginBeacon
 
-PERIOD_NS: Final = 250_000_000
-"""Period of a relayed value per hop from its origin. Simulated, 16 moving nodes, poses: 2.0 kB/s per
-node, age p95 0.3 s at two hops and 1 s at five; 0.1 s per hop: 2.8 kB/s, 0.25 s and 0.75 s."""
+PERIOD_NS: Final = 130_000_000
+"""Mean period in which a value is relayed that its origin sent itself: with three of four beacons at 10 Hz.
+Of 16 moving nodes each sends 2.1 kB/s, and at two hops 95 % of the poses are younger than 0.28 s; of 100
+nodes 3.7 kB/s and 0.26 s (tests/bench/pose_ages.py)."""
+FURTHER_NS: Final = 400_000_000
+"""What each further hop from the origin adds to the period."""
 REPEAT_NS: Final = 800_000_000
 """Period in which an unchanged value is relayed again; its origin repeats it every second."""
 OLDEST_NS: Final = 5_000_000_000
 """A value that was not repeated for this time is not relayed any longer."""
 RESTART_NS: Final = 3_000_000_000
-COPIES: Final = 2
-"""Relays by other nodes that suppress the own one (redundancy constant of RFC 6206)."""
 FINE_US: Final = 200
 COARSE_US: Final = 100_000
 _COARSE_FROM_US: Final = 3_276_800
@@ -45,7 +47,7 @@ class _CachedValue:
         "age_us",
         "changed",
         "claims",
-        "copies",
+        "copied_ns",
         "data_id",
         "direct",
         "holders",
@@ -72,7 +74,8 @@ class _CachedValue:
         self.relayed = False
         self.changed = False
         """The payload differs from the one relayed last."""
-        self.copies = 0
+        self.copied_ns = NEVER_NS
+        """When another node, not nearer to the origin, relayed it last."""
         self.holders: set[int] = set()
         self.direct = False
         """The origin itself sent it."""
@@ -120,7 +123,8 @@ class RelayCache:
         false, true = entry.claims.on_own(beacon, stamp_us, payload)
         for claim in true:
             entry.holders.add(claim.relay_hw)
-            entry.copies += claim.hops > entry.hops
+            if claim.hops > entry.hops:
+                entry.copied_ns = rx_ns
         for claim in false:
             self._contradicted(claim, key)
         return remote
@@ -181,7 +185,6 @@ class RelayCache:
         entry.hops = hops
         entry.rx_ns = rx_ns
         entry.relayed = False
-        entry.copies = 0
         entry.holders = {sender_hw, origin_hw}
         entry.direct = sender_hw == origin_hw
         return RemoteValue(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
@@ -214,7 +217,7 @@ class RelayCache:
         self.duplicates += 1
         entry.holders.add(sender_hw)
         if hops > entry.hops:
-            entry.copies += 1  # relayed by a node that is not nearer to the origin
+            entry.copied_ns = rx_ns
             return
         # from the origin, or from a node nearer to it: the value is confirmed
         entry.hops = hops
@@ -222,7 +225,6 @@ class RelayCache:
         entry.rx_ns = rx_ns
         if rx_ns - entry.relayed_ns >= REPEAT_NS:
             entry.relayed = False
-            entry.copies = 0
 
     def compose(
         self, now_ns: int, room: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
@@ -231,10 +233,10 @@ class RelayCache:
 
         `common`: nodes that all neighbours receive. `needed(origin, holders)`: whether some neighbour
         neither receives the origin nor has the value. Priority is the time since the last relay, in
-        periods of its distance.
+        periods of its distance, by the root of the distance: near values go first where room is short.
         """
         due = [
-            (self._waited(entry, now_ns), entry)
+            (self._waited(entry, now_ns) / math.sqrt(entry.hops), entry)
             for entry in self._entries.values()
             if self._is_due(entry, now_ns, common)
         ]
@@ -245,11 +247,15 @@ class RelayCache:
             if size > room:
                 continue
             if not needed(entry.origin_hw, entry.holders):
+                entry.relayed_ns = max(entry.relayed_ns, entry.copied_ns)  # others relay it in turn
                 continue
             room -= size
             entry.relayed = True
             entry.changed = False
-            entry.relayed_ns = self._relayed_ns = now_ns
+            self._relayed_ns = now_ns
+            period_ns = _period_ns(entry)
+            late_ns = now_ns - entry.relayed_ns - period_ns
+            entry.relayed_ns = now_ns - (late_ns if late_ns < period_ns else 0)  # keeps the mean period
             age_us = entry.age_us + (now_ns - entry.rx_ns) // 1000
             out.append(
                 RelayedValue(
@@ -274,14 +280,14 @@ class RelayCache:
         )
 
     def _is_due(self, entry: _CachedValue, now_ns: int, common: frozenset[int]) -> bool:
-        if entry.relayed or entry.copies >= COPIES or entry.origin_hw in common or entry.hops >= HOPS_MAX:
+        if entry.relayed or entry.origin_hw in common or entry.hops >= HOPS_MAX:
             return False
         return now_ns - entry.rx_ns <= OLDEST_NS and self._waited(entry, now_ns) >= 1.0
 
     @staticmethod
     def _waited(entry: _CachedValue, now_ns: int) -> float:
         """Time since the last relay, in periods of its distance."""
-        return (now_ns - entry.relayed_ns) / (PERIOD_NS * entry.hops)
+        return (now_ns - entry.relayed_ns) / _period_ns(entry)
 
     def relayed_recently(self, now_ns: int) -> bool:
         """Whether a value was relayed within the last second."""
@@ -297,6 +303,10 @@ class RelayCache:
         """Removes the values of a restarted origin: stamps of its former clock are not comparable."""
         for key in [key for key in self._entries if key[0] == origin_hw]:
             del self._entries[key]
+
+
+def _period_ns(entry: _CachedValue) -> int:
+    return PERIOD_NS + FURTHER_NS * (entry.hops - 1)
 
 
 def _first(entry: tuple[float, _CachedValue]) -> float:

@@ -7,7 +7,7 @@ import msgspec
 
 from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.topology.link import LinkState
-from swarmd.broker.core.topology.neighbour import NeighbourTable
+from swarmd.broker.core.topology.neighbour_table import NeighbourTable
 from swarmd.broker.core.topology.node_table import NodeTable
 
 CLAIMANTS_MAX: Final = 16

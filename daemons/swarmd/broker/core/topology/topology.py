@@ -9,7 +9,8 @@ from swarmd.broker.core.beacon.beacon_codec import ECHO_BYTES, REQUEST_BYTES, RO
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.link_cost import rtt_penalty
-from swarmd.broker.core.topology.neighbour import Neighbour, NeighbourTable
+from swarmd.broker.core.topology.neighbour import Neighbour
+from swarmd.broker.core.topology.neighbour_table import NeighbourTable
 from swarmd.broker.core.topology.routing_table import HYSTERESIS, RouteChanged, RoutingTable, newer
 
 CHANGING_NS: Final = 5_000_000_000

@@ -1,0 +1,59 @@
+"""What neighbours receive themselves: nodes that all of them receive, and values that they need relayed."""
+
+import pytest
+from tests.unit.broker.test_neighbour import ME, MS, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up, listed
+
+from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo
+from swarmd.broker.core.topology.neighbour_table import WELL, NeighbourTable
+
+
+@pytest.fixture
+def table() -> NeighbourTable:
+    return NeighbourTable(ME, TIMEOUT)
+
+
+@pytest.fixture
+def peer(table: NeighbourTable) -> Peer:
+    return Peer(table)
+
+
+def test_common_are_those_that_every_neighbour_hears(table: NeighbourTable) -> None:
+    one, other = Peer(table, UAV2), Peer(table, UAV3)
+    for peer, hears in ((one, (UAV3, 50, 60)), (other, (UAV2, 50))):
+        bring_up(table, peer, 0)
+        peer.datagram(200 * MS, *(Echo(hw, 1, 5, 255) for hw in hears))
+    assert table.common(200 * MS) == {UAV2, UAV3, 50}
+
+
+def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(table: NeighbourTable) -> None:
+    """One neighbour hears it and is not heard: it needs our row."""
+    one, other, third = Peer(table, UAV2), Peer(table, UAV3), Peer(table, 40)
+    for peer, hears in ((one, (UAV3, 40, 50)), (other, (UAV2, 40, 50)), (third, (UAV3, UAV2, 50))):
+        bring_up(table, peer, 0)
+        peer.datagram(200 * MS, *(Echo(hw, 1, 5, 255) for hw in hears))
+    assert table.linked(200 * MS) == {UAV2, UAV3, 40}, "of 50 it is not known"
+    one.datagram(300 * MS, Echo(40, 0, NO_ECHO, 0))
+    assert table.common(2 * SECOND) == {UAV2, UAV3, 50}
+    third.datagram(2 * SECOND, listed(table, 2 * SECOND))
+    one.datagram(2 * SECOND, Echo(40, 1, 5, 255), listed(table, 2 * SECOND))
+    third.datagram(2 * SECOND + MS, Echo(UAV2, 0, NO_ECHO, 0))
+    assert table.common(4 * SECOND) == {UAV2, UAV3, 40, 50} - {UAV2}
+    assert table.linked(4 * SECOND) == {UAV3}
+
+
+def test_what_a_neighbour_heard_long_ago_counts_no_more(table: NeighbourTable, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    peer.datagram(200 * MS, Echo(50, 1, 5, 255))
+    peer.datagram(8 * SECOND, listed(table, 8 * SECOND))
+    assert table.common(8 * SECOND) == {UAV2}
+    assert table.needed(50, set(), 8 * SECOND)
+    assert not table.needed(50, {UAV2}, 8 * SECOND)
+
+
+def test_a_neighbour_does_not_need_what_it_heard_well(table: NeighbourTable, peer: Peer) -> None:
+    bring_up(table, peer, 0)
+    peer.datagram(200 * MS, Echo(UAV3, 1, 5, WELL), Echo(40, 1, 5, WELL - 1))
+    assert not table.needed(50, {UAV3}, 200 * MS), "it receives uav3, which has sent the value"
+    assert table.needed(50, {40}, 200 * MS), "what 40 sends is often lost"
+    peer.datagram(300 * MS, Echo(UAV3, 1, 5, WELL - 1))
+    assert table.needed(50, {UAV3}, 300 * MS)
