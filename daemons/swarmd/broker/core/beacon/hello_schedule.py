@@ -75,18 +75,18 @@ class HelloSchedule:
         """Beacons from the next one on that have a hello, as the roster has changed."""
         self._rest_hellos = 0
         """Consecutive hellos that declared the period of a node at rest."""
-        self._said_ns = NEVER_NS
+        self._announced_ns = NEVER_NS
         self._replanned_ns = NEVER_NS
         """Instant of the last change of tree or mission, which hellos announce."""
 
     def schedule(self) -> None:
         """Adds a hello, with name and session, to the next beacon."""
-        self._said_ns = NEVER_NS
+        self._announced_ns = NEVER_NS
 
     def set_plan(self, plan: TreePlan, now_ns: int) -> None:
         """Announces a change of tree or mission."""
         if plan.tree_version != self._plan.tree_version or plan.mission != self._plan.mission:
-            self._said_ns = NEVER_NS
+            self._announced_ns = NEVER_NS
             self._replanned_ns = now_ns
         self._plan = plan
 
@@ -98,7 +98,7 @@ class HelloSchedule:
     @property
     def is_scheduled(self) -> bool:
         """Whether the next beacon has a hello that must not wait."""
-        return self._said_ns == NEVER_NS or self._announcements > 0
+        return self._announced_ns == NEVER_NS or self._announcements > 0
 
     def silence_ns(self) -> int:
         """Longest time without a beacon that neighbours tolerate."""
@@ -123,7 +123,7 @@ class HelloSchedule:
             self._rest_hellos = 0
         if falls:
             self.quiet_rate.on_hello()
-        self._said_ns = at.now_ns
+        self._announced_ns = at.now_ns
         self._announcements = max(0, self._announcements - 1)
         self.declared_ns = period_ns
         return self._hello(at)
@@ -132,7 +132,7 @@ class HelloSchedule:
         # half a period early: at 10 Hz every tenth, or twentieth, beacon has a hello
         calm = not at.is_changing and at.now_ns - self._replanned_ns >= HELLO_NS
         again_ns = HELLO_NS if calm else HELLO_CHANGING_NS
-        waits = at.now_ns - self._said_ns < again_ns - round(0.5e9 / self._busy_hz)
+        waits = at.now_ns - self._announced_ns < again_ns - round(0.5e9 / self._busy_hz)
         waits = waits and not self._announcements
         waits = waits and not at.is_new  # until then neighbours may use the former session
         waits = waits and not falls
