@@ -16,8 +16,8 @@ from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.action import ReportContradictions
 from swarmd.broker.core.beacon.beacon import RelayedValue
-from swarmd.broker.core.boards.received_values import DIRECT_PERIODS
 from swarmd.broker.core.boards.relay_cache import OLDEST_NS, RemoteValue
+from swarmd.broker.core.received_values import DIRECT_PERIODS
 from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription, ConnectionStatus, LinkStatus
 from swarmware.types.vehicle import Pose

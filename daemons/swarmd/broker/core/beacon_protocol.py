@@ -21,10 +21,10 @@ from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, HelloSchedule, 
 from swarmd.broker.core.beacon.medium_parts import media_bytes
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
-from swarmd.broker.core.boards.received_values import ReceivedValues
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.media.medium_table import MediumTable
 from swarmd.broker.core.received_beacon import ReceivedBeacon
+from swarmd.broker.core.received_values import ReceivedValues
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX
 from swarmd.broker.core.topology.node_table import NodeTable
