@@ -135,12 +135,18 @@ class Membership:
             self._health.report("membership", description="This node is a member of the swarm")
             return
         platform, version = self._keys.platform, state.version
-        log.error("%s was revoked by roster %d: no other node takes what it sends", platform, version)
+        problem = f"{platform} was revoked by roster {version}"
+        if any(each.platform == platform and not each.revoked for each in state.members):
+            problem = (
+                f"roster {version} has another key for {platform}: these keys were replaced (another computer"
+                " has joined with this name, or they are a former copy)"
+            )
+        log.error("%s: no other node takes what this node sends", problem)
         self._health.report(
             "membership",
             "revoked",
             level="error",
-            detail=f"{platform} was revoked by roster {version}; admit it again, then restart the node",
+            detail=f"{problem}; admit it again, then restart the node",
             description="This node is a member of the swarm",
         )
 

@@ -162,6 +162,26 @@ async def test_a_member_that_was_away_when_it_was_revoked_is_refused_and_told_at
 
 
 @on_uvloop
+async def test_doctor_names_a_key_that_was_replaced_while_its_node_was_away(
+    tmp_path: Path,
+) -> None:
+    async with members(tmp_path) as (root, stations, boards):
+        one, away = stations["uav1"], stations["uav3"]
+        await away.stop()
+        # another computer has joined in its name, or its card was restored from a backup
+        await hand_over(one, root.admit(candidate("uav3", "node", b"\4" * 32, root.public)))
+        await until_has(boards["uav2"], 2)
+        await away.start()
+        assert (await until_has(away.app.reader("net/roster", RosterState), 2)).revoked_self
+        await away.until(lambda: away.conditions().get("broker/membership") == "revoked", away.checks)
+        assert "roster 2 has another key for uav3: these keys were replaced" in str(away.checks.value)
+        told = await asyncio.to_thread(examine, {"uav3": away.config_dir}, fix=False)
+        [keys] = [result for result in told if result.check == "keys" and result.verdict == "error"]
+        assert "swarmctl keys join --replace" in keys.advice
+        assert "uav3" not in one.ways()
+
+
+@on_uvloop
 async def test_a_node_that_was_away_during_rotations_catches_up(tmp_path: Path) -> None:
     async with members(tmp_path) as (root, stations, boards):
         late = stations["uav3"]

@@ -235,6 +235,23 @@ def test_a_platform_that_was_revoked_while_it_was_away_is_told_at_its_return(swa
     assert again == [], "it knows it now"
 
 
+def test_a_node_that_returns_with_a_replaced_key_is_told_and_one_with_the_present_key_is_offered_the_roster(
+    swarm: Swarm,
+) -> None:
+    node, copy = exchange(swarm, "uav1"), exchange(swarm, "uav2")
+    node.on_text(swarm.admit("uav2", b"\4" * 32), 0)
+    chances = iter([0.0, 0.0, 0.0, 0.9])
+    node._chance = lambda: next(chances)
+    told = node.on_late(HW["uav2"], "uav2", 1, "10.0.0.2", 7000, SECOND)
+    action, _ = sent(told)
+    assert action.curve_public == swarm.keys["uav2"].curve_public, "only this key opens the connection"
+    (applied,) = carry(told, copy, "uav1", SECOND)
+    assert isinstance(applied, ApplyRoster)
+    assert applied.change.revoked_self
+    offered, message = sent(node.on_late(HW["uav2"], "uav2", 1, "10.0.0.2", 7000, 10 * SECOND))
+    assert (offered.curve_public, message) == (b"", RosterOffer(2, 7447))
+
+
 def relayed(origin: str) -> RelayedValue:
     return RelayedValue(HW[origin], 5, 1000, 0, 1, packed=False, payload=b"value")
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound
 from swarmware.transport.enrolment.proof import fingerprint
 from swarmware.transport.security.keys import FORMER_MAX, Keys, read_roster, write_keys
-from swarmware.transport.security.root import Candidate, Root, candidate, make_swarm
+from swarmware.transport.security.root import FORMER_KEYS_MAX, Candidate, Root, candidate, make_swarm
 from swarmware.transport.security.roster import (
     Roster,
     RosterMember,
@@ -135,7 +135,31 @@ def test_no_serial_is_used_twice(swarm: Swarm) -> None:
     fresh = swarm.root.roster.find("uav2")
     assert fresh is not None
     assert fresh.serial not in serials
-    assert len(swarm.root.roster.members) == len(NAMES)
+
+
+def test_the_roster_keeps_the_last_keys_that_were_replaced_and_no_more(swarm: Swarm) -> None:
+    for seed in range(10, 16):
+        text = swarm.admit("uav2", bytes([seed]) * 32)
+    members = swarm.root.roster.members
+    assert len(members) == len(NAMES) + FORMER_KEYS_MAX
+    former = [member for member in members if member.serial in swarm.root.roster.revoked]
+    expected = [SigningKey(bytes([seed]) * 32).public for seed in range(15 - FORMER_KEYS_MAX, 15)]
+    assert [member.sign_public for member in former] == expected
+    assert {member.group_box for member in former} == {b""}
+    other = swarm.keys["uav1"]
+    other.apply(text)
+    assert {other.revoked(member.curve_public) for member in former} == {"uav2"}
+    assert other.sign_public_of("uav2") == SigningKey(bytes([15]) * 32).public
+
+
+def test_a_key_that_returns_is_no_former_one(swarm: Swarm) -> None:
+    swarm.admit("uav2", b"\4" * 32)
+    swarm.admit("uav2", b"\5" * 32)
+    swarm.admit("uav2", b"\4" * 32)
+    entries = [member for member in swarm.root.roster.members if member.platform == "uav2"]
+    assert [member.sign_public for member in entries[1:]] == [
+        SigningKey(bytes([seed]) * 32).public for seed in (5, 4)
+    ]
 
 
 def test_a_member_with_another_role_is_named(swarm: Swarm) -> None:

@@ -30,6 +30,8 @@ from swarmware.transport.security.seal import GroupKey
 from swarmware.transport.sodium import KEY_BYTES, SigningKey, curve_of_signing, seal_box
 
 ROOT_KEY: Final = "root.key"
+FORMER_KEYS_MAX: Final = 3
+"""Replaced keys of a platform that the roster keeps."""
 
 
 class Candidate(msgspec.Struct, frozen=True):
@@ -98,7 +100,8 @@ class Root:
 
     def admit(self, *candidates: Candidate) -> bytes:
         """Admit platforms; a member that comes with another key replaces its former entry, and the group
-        key is rotated. A key that comes with another name ends its former name. Returns the signed roster.
+        key is rotated. A key that comes with another name ends its former name. The roster keeps the last
+        keys that were replaced, so that a node that returns with one can be told. Returns the signed roster.
 
         Raises: InvalidInput for a wrong name, role or key, Denied when one has not proven its key.
         """
@@ -118,8 +121,9 @@ class Root:
             ]
             revoked += [each.serial for each in renamed]
             left = {candidate.platform, *(each.platform for each in renamed)}
+            former_keys = _former_keys(members, candidate)
             members = [each for each in members if each.platform not in left]
-            members.append(fresh)
+            members += [*former_keys, fresh]
         return self._next(members, revoked, rotate=rotate)
 
     def revoke(self, *platforms: str) -> bytes:
@@ -190,6 +194,16 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str], sw
     for platform, seed in seeds.items():
         write_keys(directory / platform, seed, root.public, signed)
     return root.roster
+
+
+def _former_keys(members: list[RosterMember], candidate: Candidate) -> list[RosterMember]:
+    """The last entries of a platform with other keys than the one that it comes with."""
+    former = [
+        msgspec.structs.replace(each, group_box=b"")
+        for each in members
+        if each.platform == candidate.platform and each.sign_public != candidate.sign_public
+    ]
+    return former[-FORMER_KEYS_MAX:]
 
 
 def _member(candidate: Candidate, serial: int, root_public: bytes) -> RosterMember:

@@ -18,7 +18,7 @@ from swarmd.broker.core.admission.roster_update import RosterOffer, RosterQuesti
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Beacon
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.names import hardware_id
-from swarmware.transport.security.roster import Roster, RosterChange
+from swarmware.transport.security.roster import Roster, RosterChange, RosterMember
 from swarmware.transport.security.seal import GroupKey
 
 SPREAD_EACH_NS: Final = 3_000_000
@@ -37,6 +37,8 @@ FORMER_ROSTERS: Final = 4
 """Rosters before the present one, from which a difference is made."""
 UNANSWERED_MAX: Final = 5
 """Questions without an answer, after which a neighbour is not asked until it shows its version again."""
+FORMER_RATIO: Final = 0.5
+"""Share of the offers to a platform whose key was replaced that are for a former key."""
 FAREWELLS: Final = 4
 """Neighbours, in the mean, that send a revoked one the roster."""
 
@@ -199,8 +201,8 @@ class RosterExchange:
     ) -> list[RosterAction]:
         """A beacon of a former key epoch: offer the roster to its sender, if that is a member.
 
-        A platform that was revoked while it was away could not ask for the roster: it gets it. `version`: of
-        its roster.
+        A platform that was revoked while it was away could not ask for the roster: it gets it. So does, now
+        and then, one whose key was replaced: its sender may have the former one. `version`: of its roster.
         """
         platform = name.partition(".")[0]
         member = self._roster.find(platform)
@@ -209,19 +211,22 @@ class RosterExchange:
         if len(self._offered_ns) > len(self._roster.members):
             self._offered_ns.clear()
         self._offered_ns[hw] = now_ns
-        if member is None:
-            return self._for_revoked(hw, platform, version, host, port)
+        former = [each for each in self._roster.members if each.platform == platform and each != member]
+        if member is None or (former and self._chance() < FORMER_RATIO):
+            return self._for_revoked(hw, former, version, host, port)
         return [
             SendRoster(hw, platform, roster_update.encode(RosterOffer(self.version, self.port)), host, port)
         ]
 
-    def _for_revoked(self, hw: int, platform: str, version: int, host: str, port: int) -> list[RosterAction]:
-        """The roster for a revoked platform that has an older one, from some of those in range."""
-        entries = [member for member in self._roster.members if member.platform == platform]
-        if not entries or version >= self.version or self._chance() >= FAREWELLS / max(1, len(self._shown)):
+    def _for_revoked(
+        self, hw: int, former: list[RosterMember], version: int, host: str, port: int
+    ) -> list[RosterAction]:
+        """The roster for a platform with one of these revoked keys and an older roster, from some of those in
+        range."""
+        if not former or version >= self.version or self._chance() >= FAREWELLS / max(1, len(self._shown)):
             return []
-        newest = max(entries, key=lambda member: member.serial)
-        return [SendRoster(hw, platform, self._update_from(0), host, port, curve_public=newest.curve_public)]
+        key = former[int(self._chance() * len(former))]
+        return [SendRoster(hw, key.platform, self._update_from(0), host, port, curve_public=key.curve_public)]
 
     def on_message(
         self, hw: int, platform: str, payload: bytes | memoryview, host: str, now_ns: int
