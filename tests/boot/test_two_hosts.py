@@ -322,6 +322,20 @@ def without_keys(swarm: Swarm, more: str = "true") -> Iterator[None]:
 
 
 @contextmanager
+def former_key(swarm: Swarm) -> Iterator[None]:
+    """The card of uav1 was restored: its keys are those from before it joined again."""
+    uav1, stop, keys = swarm.hosts["uav1"], "systemctl stop swarm.target 'swarmd@*'", "/etc/swarm/keys"
+    inviter, line = invited(swarm.hosts["gcs"], "swarmctl keys invite uav1")
+    uav1.must(f"{stop}; cp -a {keys} former; {line} --replace")
+    inviter.communicate(timeout=WAIT_S)
+    uav1.must(f"mv {keys} kept; mv former {keys}; systemctl start swarm.target")
+    try:
+        yield
+    finally:
+        uav1.must(f"{stop}; rm -rf {keys}; mv kept {keys}; systemctl start swarm.target")
+
+
+@contextmanager
 def ended_invitation(swarm: Swarm) -> Iterator[None]:
     with without_keys(swarm):
         inviter, line = invited(swarm.hosts["gcs"], "timeout --signal=INT 10 swarmctl keys invite uav1")
@@ -388,6 +402,7 @@ PROVOKED: Final[dict[str, tuple[Callable[[Swarm], AbstractContextManager[None]],
         "gcs",
         "",
     ),
+    "a node was restored from an old backup, or its key is of another computer": (former_key, "uav1", ""),
     "no inviter answers of keys join": (ended_invitation, "uav1", ""),
     "a service is missing in app ls": (damaged_file, "uav1", ""),
     "a unit is activating, again and again": (damaged_file, "uav1", ""),

@@ -16,6 +16,8 @@ from swarmware.types.net import Denial
 RELAY: Final = "relay"
 """Verb of a denial: the platform relayed a value that the beacons of its origin contradict."""
 
+KEY: Final = "key"
+"""Verb of a denial: a node signs its beacons with another key than the roster has."""
 BEACON: Final = "beacon"
 """Verb of a denial: a member sealed a beacon in the name of another one."""
 
@@ -48,6 +50,12 @@ class ContradictionReports:
         if found.hw == self._core.identity.hw:
             victim = self._core.identity.platform
         hosts = " or ".join(map(self._place, found.hosts))
+        if found.is_first:
+            reason = (
+                f"a beacon of {victim} from {hosts}, signed with a key that the roster does not have for it"
+            )
+            self._denials.on_denial(Denial(found.hosts[0], UNKNOWN, KEY, "", 1, reason), now_ns)
+            return
         reason = (
             f"a beacon in the name of {victim} that {victim} never sent: sealed by a member, from {hosts}"
         )

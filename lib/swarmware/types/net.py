@@ -350,7 +350,8 @@ class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
     platform: str
     """Authenticated platform of the sender; with verb `forward` that which forwarded the frame, with verb
     `relay` the sender of the beacon with the value, with verb `connect` a revoked platform, or the address of
-    an unknown computer, with verb `beacon` the address of a member that forged one of this node."""
+    an unknown computer, with verb `beacon` the address of a member that forged one of this node, with
+    verb `key` that of a node whose key is not on the roster."""
     role: str
     verb: str
     path: str

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 import zmq
 from tests.integration.broker.swarm import Station, free_port, on_uvloop, swarm
+from tests.integration.broker.test_handshakes import found_by_doctor
 
 from swarmctl.commands.doctor.checks import foreign
+from swarmctl.commands.doctor.node_findings import LINK_NS
 from swarmd.broker.config import Config
 from swarmd.broker.links.tcp_count import HALF_OPEN_MAX
 from swarmware.errors import Denied
@@ -86,6 +88,17 @@ async def test_a_member_with_a_key_that_is_not_on_the_roster_becomes_no_neighbou
         states = pair["uav2"].neighbours.value
         assert states is not None
         assert [n.state for n in states.neighbours] == [LinkStatus.RECEIVED]
+        denied = await found_by_doctor(pair["uav1"], "denied")
+        assert (
+            "a beacon of uav2 from 127.0.0.1, signed with a key that the roster does not have" in denied.text
+        )
+        assert "swarmctl keys join --replace" in denied.advice
+        since_ns = states.neighbours[0].since_ns
+        away = pair["uav2"]
+        await away.until(lambda: away.app.now_ns() - since_ns > LINK_NS, away.neighbours)
+        link = await found_by_doctor(away, "links")
+        assert link.text == "received, but not connected: uav1"
+        assert "they refuse the key of this node" in link.advice
 
 
 @on_uvloop

@@ -50,6 +50,8 @@ ADVICE: Final = {
     "late": "a slow link (swarmctl link ls), or another member repeats recorded commands",
     "relay": "revoke it, unless other nodes deny one from which it takes these values",
     "beacon": "a member has the group key and forges: find it by its address, revoke it",
+    "key": "compare root, roster and key of `swarmctl keys show` there with `swarmctl keys show NAME` here:"
+    " `swarmctl keys invite`, then `swarmctl keys join --replace` there; if a member forges, revoke it",
     "connect": "stop it, or give it keys: swarmctl keys invite; block outsiders by a firewall",
 }
 """What to do about a denial, by its verb."""
@@ -355,6 +357,13 @@ def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
         yield CheckResult("members", "warning", text, advice)
     elif present.members:
         yield CheckResult("members", "ok", f"all {present.members} other members are reached")
+    if present.unanswered:
+        text = f"received, but not connected: {', '.join(present.unanswered)}"
+        advice = (
+            "a link of one direction (`swarmctl link ls`), or they refuse the key of this node:"
+            " `swarmctl doctor` there names it"
+        )
+        yield CheckResult("links", "warning", text, advice)
     for one in present.refusals[:REFUSALS_SHOWN]:
         what = one.path or one.verb
         text = f"{one.sender}: {what}: {one.count} times, last {one.age_s:.0f} s ago"

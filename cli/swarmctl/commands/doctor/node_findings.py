@@ -12,11 +12,14 @@ from swarmware.model import names
 from swarmware.model.names import Address
 from swarmware.module.client import Client
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
-from swarmware.types.net import Denial, RosterState, Routes, RouteState
+from swarmware.types.net import Denial, LinkStatus, Neighbours, RosterState, Routes, RouteState
 from swarmware.types.rpc import Empty
 
 ANSWER_S: Final = 2.0
 """Time-out of the monitor, which answers within milliseconds."""
+LINK_NS: Final = 5_000_000_000
+"""Time in which a link comes up: a second, several where datagrams are lost."""
+ONE_WAY: Final = (LinkStatus.RECEIVED, LinkStatus.HALF_OPEN)
 DENIALS: Final = ("net/denials", "tree/denials")
 """Events of the broker and of the tree about denied requests."""
 
@@ -55,6 +58,8 @@ class NodeFindings(msgspec.Struct, frozen=True):
     """Denied requests that are still in its shared memory; highest count first."""
     unreached: tuple[str, ...] = ()
     """Members of the swarm without a route."""
+    unanswered: tuple[str, ...] = ()
+    """Nodes that are received for some time, and with which no link has come up."""
     members: int = 0
     """Other members of the swarm; 0: the node has no keys, or its broker does not answer."""
 
@@ -76,6 +81,7 @@ async def _look(folder: Path) -> NodeFindings:
             tuple(await asyncio.gather(*(_faults(module, one, len(computers) > 1) for one in computers))),
             refusals=refusals,
             unreached=tuple(name for name, reached in others.items() if not reached),
+            unanswered=_unanswered(module),
             members=len(others),
         )
 
@@ -97,6 +103,17 @@ async def _routes(module: Client) -> tuple[RouteState, ...] | None:
         return (await module.request("sys/broker/routes", Empty(), Routes, timeout_s=ANSWER_S)).routes
     except SwarmError:
         return None
+
+
+def _unanswered(module: Client) -> tuple[str, ...]:
+    """Nodes from which datagrams arrive, and to which there is no link."""
+    table = module.reader("net/neighbours", Neighbours).value
+    now_ns = module.now_ns()
+    return tuple(
+        one.name
+        for one in ([] if table is None else table.neighbours)
+        if one.state in ONE_WAY and one.platform and now_ns - one.since_ns > LINK_NS
+    )
 
 
 def _members(module: Client, routes: tuple[RouteState, ...] | None) -> dict[str, bool]:

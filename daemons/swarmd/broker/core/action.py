@@ -114,6 +114,8 @@ class ReportImpersonation(msgspec.Struct, frozen=True):
     """Whose name it used."""
     hosts: tuple[str, ...]
     """Source addresses that it can have come from."""
+    is_first: bool = False
+    """No session of that node is accepted: perhaps its keys are not those of the roster."""
 
 
 class ContinueSequence(msgspec.Struct, frozen=True):

@@ -282,6 +282,8 @@ class BrokerCore:
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
             if not outcome.accepted:
+                if is_signed is False:
+                    actions.append(ReportImpersonation(hw, (datagram.host,), is_first=True))
                 self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
                 if is_main and not by_multicast:
                     self.targets.on_claimant(address, now_ns)

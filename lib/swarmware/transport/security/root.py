@@ -101,7 +101,7 @@ class Root:
     def admit(self, *candidates: Candidate) -> bytes:
         """Admit platforms; a member that comes with another key replaces its former entry, and the group
         key is rotated. A key that comes with another name ends its former name. The roster keeps the last
-        keys that were replaced, so that a node that returns with one can be told. Returns the signed roster.
+        keys that were replaced, so that a node that returns with one learns of it. Returns the signed roster.
 
         Raises: InvalidInput for a wrong name, role or key, Denied when one has not proven its key.
         """
