@@ -51,6 +51,8 @@ class ContradictionReports:
             victim = self._core.identity.platform
         hosts = " or ".join(map(self._place, found.hosts))
         if found.is_first:
+            if self._keys.sign_public_of(victim) is None:
+                return  # its first beacon, without its name: no key is known to compare
             reason = (
                 f"a beacon of {victim} from {hosts}, signed with a key that the roster does not have for it"
             )
