@@ -240,8 +240,6 @@ def test_a_node_that_returns_with_a_replaced_key_is_told_and_one_with_the_presen
 ) -> None:
     node, copy = exchange(swarm, "uav1"), exchange(swarm, "uav2")
     node.on_text(swarm.admit("uav2", b"\4" * 32), 0)
-    chances = iter([0.0, 0.0, 0.0, 0.9])
-    node._chance = lambda: next(chances)
     told = node.on_late(HW["uav2"], "uav2", 1, "10.0.0.2", 7000, SECOND)
     action, _ = sent(told)
     assert action.curve_public == swarm.keys["uav2"].curve_public, "only this key opens the connection"

@@ -37,8 +37,6 @@ FORMER_ROSTERS: Final = 4
 """Rosters before the present one, from which a difference is made."""
 UNANSWERED_MAX: Final = 5
 """Questions without an answer, after which a neighbour is not asked until it shows its version again."""
-FORMER_RATIO: Final = 0.5
-"""Share of the offers to a platform whose key was replaced that are for a former key."""
 FAREWELLS: Final = 4
 """Neighbours, in the mean, that send a revoked one the roster."""
 
@@ -131,6 +129,8 @@ class RosterExchange:
         """A difference did not fit: ask for the whole roster."""
         self._answered_ns: dict[int, int] = {}
         self._offered_ns: dict[int, int] = {}
+        self._asked_former: set[int] = set()
+        """Nodes whose last offer was for a key that was replaced; the next one is for the present key."""
         self._revoked_platforms: frozenset[str] = frozenset()
         self._excluded: set[int] = set()
         self._exclude()
@@ -201,8 +201,8 @@ class RosterExchange:
     ) -> list[RosterAction]:
         """A beacon of a former key epoch: offer the roster to its sender, if that is a member.
 
-        A platform that was revoked while it was away could not ask for the roster: it gets it. So does, now
-        and then, one whose key was replaced: its sender may have the former one. `version`: of its roster.
+        A platform that was revoked while it was away could not ask for the roster: it gets it. So does
+        one whose key was replaced, every other time: its sender may have the former one. `version`: of its roster.
         """
         platform = name.partition(".")[0]
         member = self._roster.find(platform)
@@ -210,10 +210,13 @@ class RosterExchange:
             return []
         if len(self._offered_ns) > len(self._roster.members):
             self._offered_ns.clear()
+            self._asked_former.clear()
         self._offered_ns[hw] = now_ns
         former = [each for each in self._roster.members if each.platform == platform and each != member]
-        if member is None or (former and self._chance() < FORMER_RATIO):
+        if member is None or (former and hw not in self._asked_former):
+            self._asked_former.add(hw)
             return self._for_revoked(hw, former, version, host, port)
+        self._asked_former.discard(hw)
         return [
             SendRoster(hw, platform, roster_update.encode(RosterOffer(self.version, self.port)), host, port)
         ]
