@@ -202,7 +202,8 @@ class RosterExchange:
         """A beacon of a former key epoch: offer the roster to its sender, if that is a member.
 
         A platform that was revoked while it was away could not ask for the roster: it gets it. So does
-        one whose key was replaced, every other time: its sender may have the former one. `version`: of its roster.
+        one whose key was replaced, every other time: its sender may have the former one. `version`: of its
+        roster.
         """
         platform = name.partition(".")[0]
         member = self._roster.find(platform)

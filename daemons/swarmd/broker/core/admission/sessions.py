@@ -259,7 +259,10 @@ class Sessions:
         by_connection = prove and self._connections and claim.by_network
         kind = CheckKind.PROVE if by_connection else CheckKind.QUESTION
         self._questions[hw] = SessionCheck(kind, hw, digest(claim.session))
-        self._answer(hw, claim.session)  # it will ask the same
+        if claim.count == 1:
+            # it will ask the same; a signed answer at once saves its question
+            self._answer(hw, claim.session)
+            self.must_sign = True
         return claim.count <= PROMPT_QUESTIONS
 
     def _forget(self, now_ns: int) -> None:
