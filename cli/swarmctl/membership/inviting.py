@@ -214,7 +214,7 @@ def show_invited(
         out.line(InvitedNode(one.platform, state, one.role, command, text, expires_utc_ns, address))
     elif state == "invited":
         out.say(f"on {one.platform}, as {one.role}:")
-        out.now(command)
+        out.verbatim(command)
     elif state == "joined":
         out.say(f"{one.platform} joined from {address}")
     else:

@@ -92,8 +92,8 @@ class Output:
         print(self._fitted(text, self._out), file=self._out)
 
     def verbatim(self, text: str) -> None:
-        """Print a result that is copied or read by programs: a path, a shell command, a file."""
-        print(text, file=self._out)
+        """Print a result that is copied or read by programs, at once: a path, a shell command, a file."""
+        print(text, file=self._out, flush=True)
 
     def now(self, text: str) -> None:
         """Print one line of a continuous result, flushed because a reader may follow it."""

@@ -27,6 +27,7 @@ from swarmctl.commands.tree.listing import draw_resources, list_resources
 from swarmctl.commands.tree.reading import print_values
 from swarmctl.commands.tree.types import print_type
 from swarmctl.main import main
+from swarmctl.membership.inviting import show_invited
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Output
@@ -34,6 +35,8 @@ from swarmctl.terminal.table import Column, fitted_table
 from swarmctl.terminal.wrapping import atoms, fitted_text
 from swarmware.model.names import MAIN, Address, check_platform
 from swarmware.module.module import Module
+from swarmware.transport.enrolment.inviter import Invitation
+from swarmware.transport.enrolment.token import JoinToken
 from swarmware.types import registry
 from swarmware.types.health import HealthState
 from swarmware.types.net import Routes, RouteState
@@ -279,3 +282,14 @@ def test_a_table_without_a_place_is_a_record_per_row() -> None:
         "LEADER    -",
         "SAYS      stays",
     ]
+
+
+def test_the_line_of_an_invitation_is_one_line_however_narrow_the_terminal_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    out = Terminal()
+    token = JoinToken(bytes(16), bytes(16), 2_000_000_000, ("10.0.0.1",), 7449)
+    show_invited(Output(CliSettings(), out, Terminal()), Invitation("uav1", "node", token, 0), "invited")
+    assert out.getvalue() == f"swarmctl keys join {token.text()}\n"
+    assert len(out.getvalue()) > 80
