@@ -8,7 +8,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.contradictions import KEY, ContradictionReports
 from swarmd.broker.core.action import ReportImpersonation
 from swarmd.broker.core.beacon.beacon import PlatformCode
-from swarmd.broker.core.beacon_protocol import NodeIdentity
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore, FormerState
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.denial_reporter import DenialReporter
