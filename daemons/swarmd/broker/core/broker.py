@@ -129,13 +129,7 @@ class BrokerCore:
         )
         self.other_swarms = OtherSwarms(session)
         self.report = NetReport(
-            protocol,
-            topology,
-            self.counters,
-            self.targets.by_unicast,
-            self.other_swarms,
-            now_ns,
-            self.media,
+            protocol, topology, self.counters, self.targets.by_unicast, self.other_swarms, now_ns, self.media
         )
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)
