@@ -233,13 +233,15 @@ def _rows(report: ExperimentReport) -> list[ComparisonRow]:
             _number(report.rss_mb.mean, "MB"),
             f"max {_number(report.rss_mb.max, 'MB')}; shared pages count in each (RSS)",
         ),
-        ComparisonRow(
-            "memory per node, shared divided",
-            "",
-            _number(report.pss_mb.mean, "MB"),
-            f"max {_number(report.pss_mb.max, 'MB')}; PSS",
-        ),
+        *_pss_row(report.pss_mb),
     ]
+
+
+def _pss_row(pss_mb: MeanMax) -> list[ComparisonRow]:
+    if pss_mb.mean is None:
+        return []  # a report of a former version
+    most = f"max {_number(pss_mb.max, 'MB')}; PSS"
+    return [ComparisonRow("memory per node, shared divided", "", _number(pss_mb.mean, "MB"), most)]
 
 
 def markdown(report: ExperimentReport) -> str:

@@ -100,5 +100,7 @@ class OutageRecorder:
             )
 
     def close(self) -> None:
-        """Stop reading the queues of links."""
+        """Stop reading the queues of links; save what was not saved yet."""
         self._driver.stop()
+        if self._log.unsaved:
+            self._save(self.table())

@@ -4,7 +4,14 @@ import msgspec
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.outages import DRAIN_MAX_NS, LOOK_NS, OutageLog, ReadBacklog, SaveOutages
+from swarmd.broker.core.outages import (
+    DRAIN_MAX_NS,
+    LOOK_NS,
+    SAVE_NS,
+    OutageLog,
+    ReadBacklog,
+    SaveOutages,
+)
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase, OutageTable
 
@@ -36,6 +43,8 @@ def drain(log: OutageLog, queue: dict[float, int], until_s: float) -> None:
     """Runs the log's deadlines; `queue`: frames that wait, from these instants on."""
     while (due_ns := log.deadline_ns()) is not None and due_ns <= until_s * S:
         for action in log.on_timer(due_ns):
+            if action == SaveOutages():
+                continue
             assert action == ReadBacklog(HW)
             waiting = [frames for since_s, frames in queue.items() if since_s * S <= due_ns]
             frames = waiting[-1] if waiting else 0
@@ -188,3 +197,18 @@ def test_a_link_that_flaps_for_hours_keeps_the_newest_records() -> None:
     table = log.table(4000 * S, UTC_NS + 4000 * S).outages
     assert len(table) == 4 + 1
     assert [one.began_utc_ns for one in table] == sorted((one.began_utc_ns for one in table), reverse=True)
+
+
+def test_links_that_fall_together_are_saved_together() -> None:
+    log = OutageLog(Config())
+    assert feed(log, LOST, 11.0) == [SaveOutages()]
+    for hw in range(8, 20):
+        lost = LinkChanged(hw, LinkState.UP, LinkState.DOWN, LinkEvent.SILENT, 10 * S)
+        assert log.on_link(lost, f"uav{hw}", "main", 11 * S + hw) == []
+    assert log.deadline_ns() == 11 * S + SAVE_NS
+    assert log.on_timer(11 * S + SAVE_NS - 1) == []
+    assert log.on_timer(11 * S + SAVE_NS) == [SaveOutages()]
+    assert not log.unsaved
+    assert log.deadline_ns() is None
+    assert len(log.table(12 * S, UTC_NS).outages) == 13
+    assert feed(log, HEARD, 13.0) == [SaveOutages()], "a single one is saved at once"

@@ -15,6 +15,9 @@ LOOK_NS: Final = 100_000_000
 SETTLE_NS: Final = 500_000_000
 """Time without a waiting frame after which a queue counts as drained: senders repeat what they could not send
 within this time."""
+SAVE_NS: Final = 500_000_000
+"""Shortest time between two saves. Where the processor is short many links fall together: a file for each of
+them would delay the next beacon, and more links would fall."""
 DRAIN_MAX_NS: Final = 60_000_000_000
 """Time after which a queue that still has frames is that of a link with too much traffic."""
 
@@ -95,6 +98,9 @@ class OutageLog:
         self._over: deque[_Outage] = deque(maxlen=config.outages)
         self._kept = tuple(map(_interrupted, kept))[: config.outages]
         self._look_ns: int | None = None
+        self._saved_ns: int | None = None
+        self._save_ns: int | None = None
+        """When changes are saved that came too soon after the last save; None: there are none."""
 
     @property
     def lost(self) -> int:
@@ -127,23 +133,39 @@ class OutageLog:
             outage.up_ns = outage.waited_ns = now_ns
             self._look_ns = now_ns
         outage.phase = phase
-        return [SaveOutages()]
+        return self._changed(now_ns)
 
     def on_forgotten(self, hw: int, now_ns: int) -> list[Action]:
         """A node has left the swarm: the loss of its link is not an outage."""
-        return [] if self._present.pop(hw, None) is None else [SaveOutages()]
+        return [] if self._present.pop(hw, None) is None else self._changed(now_ns)
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether there are changes that wait to be saved."""
+        return self._save_ns is not None
 
     def deadline_ns(self) -> int | None:
-        """When the queues of links that have recovered are read next."""
-        return self._look_ns
+        """When the queues of links that have recovered are read next, or changes saved."""
+        return min((due for due in (self._look_ns, self._save_ns) if due is not None), default=None)
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Reads the queues that drain."""
-        if self._look_ns is None or now_ns < self._look_ns:
+        """Reads the queues that drain, and saves what has changed since the last save."""
+        actions: list[Action] = []
+        if self._save_ns is not None and now_ns >= self._save_ns:
+            actions += self._changed(now_ns)
+        if self._look_ns is not None and now_ns >= self._look_ns:
+            draining = [one.hw for one in self._present.values() if one.phase is OutagePhase.DRAINING]
+            self._look_ns = now_ns + LOOK_NS if draining else None
+            actions += [ReadBacklog(hw) for hw in draining]
+        return actions
+
+    def _changed(self, now_ns: int) -> list[Action]:
+        """Saves a change at once, or later together with others."""
+        if self._saved_ns is not None and now_ns < self._saved_ns + SAVE_NS:
+            self._save_ns = self._saved_ns + SAVE_NS
             return []
-        draining = [one.hw for one in self._present.values() if one.phase is OutagePhase.DRAINING]
-        self._look_ns = now_ns + LOOK_NS if draining else None
-        return [ReadBacklog(hw) for hw in draining]
+        self._saved_ns, self._save_ns = now_ns, None
+        return [SaveOutages()]
 
     def on_backlog(self, hw: int, frames: int, size: int, now_ns: int) -> list[Action]:
         """What waits for a link now, in frames and bytes."""
@@ -160,7 +182,7 @@ class OutageLog:
         else:
             outage.drained_s = _seconds(outage.up_ns, outage.waited_ns)
         self._finish(outage)
-        return [SaveOutages()]
+        return self._changed(now_ns)
 
     def _finish(self, outage: _Outage) -> None:
         outage.phase = OutagePhase.OVER
