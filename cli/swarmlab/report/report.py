@@ -240,8 +240,8 @@ def _rows(report: ExperimentReport) -> list[ComparisonRow]:
 def _pss_row(pss_mb: MeanMax) -> list[ComparisonRow]:
     if pss_mb.mean is None:
         return []  # a report of a former version
-    most = f"max {_number(pss_mb.max, 'MB')}; PSS"
-    return [ComparisonRow("memory per node, shared divided", "", _number(pss_mb.mean, "MB"), most)]
+    note = f"max {_number(pss_mb.max, 'MB')}; PSS"
+    return [ComparisonRow("memory per node, shared divided", "", _number(pss_mb.mean, "MB"), note)]
 
 
 def markdown(report: ExperimentReport) -> str:
