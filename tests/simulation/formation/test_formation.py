@@ -28,7 +28,7 @@ def test_what_is_flown_here_is_the_shipped_mission() -> None:
 
 @pytest.mark.parametrize(
     ("nodes", "seed"),
-    cases([(3, 1), (4, 2), (7, 5), (16, 9), (10, 304)], [(5, 3), (6, 4), (8, 6), (10, 7), (13, 8), (16, 10)]),
+    cases([(3, 1), (7, 5), (16, 9)], [(4, 2), (10, 304), (5, 3), (6, 4), (8, 6), (10, 7), (13, 8), (16, 10)]),
 )
 def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
     flight = Flight(nodes, seed)

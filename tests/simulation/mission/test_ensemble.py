@@ -66,7 +66,7 @@ def test_all_leave_together_while_the_links_are_slow(seed: int, loss: float) -> 
     assert max(spreads.values()) <= 500_000, f"seed {seed}: {spreads}"
 
 
-@pytest.mark.parametrize("seed", seeds(4, 10))
+@pytest.mark.parametrize("seed", seeds(2, 10))
 def test_a_member_that_dies_sends_all_others_down(seed: int) -> None:
     ensemble = ordered(seed, World(loss=0.1))
     victim = ensemble.chance.choice(SIXTEEN[:-1]).platform
@@ -78,7 +78,7 @@ def test_a_member_that_dies_sends_all_others_down(seed: int) -> None:
     assert all(landed), f"seed {seed}, victim {victim}"
 
 
-@pytest.mark.parametrize("seed", seeds(4, 10))
+@pytest.mark.parametrize("seed", seeds(2, 10))
 def test_the_swarm_completes_its_course_without_the_ground_station(seed: int) -> None:
     ensemble = ordered(seed, World(loss=0.1))
     ensemble.at(round(ensemble.chance.uniform(3, 8) * S), lambda: ensemble.kill("gcs"))
@@ -89,7 +89,7 @@ def test_the_swarm_completes_its_course_without_the_ground_station(seed: int) ->
         assert {passed[name, f"m{n}"] for name in ensemble.outcomes()} == {"ok"}, f"seed {seed}"
 
 
-@pytest.mark.parametrize("seed", seeds(4, 10))
+@pytest.mark.parametrize("seed", seeds(2, 10))
 def test_nobody_starts_when_one_member_was_never_told(seed: int) -> None:
     ensemble = Ensemble(SIXTEEN, seed, World(loss=0.1))
     for member in SIXTEEN[:-1]:
@@ -99,7 +99,7 @@ def test_nobody_starts_when_one_member_was_never_told(seed: int) -> None:
     assert not any(p.outcome == "ok" for p in ensemble.passages)
 
 
-@pytest.mark.parametrize("seed", seeds(4, 10))
+@pytest.mark.parametrize("seed", seeds(2, 10))
 def test_an_abort_at_one_brings_everybody_down(seed: int) -> None:
     ensemble = ordered(seed, World(loss=0.1))
     ensemble.at(5 * S, lambda: ensemble.abort("uav3"))
@@ -144,7 +144,7 @@ def random_mission(chance: Random, member: Member, meetings: list[str]) -> str:
     return blocks(**body)
 
 
-@pytest.mark.parametrize("seed", seeds(40, 100))
+@pytest.mark.parametrize("seed", seeds(12, 100))
 def test_random_missions_with_random_faults_never_hang(seed: int) -> None:
     chance = Random(f"mission {seed}")
     members = swarm(chance.randint(1, 3), chance.randint(1, 5))
@@ -175,7 +175,7 @@ def test_random_missions_with_random_faults_never_hang(seed: int) -> None:
             assert node.landed, f"seed {seed}: {node.name} {outcomes[node.name]}: {node.core.state().text}"
 
 
-@pytest.mark.parametrize("seed", seeds(5, 13))
+@pytest.mark.parametrize("seed", seeds(3, 13))
 def test_nobody_leaves_a_barrier_more_than_half_a_second_after_the_others(seed: int) -> None:
     chance = Random(f"cut {seed}")
     ensemble = ordered(seed, World(loss=0.1), meetings=2)
@@ -267,7 +267,7 @@ def test_ensembles_with_shared_repeated_and_crossed_ids_hang_only_if_the_check_s
     assert min(sound, refused, hung) > 10, (sound, refused, hung)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", seeds(2, 5))
 def test_the_second_block_of_an_id_is_a_meeting_of_its_own(seed: int) -> None:
     members = swarm(1, 2)
     ensemble = Ensemble(members, seed, World(loss=0.1))
