@@ -12,6 +12,7 @@ BY_NUMBER: Final = {"kill", "killpg", "pidfd_open", "pidfd_send_signal"}
 HANDLE: Final = "lib/swarmware/runtime/pidfd.py"
 PROC: Final = {
     "lib/swarmware/runtime/start_ticks.py": "field 22 of /proc/PID/stat: psutil gives wall clock times",
+    "lib/swarmware/service/realtime.py": "the capabilities of this process, which psutil does not have",
     "lib/swarmware/service/fork.py": "the own network namespace, which psutil does not have",
     "lib/swarmware/service/status.py": "own memory, once a second, in daemons without psutil",
     "lib/swarmware/transport/shm/owner.py": "the boot id, which psutil does not have",

@@ -152,6 +152,18 @@ class Session:
             self._routes = await self.module.request(path, Empty(), Routes, timeout_s=wait_s)
         return self._routes
 
+    async def other_computers(self, platform: str) -> list[str]:
+        """Addresses of the computers of a platform beside `main`; of one computer, or for one: none.
+
+        Raises: as `routes`.
+        """
+        if platform != names.platform_of(platform):
+            return []
+        known = [names.Address(route.platform, route.unit) for route in (await self.routes()).routes]
+        known.append(self.module.node.address)
+        found = {one.path for one in known if one.platform == platform and one.unit != names.MAIN}
+        return sorted(found)
+
     async def reach(self, platform: str) -> None:
         """Checks that a platform is known and has a route, to fail without waiting for a time-out.
 

@@ -160,7 +160,9 @@ class SerialConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Serial lines of the vehicle's devices: its drivers are those of a real vehicle."""
 
     folder: str = ""
-    """Folder in which the lines appear as files gnss, imu, sonar, rc and chassis; empty: there are none."""
+    """Folder in which the lines appear as files gnss, imu, sonar, rc and chassis; empty: there are none.
+
+    Of an airframe its motors and servos follow the pulses of `pwmchip0` there, instead of a chassis."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

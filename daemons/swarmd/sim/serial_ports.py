@@ -30,7 +30,7 @@ class SerialPorts:
         self._take = take
         self._lines = {
             device: PseudoTerminal(folder / device.value, partial(self._received, device))
-            for device in SerialDevice
+            for device in devices.present
         }
 
     def on_output(self, output: SimulationOutput, switch: VehicleMode) -> None:

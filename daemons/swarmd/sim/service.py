@@ -10,7 +10,6 @@ from swarmd.sim.chassis import ChassisPort
 from swarmd.sim.core.simulation import Command, Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
 from swarmd.sim.switch import Switch
-from swarmware.errors import ConfigError
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load
@@ -30,6 +29,7 @@ from swarmware.types.vehicle import (
 )
 
 if TYPE_CHECKING:
+    from swarmd.sim.pulse_inputs import PulseInputs
     from swarmd.sim.serial_ports import SerialPorts
 
 _RESUME_S: Final = 10.0
@@ -66,21 +66,19 @@ class Sim(Service):
         self._port = ChassisPort(module, self._core, self._driver.feed)
         self._switch = Switch(module, published=not config.serial.folder)
         self._serial: SerialPorts | None = None
+        self._pulses: PulseInputs | None = None
         if config.serial.folder:
-            if node.config.airframe:
-                raise ConfigError(
-                    "services/sim.toml: key serial.folder: the flight controller of an airframe is in hal,"
-                    " expected a node without airframe"
-                )
             from swarmd.sim import serial_ports  # with the protocols of all devices
             from swarmd.sim.core.serial_devices import SerialDevices
 
-            self._serial = serial_ports.SerialPorts(
-                module,
-                Path(config.serial.folder),
-                SerialDevices(config.setpoint_timeout_s),
-                self._on_serial,
-            )
+            folder = Path(config.serial.folder)
+            if airframe is not None:
+                from swarmd.sim import pulse_inputs
+
+                self._pulses = pulse_inputs.PulseInputs(folder, airframe)
+                simulation.vehicle.armed = True  # motors follow their pulses: who sends them arms
+            devices = SerialDevices(config.setpoint_timeout_s, chassis=airframe is None)
+            self._serial = serial_ports.SerialPorts(module, folder, devices, self._on_serial)
         self._commands: BoardReader[Setpoint] | BoardReader[ActuatorOutputs] = (
             module.reader(paths.SIM_OUTPUTS, ActuatorOutputs)
             if airframe is not None
@@ -103,6 +101,8 @@ class Sim(Service):
         finally:
             if self._serial is not None:
                 self._serial.close()
+            if self._pulses is not None:
+                self._pulses.close()
 
     def _last(self, start: Pose) -> tuple[Pose, bool]:
         """Last pose and arming after a short interruption; else the start pose, disarmed."""
@@ -143,8 +143,10 @@ class Sim(Service):
 
     def _read(self, neighbours: bool, now_ns: int) -> None:
         core, feed = self._core, self._driver.feed
+        if self._pulses is not None:
+            feed(core.on_command(self._pulses.outputs(), now_ns, now_ns))
         command = self._commands.value
-        if command is not None and command is not self._taken:
+        if self._pulses is None and command is not None and command is not self._taken:
             self._taken = command
             feed(core.on_command(command, self._commands.local_stamp_ns or now_ns, now_ns))
         if neighbours:

@@ -13,7 +13,9 @@ import pytest
 from swarmd.hal.config import Config as HalConfig
 from swarmd.hal.config import (
     CrsfDriver,
+    MotorPulse,
     NmeaDriver,
+    PwmFlightDriver,
     RecognitionRule,
     SerialChassisDriver,
     SonarDriver,
@@ -22,7 +24,7 @@ from swarmd.hal.config import (
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import SerialConfig
 from swarmware.devices.nmea import fix_sentences
-from swarmware.errors import Denied, NoAnswer, SwarmError
+from swarmware.errors import Denied, NoAnswer
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
@@ -124,15 +126,53 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
         asyncio.run(fly())
 
 
-def test_an_airframe_has_no_serial_chassis_and_the_simulation_says_so(tmp_path: Path) -> None:
-    async def start() -> None:
-        sim = SimConfig(serial=SerialConfig(folder=str(tmp_path / "dev")))
-        config_dir = make_node(tmp_path, services={"sim": sim}, airframe="quad_1k5")
-        with pytest.raises(SwarmError, match=r"ended with 7 before it was ready[^$]*serial.folder: the"):
-            async with spawn(config_dir, "sim"):
-                pass
+def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_motors_alone(
+    tmp_path: Path,
+) -> None:
+    lines = tmp_path / "dev"
+    hal = HalConfig(
+        drivers=(*DRIVERS[:-1], "pwm_flight"),
+        retry_s=0.2,
+        nmea=NmeaDriver(device=str(lines / "gnss")),
+        vectornav=VectorNavDriver(device=str(lines / "imu"), path="sensor/imu_raw"),
+        sonar=SonarDriver(device=str(lines / "sonar"), rate_hz=20.0, max_m=6.4),
+        crsf=CrsfDriver(device=str(lines / "rc")),
+        pwm_flight=PwmFlightDriver(
+            device=str(lines / "pwmchip0"), motors=tuple(MotorPulse(channel=index) for index in range(4))
+        ),
+    )
 
-    asyncio.run(start())
+    async def fly() -> None:
+        sim = SimConfig(serial=SerialConfig(folder=str(lines)))
+        config_dir = make_node(tmp_path, services={"sim": sim, "hal": hal}, airframe="quad_1k5")
+        async with (
+            spawn(config_dir, "sim", "hal", "control", "navigator"),
+            Module("test", config_dir=config_dir) as m,
+        ):
+            goals, status = m.writer("nav/goal", Goal), m.reader("nav/status", NavStatus)
+            truth, vehicle = m.reader("sim/truth", Pose), m.reader("vehicle/state", VehicleState)
+            await until(m.reader("nav/pose", Pose), lambda _: True)
+            async with asyncio.timeout(40.0):
+                while vehicle.value is None or not vehicle.value.armed:
+                    with suppress(Denied):  # until the attitude is known
+                        await m.request(ARM, ArmRequest(True), VehicleState)
+            goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
+            await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
+            await until(vehicle, lambda state: not state.landed)
+            here = truth.value
+            assert here is not None
+            assert here.z_m == pytest.approx(3.0, abs=0.7)
+            goals.write(Goal(2, GoalKind.LAND))
+            await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
+            await until(truth, lambda pose: pose.z_m < 0.05)
+            await until(vehicle, lambda state: state.landed)
+            assert not (await m.request(ARM, ArmRequest(False), VehicleState)).armed
+            async with asyncio.timeout(10.0):
+                while (lines / "pwmchip0/pwm0/duty_cycle").read_text() != "1000000\n":
+                    await truth.changed()
+
+    with no_leaks(tmp_path):
+        asyncio.run(fly())
 
 
 def test_devices_that_are_unplugged_are_waited_for_and_the_vehicle_is_armed_again(tmp_path: Path) -> None:

@@ -59,6 +59,10 @@ def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_tak
 
     changed = json.loads(ctl("config", "set", "navigator/altitude_kp", "1.5", "-n", "uav1", "--json").stdout)
     assert changed["applied_by"] == ["guidance"], "the module that flies with it, on another computer"
+    assert ctl("config", "get", "navigator/altitude_kp", "-n", "uav1").stdout == "1.5\n"
+    for record in (("config", "history"), ("tree", "log")):
+        changes = json.loads(ctl(*record, "-n", "uav1", "--json").stdout)["changes"]
+        assert [one["after"] for one in changes] == [1.5], "recorded by the computer that has the setting"
 
     (report,) = json.loads(ctl("doctor", "placement", "-n", "uav1", "--json", code=None).stdout)["platforms"]
     assert [unit["unit"] for unit in report["units"]] == ["main", "fc", "nav"]

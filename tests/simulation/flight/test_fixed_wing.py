@@ -56,13 +56,13 @@ def go(flight: Flight, seq: int, x_m: float, y_m: float) -> None:
     until(flight, seq, NavState.ARRIVED, 60.0)
 
 
-def land(flight: Flight, seq: int) -> float:
-    """Distance of the place of rest from where the landing was ordered."""
-    ordered = flight.truth
+def land(flight: Flight, seq: int, place: tuple[float, float] | None = None) -> float:
+    """Distance of the place of rest from another, else from where the landing was ordered."""
+    x, y = place or (flight.truth.x_m, flight.truth.y_m)
     flight.goal(Goal(seq, GoalKind.LAND, speed_m_s=1.0))
     until(flight, seq, NavState.ARRIVED, 200.0)
     flight.run(10.0)
-    return math.dist((flight.truth.x_m, flight.truth.y_m), (ordered.x_m, ordered.y_m))
+    return math.dist((flight.truth.x_m, flight.truth.y_m), (x, y))
 
 
 def measure(seed: int, duration_s: float, config: SimConfig | None = None) -> LoiterFigures:
@@ -82,7 +82,7 @@ def measure(seed: int, duration_s: float, config: SimConfig | None = None) -> Lo
         speeds.append(math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s))
 
     flight.run(duration_s, sample)
-    landed_m = land(flight, 6)
+    landed_m = land(flight, 6, SQUARE[-1])
     return LoiterFigures(span(radii), span(heights), span(speeds), landed_m, len(flight.collisions))
 
 
@@ -90,13 +90,17 @@ def span(values: list[float]) -> tuple[float, float]:
     return min(values), max(values)
 
 
-@pytest.mark.parametrize("seed", [number + 1 for number in seeds(1, 10)])
+SEEDS = [number + 1 for number in seeds(1, 10)]
+LOITER_S = 60.0 if len(SEEDS) == 10 else 20.0
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_it_flies_a_square_loiters_on_its_circle_and_lands_near_its_place(seed: int) -> None:
-    found = measure(seed, 60.0)
+    found = measure(seed, LOITER_S)
     assert 85.0 < found.radius_m[0] < found.radius_m[1] < 95.0, found
     assert 38.5 < found.height_m[0] < found.height_m[1] < 41.5, found
     assert 21.0 < found.speed_m_s[0] < found.speed_m_s[1] < 23.0, found
-    assert found.landed_m < 40.0, found
+    assert found.landed_m < 25.0, found
     assert found.collisions == 0, found
 
 
@@ -146,7 +150,7 @@ def test_steered_by_hand_it_turns_and_does_not_stall_at_a_speed_that_is_too_low(
 @pytest.mark.parametrize("seed", [number + 1 for number in seeds(1, 5)])
 def test_in_wind_with_gusts_it_loiters_and_lands(seed: int) -> None:
     wind = WindConfig(mean_m_s=(2.5, 1.0, 0.0), gust_sigma_m_s=0.5, gust_tau_s=2.0)
-    found = measure(seed, 60.0, SimConfig(wind=wind))
+    found = measure(seed, LOITER_S, SimConfig(wind=wind))
     assert 75.0 < found.radius_m[0] < found.radius_m[1] < 105.0, found
     assert 30.0 < found.height_m[0] < found.height_m[1] < 50.0, found
     assert found.collisions == 0, found

@@ -99,3 +99,12 @@ def test_a_file_that_is_gone_does_not_keep_the_others_from_their_values(tmp_path
     writer = EndWriter([(str(tmp_path / "no" / "file"), "1"), (str(tmp_path / "there"), "2")])
     writer.close()
     assert (tmp_path / "there").read_text() == "2"
+
+
+def test_an_output_that_was_unplugged_is_not_made_as_a_file(tmp_path: Path) -> None:
+    gone = tmp_path / "duty_cycle"
+    gone.write_text("1500000")
+    writer = EndWriter([(str(gone), "1000000")])
+    gone.unlink()
+    writer.close()
+    assert not gone.exists()

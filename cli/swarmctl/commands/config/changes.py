@@ -113,6 +113,10 @@ async def print_history(session: Session, pattern: str) -> None:
     await session.reach(session.platform)
     path = names.join(session.platform, "sys/tree/history")
     found = await session.ask(path, HistoryQuery(pattern), ConfigHistory)
+    for other in () if found.changes else await session.other_computers(session.platform):
+        found = await session.ask(names.join(other, "sys/tree/history"), HistoryQuery(pattern), ConfigHistory)
+        if found.changes:
+            break
     if not found.changes:
         await configured(session, pattern)  # an unknown key is an error
     entries = [

@@ -106,6 +106,13 @@ async def configured(
     path = names.join(platform, "sys/node/config")
     found = await session.ask(path, ConfigQuery(pattern, meanings), EffectiveConfig)
     if not found.keys:
+        # a service may run on another computer of the platform
+        for other in await session.other_computers(platform):
+            there = names.join(other, "sys/node/config")
+            found = await session.ask(there, ConfigQuery(pattern, meanings), EffectiveConfig)
+            if found.keys:
+                break
+    if not found.keys:
         everything = await session.ask(path, ConfigQuery(), EffectiveConfig)
         known = [key.name for key in everything.keys]
         near = similar(pattern, known)

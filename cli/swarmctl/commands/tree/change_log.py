@@ -49,9 +49,15 @@ async def print_log(
     query = TreeLogQuery(names.Pattern(pattern).text, by, since_utc_ns, refused, count)
     await session.reach(session.platform)
     found = await session.ask(names.join(session.platform, "sys/tree/log"), query, TreeLog)
-    changes = [_recorded(one) for one in found.changes]
+    logged, more = list(found.changes), found.more
+    for other in await session.other_computers(session.platform):
+        there = await session.ask(names.join(other, "sys/tree/log"), query, TreeLog)
+        logged, more = [*logged, *there.changes], more + there.more
+    logged.sort(key=lambda one: one.utc_ns, reverse=True)
+    more += len(logged[count:])
+    changes = [_recorded(one) for one in logged[:count]]
     if session.settings.structured:
-        session.out.document(ChangeRecord(changes, found.platform, found.more))
+        session.out.document(ChangeRecord(changes, found.platform, more))
         return
     columns = [
         Column("AT"),
@@ -71,8 +77,8 @@ async def print_log(
         for one in changes
     ]
     session.out.table(columns, rows, empty=f"{found.platform}: no recorded change matches")
-    if found.more:
-        session.out.say(f"{found.more} older changes; --count shows more")
+    if more:
+        session.out.say(f"{more} older changes; --count shows more")
 
 
 def _recorded(one: LoggedChange) -> RecordedChange:

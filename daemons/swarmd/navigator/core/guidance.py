@@ -79,6 +79,8 @@ class Guidance:
         self._goal_error = ""
         self._anchor: Pose | None = None
         self._arrived = False
+        self._circled: Goal | None = None
+        """The goal around which an aircraft circled when the present one came."""
         self._setpoint = _STOP
         self._moved_ns = 0
         self._moved_from: tuple[float, float, float] | None = None
@@ -117,6 +119,7 @@ class Guidance:
         """Takes a goal; the same goal again changes nothing."""
         if self._goal == goal:
             return
+        self._circled = self._goal if self._arrived and self._controller.circle_m > 0.0 else None
         self._goal, self._goal_ns, self._moved_ns = goal, now_ns, now_ns
         self._keeper, self._goal_error, self._anchor, self._arrived = None, "", None, False
         if not goal.kind.known:
@@ -218,6 +221,11 @@ class Guidance:
         return max(self._config.arrive_m, self._controller.arrive_m)
 
     def _land(self, goal: Goal, pose: Pose) -> _Plan:
+        if self._anchor is None and self._circled is not None and self._circled.kind is GoalKind.GOTO:
+            # it comes down at the place around which it circles, not somewhere on the circle
+            place = msgspec.structs.replace(pose, x_m=self._circled.x_m, y_m=self._circled.y_m)
+            x, y = self._controller.hold_at(place)
+            self._anchor = Pose.planar(x, y, max(pose.z_m, 1.0), pose.yaw_rad)
         stay = self._stay(pose)
         if stay is None:
             standing = math.hypot(pose.vx_m_s, pose.vy_m_s) < _STILL_M_S

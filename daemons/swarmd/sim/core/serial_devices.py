@@ -42,10 +42,13 @@ class SerialOutput(msgspec.Struct, frozen=True, gc=False):
 class SerialDevices:
     """Protocols of the devices, fed with the measurements of the simulation, which have their errors.
 
-    `watchdog_s`: age of the set-point from which on the chassis reports that it stopped by itself.
+    `watchdog_s`: age of the set-point from which on the chassis reports that it stopped by itself;
+    `chassis`: whether there is one, with controllers of its own.
     """
 
-    def __init__(self, watchdog_s: float) -> None:
+    def __init__(self, watchdog_s: float, *, chassis: bool = True) -> None:
+        self.present = tuple(one for one in SerialDevice if chassis or one is not SerialDevice.CHASSIS)
+        """Devices that have a line."""
         self._watchdog_ns = round(watchdog_s * 1e9)
         self._decoder = frame_decoder()
         self._report: ChassisReport | None = None
@@ -81,7 +84,7 @@ class SerialDevices:
         return self._reports(now_ns)
 
     def _reports(self, now_ns: int) -> list[SerialOutput]:
-        if self._report is None:
+        if self._report is None or SerialDevice.CHASSIS not in self.present:
             return []
         self._reported_ns = now_ns
         stopped = self._report.armed and now_ns - self._setpoint_ns > self._watchdog_ns
