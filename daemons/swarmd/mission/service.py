@@ -21,6 +21,7 @@ from swarmd.mission.core.link_loss import LinkLoss
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock, TakeVehicle
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain
+from swarmd.mission.first_states import FirstStates
 from swarmd.mission.member_states import MemberStates
 from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
@@ -141,6 +142,9 @@ class Mission(Service):
             self._others, module.clock, lambda: self._core.phase in INACTIVE, self._take_states
         )
         self._census = Census(module.platform, round(self.config.lost_after_s * 1e9))
+        self._first_states = FirstStates(
+            self._census, module.clock, self._take_routes, is_station=self._kind not in VEHICLES
+        )
         self._roster: BoardReader[RosterState] = module.reader("net/roster", RosterState)
         self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
         self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
@@ -265,11 +269,14 @@ class Mission(Service):
         return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
 
     async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
+        instructed_ns = self._instructed_ns(meta)
+        await self._first_states.wait()
         return await self._dispatcher.task(
-            task, self._platforms(), self._absent(), self._instructed_ns(meta), meta.sender
+            task, self._platforms(), self._absent(), instructed_ns, meta.sender
         )
 
     async def _on_plan(self, task: MissionTask, meta: Meta) -> MissionPlan:
+        await self._first_states.wait()
         return await self._dispatcher.plan(task, self._platforms(), self._absent())
 
     def _platforms(self) -> list[Platform]:
@@ -358,6 +365,7 @@ class Mission(Service):
                 meetings = tuple(self._local(meeting, meta, now_ns) for meeting in state.meetings)
                 states.append((platform, state, meetings))
         self._driver.feed(self._core.on_states(states, now_ns))
+        self._first_states.on_states()
 
     def _local(self, meeting: BarrierResult, meta: Meta, now_ns: int) -> BarrierResult:
         """The barrier result with its instant on this platform's clock."""
@@ -382,15 +390,19 @@ class Mission(Service):
 
     async def _watch_links(self) -> None:
         async for _ in self.module.every(HEARTBEAT_NS / 1e9):
-            routes = self._routes.value
-            if routes is not None and (self._routes.age_s or 0.0) < self.config.lost_after_s:
-                now_ns = self.module.now_ns()
-                for route in routes.routes:
-                    self._core.on_alive(route.platform, now_ns)
-                    self._census.on_reachable(route.platform, now_ns)
-                    if self._census.is_station(route.platform):
-                        self._link_loss.on_station(now_ns)
+            self._take_routes()
             self._check_link()
+
+    def _take_routes(self) -> None:
+        """Takes the platforms that are in reach now."""
+        routes = self._routes.value
+        if routes is not None and (self._routes.age_s or 0.0) < self.config.lost_after_s:
+            now_ns = self.module.now_ns()
+            for route in routes.routes:
+                self._core.on_alive(route.platform, now_ns)
+                self._census.on_reachable(route.platform, now_ns)
+                if self._census.is_station(route.platform):
+                    self._link_loss.on_station(now_ns)
 
     def _check_link(self) -> None:
         """Applies the policy for a lost link, to a vehicle that is armed."""

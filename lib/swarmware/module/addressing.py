@@ -15,6 +15,7 @@ from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.parts import SPLIT_BYTES, VALUE_LIMIT, parts_of
 from swarmware.types import registry
 
+_SPLIT: Final = ADDRESSED | {FrameKind.REQUEST}
 ADDRESSES_MAX: Final = 4096
 """Addresses that are kept between two messages to them."""
 
@@ -91,7 +92,7 @@ class Addressing:
         Raises: OutOfRange when the value is too large.
         """
         payload = registry.encode(value)
-        limit = VALUE_LIMIT if kind in ADDRESSED else PAYLOAD_LIMIT
+        limit = VALUE_LIMIT if kind in _SPLIT else PAYLOAD_LIMIT
         if len(payload) > limit:
             raise OutOfRange(f"a value of {len(payload)} bytes: expected at most {limit}")
         # a random start: messages of a restarted application must not look like duplicates
@@ -112,11 +113,22 @@ class Addressing:
         )
 
     def parts(self, frame: Frame) -> Iterator[Frame] | None:
-        """The frames of the parts of a message that is too large for one; None: it is not."""
-        limit = PAYLOAD_LIMIT if frame.receiver_hw == self._hardware else SPLIT_BYTES
+        """The frames of the parts of a message or request that is too large for one; None: it is not."""
+        is_split = frame.kind is not FrameKind.REQUEST and frame.receiver_hw != self._hardware
+        limit = SPLIT_BYTES if is_split else PAYLOAD_LIMIT
         if len(frame.payload) <= limit:
             return None
         return parts_of(frame, partial(self._next_sequence, frame.data_id))
+
+    def again(self, question: Frame, element: bytes) -> Frame:
+        """A request without content to the address of another one, with a further element of extension."""
+        return msgspec.structs.replace(
+            question,
+            sequence=self._next_sequence(question.data_id),
+            stamp_ns=self._clock.now_ns(),
+            extension=question.extension + element,
+            payload=b"",
+        )
 
     def _next_sequence(self, data_id: int) -> int:
         sequence = self._sequences[data_id] = (self._sequences[data_id] + 1) & 0xFFFF_FFFF

@@ -5,7 +5,7 @@ What serves and writes is in `swarmware.module.module`: a command of the operato
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, Self, TypeVar
@@ -18,6 +18,7 @@ from swarmware.model.access import Sender
 from swarmware.model.clock import Clock
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.module.addressing import Addressing
+from swarmware.module.large_request import LargeRequest
 from swarmware.module.node_participant import NodeParticipant
 from swarmware.module.part_sender import send_parts
 from swarmware.module.remote_clocks import RemoteClocks
@@ -29,17 +30,19 @@ from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.delivery.parts import SPLIT_BYTES
 from swarmware.transport.delivery.sender import Caller, with_caller
 from swarmware.types import registry
-from swarmware.types.rpc import Reply
+from swarmware.types.rpc import Empty, Reply, StreamSnapshot
 
 if TYPE_CHECKING:
     from swarmware.module.board import BoardReader
     from swarmware.module.boardset import BoardSet
     from swarmware.module.frame_reader import FrameReader
     from swarmware.module.partners import Partners
+    from swarmware.module.snapshot_stream import SnapshotStream
     from swarmware.module.stream import StreamReader
 
 T = TypeVar("T", bound=msgspec.Struct)
 R = TypeVar("R", bound=msgspec.Struct)
+S = TypeVar("S", bound=msgspec.Struct)
 
 _URGENT: Final = int(Flag.URGENT)
 _BULK: Final = int(Flag.BULK)
@@ -240,6 +243,15 @@ class Client:
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
         return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
 
+    def snapshot_stream(self, path: str, cls: type[T], snapshot: type[S]) -> "SnapshotStream[T, S]":
+        """Open a reader of a stream whose owner serves snapshots: first its state, then every item after it,
+        in order; after a gap its state again."""
+        from swarmware.module.snapshot_stream import SnapshotStream, snapshot_path
+
+        reader = self.stream_reader(path, cls)
+        address = snapshot_path(path)
+        return SnapshotStream(reader, lambda: self.request(address, Empty(), StreamSnapshot), snapshot)
+
     def partners(self) -> "Partners":
         """The other platforms of the swarm, their units and applications, as the register daemon knows
         them."""
@@ -329,9 +341,10 @@ class Client:
     ) -> Coroutine[Any, Any, R]:
         """Send a request to an address of this or another platform, at once; the coroutine returns the reply.
 
-        `bulk`: it or its reply is a part of something large, and has the lowest priority on links.
-        Raises: the error of the handler as the same class; NoAnswer at the time-out; NotFound for an address
-        without a server; TypeMismatch when it takes another type.
+        `bulk`: it or its reply is a part of something large, and has the lowest priority on links. A request
+        or reply above 4 MiB travels in parts of that priority; a large request is sent when it is awaited.
+        Raises: OutOfRange for a value above 64 MiB; the error of the handler as the same class; NoAnswer at
+        the time-out; NotFound for an address without a server; TypeMismatch when it takes another type.
         """
         member = self._member
         address = member.addressing.address(path, type(value))
@@ -346,10 +359,19 @@ class Client:
         is_bulk = bulk or len(frame.payload) > SPLIT_BYTES
         frame.flags = _URGENT if urgent else _BULK if is_bulk else 0
         self._state_caller(frame, on_behalf_of)
-        return answer(path, self.node.messaging.request(frame, timeout_s), reply, mismatch)
+        large = LargeRequest(self.node.messaging, member.addressing.again, timeout_s)
+        parts = None if len(frame.payload) <= SPLIT_BYTES else member.addressing.parts(frame)
+        if parts is not None:
+            return answer(path, large.of_parts(parts), reply, mismatch)
+        comes = self.node.messaging.request(frame, timeout_s)
+        return answer(path, _whole(large, frame, comes), reply, mismatch)
 
 
-async def answer(path: str, comes: asyncio.Future[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
+async def _whole(large: LargeRequest, frame: Frame, comes: asyncio.Future[Reply]) -> Reply:
+    return await large.whole(frame, await comes)
+
+
+async def answer(path: str, comes: Awaitable[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
     """Wait for the reply to a request that was sent.
 
     `mismatch` returns why the address does not accept its type; empty: that is not the reason.

@@ -13,12 +13,14 @@ from swarmware.module import inbox as inbox_module
 from swarmware.module.accepted import acceptance
 from swarmware.module.client import Client
 from swarmware.module.inbox import Inbox
+from swarmware.module.meta import Meta
 from swarmware.module.node_participant import NodeParticipant
 from swarmware.module.rpc import Handler, Server
 from swarmware.module.streamwriter import STREAM_SLOT_BYTES, STREAM_SLOTS, StreamWriter
 from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.node.node import Node
 from swarmware.types import registry
+from swarmware.types.rpc import Empty, StreamSnapshot
 
 if TYPE_CHECKING:
     from swarmware.types.net import Denial
@@ -170,6 +172,20 @@ class Module(Client):
         return self._provided(
             StreamWriter(node, participant.app_id, described, cls, publication, participant.remote_clocks)
         )
+
+    def serve_snapshots(self, writer: StreamWriter[Any], snapshot: Callable[[], msgspec.Struct]) -> Server:
+        """Serve the state that the items of a stream have led to, to readers that begin or have a gap.
+
+        `snapshot` returns the state after the item that was written last.
+        Raises: Conflict when another application has the address.
+        """
+        from swarmware.module.snapshot_stream import snapshot_path
+
+        def handle(_request: Empty, _meta: Meta) -> StreamSnapshot:
+            return StreamSnapshot(writer.sequence, self.now_ns(), registry.encode(snapshot()))
+
+        local = snapshot_path(writer.path)
+        return self.serve(local, Empty, handle, reply=StreamSnapshot)
 
     def _described(
         self, resource: str | Resource, cls: type[T], kinds: tuple[Kind, Kind], details: dict[str, Any]

@@ -35,3 +35,15 @@ class Ack(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Reason, when it was not delivered."""
     received_ns: int = 0
     """Receiver's hardware clock when it was put into the inbox."""
+
+
+@register
+class StreamSnapshot(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """State of the owner of a stream after one of its items."""
+
+    sequence: int
+    """Sequence of the newest item that is in the state; 0: there was none."""
+    stamp_ns: int
+    """Hardware clock of the owner when the state was taken."""
+    body: bytes
+    """MessagePack of the type of the state."""

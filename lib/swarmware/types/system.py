@@ -31,7 +31,7 @@ class MessageCounters(msgspec.Struct, array_like=True, gc=False):
     no_room: int = 0
     """Messages for a full inbox; their senders retransmit them."""
     oversized_answers: int = 0
-    """Replies of handlers that fit no frame; the caller got an error."""
+    """Replies of handlers above 64 MiB; the caller got an error."""
     dropped: int = 0
     """The queue to another process of the node was full."""
     repeated: int = 0

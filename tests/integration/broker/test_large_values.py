@@ -21,6 +21,7 @@ async def test_a_value_of_64_mib_arrives_whole_and_one_byte_more_is_refused(tmp_
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
         tiles = pair["uav2"].app.inbox("map/tile", Text)
+        pair["uav2"].app.serve("map/render", Text, lambda request, _: request, reply=Text)
         orders = pair["uav2"].app.inbox("cmd/order", Text)
         app = pair["uav1"].app
         text = "x" * (VALUE_LIMIT - OVERHEAD)
@@ -40,4 +41,6 @@ async def test_a_value_of_64_mib_arrives_whole_and_one_byte_more_is_refused(tmp_
         assert outcome, outcome
         assert outcome.where == "uav2:app#1"
         assert tiles.take() == Text(text)
+        part = Text(text[: 9 << 20])
+        assert await app.request("/uav2/map/render", part, Text, timeout_s=60) == part
         assert statistics.median(times) < 0.2, "commands do not wait for a large value"

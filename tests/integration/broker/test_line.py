@@ -9,7 +9,7 @@ from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
-from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.outcome import ABSENT, FULL, Status
 from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
 from swarmware.types.net import Traffic
 from swarmware.types.scalar import Float, Text
@@ -122,6 +122,22 @@ async def test_when_the_far_end_goes_the_middle_says_so(tmp_path: Path) -> None:
         outcome = await line["uav1"].app.send("/uav3/cmd/note", Text("?"), timeout_s=1.0)
         assert outcome.status is Status.UNREACHABLE
         assert outcome.where in {"uav1", "uav2"}
+
+
+@on_uvloop
+async def test_what_stops_two_hops_away_is_reported_with_that_hop(tmp_path: Path) -> None:
+    async with swarm(tmp_path, *NAMES, hear=LINE) as line:
+        app = line["uav1"].app
+        box = line["uav3"].app.inbox("cmd/order", Text, limit=1)
+        await line["uav1"].until_reaches(uav3="uav2")
+        delivered = await app.send("/uav3/cmd/order", Text("first"), timeout_s=10)
+        assert (delivered.status, delivered.where) == (Status.DELIVERED, "uav3:app#1")
+        full = await app.send("/uav3/cmd/order", Text("second"), timeout_s=1.0)
+        assert (full.status, full.where, full.detail) == (Status.EXPIRED, "uav3", FULL)
+        absent = await app.send("/uav3/cmd/none", Text("?"), timeout_s=4.0)
+        assert (absent.status, absent.where, absent.detail) == (Status.REFUSED, "uav3", ABSENT)
+        assert box.take() == Text("first")
+        assert await app.send("/uav3/cmd/order", Text("third"), timeout_s=10)
 
 
 @on_uvloop

@@ -327,6 +327,42 @@ async def test_a_stream_arrives_whole_and_in_order_over_two_hops(tmp_path: Path)
 
 
 @on_uvloop
+async def test_after_a_gap_a_reader_two_hops_away_gets_the_state_and_goes_on_in_order(tmp_path: Path) -> None:
+    async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
+        written: list[int] = []
+        deltas = uav.probe.stream_writer("map/delta", Int, link="notify", slots=8)
+        uav.probe.serve_snapshots(deltas, lambda: Text(str(sum(written))))
+
+        def write(*values: int) -> None:
+            for value in values:
+                written.append(value)
+                deltas.write(Int(value))
+
+        stream = gcs.probe.snapshot_stream("/uav1/map/delta", Int, Text)
+        total = 0
+
+        async def follow(timeout_s: float | None = None) -> None:
+            """Adds what comes until it has the state of the owner."""
+            nonlocal total
+            while total != sum(written):
+                found = await stream.next(timeout_s)
+                total = int(found.value) if isinstance(found, Text) else total + found.value
+
+        async with asyncio.timeout(PATIENCE_S):
+            write(100)
+            await follow()
+            while not stream.lost:  # a subscription begins some time after the first snapshot
+                write(*range(1, 40))  # at once: more than the ring keeps, so the tree misses the first ones
+                await asyncio.sleep(0.1)
+                write(7)
+                with contextlib.suppress(NoAnswer):
+                    await follow(0.5)
+            await follow()
+        assert stream.resyncs >= 2
+        assert total == sum(written)
+
+
+@on_uvloop
 async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
         board = uav.probe.writer("plan/step", Text)

@@ -5,7 +5,7 @@ import pytest
 from swarmware.model.frame import Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outbox import GRACE_NS, Action, Complete, Outbox, Transmit
-from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.outcome import FULL, Outcome, Status
 from swarmware.types.rpc import Ack
 
 MS = 1_000_000
@@ -98,6 +98,15 @@ def test_a_way_that_opens_again_delivers() -> None:
     outbox.on_ack(key, Ack(int(Status.UNREACHABLE), "uav4"), 5 * MS)
     assert run(outbox, 950 * MS)
     assert outcomes(outbox.on_ack(key, Ack(int(Status.DELIVERED), "uav2:x#1"), 960 * MS))[0].delivered
+
+
+def test_a_message_to_a_full_inbox_expires_there_and_is_repeated_less_and_less_often() -> None:
+    outbox = Outbox(HERE)
+    outbox.on_submit(message(receiver_hw=THERE), 2000 * MS, 0)
+    outbox.on_ack(Outbox.key(message()), Ack(int(Status.UNREACHABLE), "uav4", FULL), 5 * MS)
+    seen = run(outbox, 10_000 * MS)
+    assert [at_ms for at_ms, _ in seen] == [300, 900, 2000]
+    assert outcomes([seen[-1][1]]) == [Outcome(Status.EXPIRED, "uav4", FULL)]
 
 
 def test_a_way_that_may_open_at_any_moment_is_tried_at_a_steady_pace() -> None:

@@ -215,10 +215,12 @@ def test_a_message_is_handed_over_once_and_its_duplicates_get_the_same_answer() 
 def test_a_message_without_room_or_refused_is_handed_over_again() -> None:
     router = make_router()
     frame = from_afar(MESSAGES)
-    for outcome in (None, Outcome(Status.REFUSED, "uav1:app", "not now")):
+    refused = Outcome(Status.REFUSED, "uav1:app", "not now")
+    for outcome, status in ((None, Status.UNREACHABLE), (refused, Status.REFUSED)):
         assert router.on_arrival(frame, VIA, 0) == [HandOver(frame, VIA, Takes.MESSAGES)]
-        answers = router.on_outcome(frame, VIA, outcome, 0)
-        assert len(answers) == (outcome is not None)
+        back = only(router.on_outcome(frame, VIA, outcome, 0))
+        assert isinstance(back, SendBack)
+        assert registry.decode(Ack, back.frame.payload).status == status
     assert router.on_arrival(frame, VIA, 0) == [HandOver(frame, VIA, Takes.MESSAGES)]
     assert router.counters().no_room == 1
 

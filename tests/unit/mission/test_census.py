@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from swarmd.mission.core.census import Census
+from swarmd.mission.core.census import FIRST_STATE_NS, Census
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
 
@@ -51,6 +51,20 @@ def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
     if heard:
         census.on_state("uav1", IDLE, 10 * S)
     assert list(why(census, 11 * S)) == ([] if heard else ["uav1"])
+
+
+def test_the_first_state_of_a_platform_in_reach_is_expected_for_a_while() -> None:
+    census = Census("gcs", 3 * S)
+    assert census.first_state_until_ns(10 * S) == 0
+    census.on_reachable("gcs", 10 * S)
+    census.on_reachable("uav1", 10 * S)
+    census.on_reachable("uav2", 11 * S)
+    census.on_reachable("uav1", 11 * S)
+    assert census.first_state_until_ns(11 * S) == 11 * S + FIRST_STATE_NS
+    census.on_state("uav2", IDLE, 11 * S)
+    assert census.has_states
+    assert census.first_state_until_ns(11 * S) == 10 * S + FIRST_STATE_NS
+    assert census.first_state_until_ns(15 * S) == 0, "it is out of reach again"
 
 
 def test_who_states_a_run_is_found_by_its_epoch() -> None:

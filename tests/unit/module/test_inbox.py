@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.errors import InvalidInput, OutOfRange
+from swarmware.errors import InvalidInput, NotFound, OutOfRange
 from swarmware.model.frame import PAYLOAD_LIMIT, Frame, FrameKind
 from swarmware.model.names import ANY, data_id, hardware_id
 from swarmware.module.inbox import FAIR, Inbox
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.parts import VALUE_LIMIT
 from swarmware.types import registry
 from swarmware.types.scalar import Blob, Int, Text
 
@@ -95,9 +96,7 @@ async def test_a_message_is_of_a_kind_that_an_inbox_takes(tmp_path: Path, kind: 
                 await m.send("cmd/step", Int(1), kind=kind)
 
 
-async def test_a_request_larger_than_a_frame_is_refused_by_its_size_and_a_message_is_split(
-    tmp_path: Path,
-) -> None:
+async def test_requests_replies_and_messages_larger_than_a_frame_are_split(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/blob", Blob)
         m.serve("sys/blob", Blob, lambda request, _: request, reply=Blob)
@@ -105,5 +104,15 @@ async def test_a_request_larger_than_a_frame_is_refused_by_its_size_and_a_messag
         assert await m.send("cmd/blob", large, timeout_s=20.0)
         assert box.take() == large
         assert await m.send("cmd/blob", Blob(b"next"))
-        with pytest.raises(OutOfRange, match=f"expected at most {PAYLOAD_LIMIT}"):
-            await m.request("sys/blob", large, Blob)
+        assert await m.request("sys/blob", large, Blob, timeout_s=20.0) == large
+        m.serve("sys/zeros", Int, lambda request, _: Blob(bytes(request.value)), reply=Blob)
+        for size in (PAYLOAD_LIMIT - 300, PAYLOAD_LIMIT, PAYLOAD_LIMIT + 1):
+            found = await m.request("sys/zeros", Int(size), Blob, timeout_s=20.0)
+            assert len(found.value) == size
+        m.serve("sys/fails", Blob, lambda request, _: Blob(bytes(VALUE_LIMIT)), reply=Blob)
+        with pytest.raises(OutOfRange, match=f"answer of {VALUE_LIMIT + 15} bytes: too large"):
+            await m.request("sys/fails", large, Blob, timeout_s=20.0)
+        with pytest.raises(OutOfRange, match=f"expected at most {VALUE_LIMIT}"):
+            await m.request("sys/blob", Blob(bytes(VALUE_LIMIT)), Blob)
+        with pytest.raises(NotFound):
+            await m.request("sys/nobody", large, Blob, timeout_s=3.0)

@@ -1,10 +1,16 @@
 """Which other platforms are known: present, lost, or only on the roster."""
 
+from typing import Final
+
 import msgspec
 
 from swarmd.mission.core.admission import drained_text
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import LeftOut, MissionState
+
+FIRST_STATE_NS: Final = 3_000_000_000
+"""Time from the first route to a platform in which its first state is expected: its tree is synchronised
+first."""
 
 
 class _ReceivedState(msgspec.Struct):
@@ -22,6 +28,7 @@ class Census:
         """All members, also those never received; empty without keys."""
         self._received: dict[str, _ReceivedState] = {}
         self._reached: dict[str, int] = {}
+        self._first_reached: dict[str, int] = {}
 
     def on_state(self, platform: str, state: MissionState, at_ns: int) -> None:
         """A platform published this mission state at that instant."""
@@ -30,6 +37,24 @@ class Census:
     def on_reachable(self, platform: str, now_ns: int) -> None:
         """A platform has a route now."""
         self._reached[platform] = now_ns
+        self._first_reached.setdefault(platform, now_ns)
+
+    @property
+    def has_states(self) -> bool:
+        """Whether a state of another platform was received."""
+        return bool(self._received)
+
+    def first_state_until_ns(self, now_ns: int) -> int:
+        """Until when first states of platforms in reach are expected; 0: none is."""
+        oldest_ns = now_ns - self._lost_after_ns
+        return max(
+            (
+                first_ns + FIRST_STATE_NS
+                for name, first_ns in self._first_reached.items()
+                if name != self._me and name not in self._received and self._reached[name] >= oldest_ns
+            ),
+            default=0,
+        )
 
     def present(self, now_ns: int) -> dict[str, MissionState]:
         """Platforms whose mission state was received within the time-out."""

@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmware.model.frame import Flag, Frame, FrameKind
-from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.transport.delivery.outcome import FULL, Outcome, Status
 from swarmware.transport.delivery.rtt import RetransmitLimits, RttEstimator
 from swarmware.types.rpc import Ack
 
@@ -61,7 +61,8 @@ class _Pending(msgspec.Struct):
     def next_wait_ns(self) -> int:
         """Time to the transmission after this one: it doubles, unless a hop has answered that it has no
         route, which may return at any moment."""
-        if self.soft_refusal is not None and self.soft_refusal.status is Status.UNREACHABLE:
+        trouble = self.soft_refusal
+        if trouble is not None and trouble.status is Status.UNREACHABLE and trouble.detail != FULL:
             return self.limits.initial_ns
         return min(self.wait_ns * 2, self.limits.max_ns)
 
@@ -207,4 +208,6 @@ def _given_up(pending: _Pending) -> Outcome:
         if pending.reached:
             return Outcome(Status.UNREACHABLE, trouble.where, "the receiver has ended without an answer")
         return Outcome(Status.REFUSED, trouble.where, trouble.detail)
+    if trouble.detail == FULL:
+        return Outcome(Status.EXPIRED, trouble.where, trouble.detail)
     return trouble

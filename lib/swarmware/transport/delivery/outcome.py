@@ -8,6 +8,9 @@ import msgspec
 ABSENT: Final = "no application here takes this path and type"
 """Reason of the refusal of a message or request to an address without a server."""
 
+FULL: Final = "the inbox is full"
+"""Reason of a temporary refusal: the sender repeats the message, and its outcome is expired at this hop."""
+
 
 class Status(IntEnum):
     """Ends of a message; the value travels in `Ack.status`."""
@@ -17,7 +20,7 @@ class Status(IntEnum):
     REFUSED = 1
     """The receiver refuses it: it has no such inbox, or the payload does not match its type."""
     EXPIRED = 2
-    """There was no answer before the time-out."""
+    """There was no answer before the time-out, or the inbox was full until then."""
     UNREACHABLE = 3
     """There was no route to the receiver, or the receiver has died."""
     ABSENT = 4

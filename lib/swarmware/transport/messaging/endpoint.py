@@ -14,6 +14,7 @@ from swarmware.model.frame import Frame, decode, encode
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.answer import ANSWERS, answerable
+from swarmware.transport.delivery.large_requests import LargeRequests
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
 from swarmware.transport.delivery.outcome import ABSENT, Outcome, Status
 from swarmware.transport.delivery.parts import PartAssembly
@@ -105,6 +106,7 @@ class MessageEndpoint:
         self._messages: dict[Key, asyncio.Future[Outcome]] = {}
         self._requests: dict[Key, asyncio.Future[Reply]] = {}
         self._parts = PartAssembly(platform)
+        self._large = LargeRequests(self._parts)
         self._router = MessageRouter(
             platform=platform, hardware=hardware, address=self.address, conversion=self._conversion
         )
@@ -351,7 +353,9 @@ class MessageEndpoint:
         self._driver.feed(self._router.on_arrival(frame, None, self._clock.now_ns()))
 
     def _on_reply(self, frame: Frame, via: Via, reply: Reply) -> None:
-        self._driver.feed(self._router.on_handler_reply(frame, via, reply, self._clock.now_ns()))
+        now_ns = self._clock.now_ns()
+        reply = self._large.on_reply(frame, reply, now_ns)
+        self._driver.feed(self._router.on_handler_reply(frame, via, reply, now_ns))
 
     # -- actions
 
@@ -393,7 +397,11 @@ class MessageEndpoint:
                 receive(frame)
         elif takes is Takes.REQUESTS:
             if (handle := self._request_handlers.get(frame.data_id)) is not None:
-                handle(frame, partial(self._on_reply, frame, via))
+                request = self._large.on_request(frame, self._clock.now_ns())
+                if isinstance(request, Frame):
+                    handle(request, partial(self._on_reply, frame, via))
+                else:
+                    self._on_reply(frame, via, request)
         elif (take := self._message_handlers.get(frame.data_id)) is not None:
             outcome = self._parts.on_frame(frame, take, self._clock.now_ns())
             self._driver.feed(self._router.on_outcome(frame, via, outcome, self._clock.now_ns()))

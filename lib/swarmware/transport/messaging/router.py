@@ -17,7 +17,7 @@ from swarmware.transport.delivery import outbox
 from swarmware.transport.delivery.answer import ANSWERS, answer, answerable, expired, expired_here, reply
 from swarmware.transport.delivery.duplicates import DuplicateFilter, DuplicateState
 from swarmware.transport.delivery.outbox import Complete, Key, Outbox
-from swarmware.transport.delivery.outcome import ABSENT, Outcome, Status
+from swarmware.transport.delivery.outcome import ABSENT, FULL, Outcome, Status
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.system import MessageCounters
@@ -466,7 +466,7 @@ class MessageRouter:
         """The handler's outcome of a message; None: its inbox is full, and the sender retransmits."""
         if outcome is None:
             self._counters.no_room += 1
-            return []
+            return self._refuse(frame, Status.UNREACHABLE, FULL, via, now_ns)
         payload = registry.encode(
             Ack(int(outcome.status), outcome.where, outcome.detail, outcome.received_ns)
         )
