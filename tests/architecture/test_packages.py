@@ -17,6 +17,7 @@ MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
 THIN = {
+    "cli/swarmctl/commands/doctor/outages.py": "outages of links, without the checks of this computer",
     "cli/swarmctl/commands/file/listing.py": "a list, without the library of transfers",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",

@@ -4,7 +4,7 @@ import argparse
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import Final
 
 from swarmctl.session import labs
@@ -24,15 +24,24 @@ def options(description: str | None) -> argparse.ArgumentParser:
 
 
 @contextmanager
-def formation_lab(running: str, own: str, nodes: int = NODES) -> Iterator[LabState]:
-    """The running lab of this name; without a name a lab called `own`, which ends with the block."""
+def _started(running: str, own: str, *how: str) -> Iterator[LabState]:
     if running:
         yield labs.find(running)
         return
     swarmctl = [sys.executable, "-m", "swarmctl", "--quiet", "lab"]
-    up = ["up", "formation", "--nodes", str(nodes), "--name", own, "--detach"]
+    up = ["up", "formation", *how, "--name", own, "--detach"]
     subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
     try:
         yield labs.find(own)
     finally:
         subprocess.run([*swarmctl, "down", own], check=True, stdout=subprocess.DEVNULL)
+
+
+def formation_lab(running: str, own: str, nodes: int = NODES) -> AbstractContextManager[LabState]:
+    """The running lab of this name; without a name a lab called `own`, which ends with the block."""
+    return _started(running, own, "--nodes", str(nodes))
+
+
+def radio_lab(running: str, own: str, nodes: int, radio: str) -> AbstractContextManager[LabState]:
+    """The same, of nodes in namespaces with that radio between them."""
+    return _started(running, own, "--nodes", str(nodes), "--net", "netns", "--radio", radio)

@@ -78,17 +78,16 @@ BENCHES: Final = (
     LinkBench("boards", "board_loss.py", own_rows, "board 30 Hz, 1 kB, 20 % loss"),
     LinkBench("radio", "radio_links.py", own_rows, "messages over 1 and 3 bad hops; cuts and returns"),
     LinkBench("reliable", "reliable_links.py", own_rows, "streams, bytes sent again, overload, files"),
+    LinkBench(
+        "channels", "channel_links.py", own_rows, "VLP-16 stream; rate, buffer and outage of its channel"
+    ),
+    LinkBench(
+        "formation", "radio_formation.py", own_rows, "`lab run formation --net netns` with the radio `s3`"
+    ),
     LinkBench("message", "message.py", message_rows, "message with CURVE against bare ZeroMQ"),
     LinkBench("poses", "pose_ages.py", pose_rows, "bytes and ages of poses, 16 and 100 nodes"),
 )
-ELSEWHERE: Final = (
-    (
-        "real VLP-16 stream, 753 packets/s, to another node",
-        "none missing, or gaps reported at both ends",
-    ),
-    ("`lab run formation --net netns` with the radio `s3`", "complete, 0 collisions"),
-    ("32 nodes in one cell on two cores", "complete, 0 collisions"),
-)
+ELSEWHERE: Final = (("32 nodes in one cell on two cores", "complete, 0 collisions"),)
 """Cases that no benchmark here measures, with their goals."""
 
 

@@ -10,19 +10,17 @@ rights of `--net netns`.
 
 import asyncio
 import itertools
-import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import AsyncExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import Any, Final
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from lab import options
+from lab import options, radio_lab
 from rows import Row, print_rows
 
-from swarmctl.session import labs
 from swarmctl.session.labs import LabState
 from swarmlab.radio.core.link import ImpairmentChange
 from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, Links, RadioOrder, send
@@ -44,33 +42,6 @@ AWAY_S: Final = 5.0
 PROBE_S: Final = 0.05
 PATIENCE_S: Final = 60.0
 INBOX: Final = "bench/message"
-
-
-@contextmanager
-def radio_lab(running: str) -> Iterator[LabState]:
-    """The running lab of this name; without a name one of its own, which ends with the block."""
-    if running:
-        yield labs.find(running)
-        return
-    swarmctl = [sys.executable, "-m", "swarmctl", "--quiet", "lab"]
-    up = [
-        "up",
-        "formation",
-        "--nodes",
-        str(NODES),
-        "--net",
-        "netns",
-        "--radio",
-        "lan",
-        "--name",
-        OWN,
-        "--detach",
-    ]
-    subprocess.run([*swarmctl, *up], check=True, stdout=subprocess.DEVNULL)
-    try:
-        yield labs.find(OWN)
-    finally:
-        subprocess.run([*swarmctl, "down", OWN], check=True, stdout=subprocess.DEVNULL)
 
 
 async def drain(inbox: Inbox[Blob]) -> None:
@@ -238,7 +209,7 @@ def main() -> None:
     parser.add_argument("--messages", type=int, default=100)
     parser.add_argument("--cuts", type=int, default=3)
     given = parser.parse_args()
-    with radio_lab(given.lab) as lab:
+    with radio_lab(given.lab, OWN, NODES, "lan") as lab:
         rows = asyncio.run(measure(lab, given.messages, given.cuts))
     print_rows(rows, as_json=given.json)
 

@@ -49,13 +49,13 @@ def test_a_compression_is_a_method_with_or_without_its_level(text: str, method: 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("gzip", "expected one of none, zlib, zstd, jpeg, auto"),
+        ("gzip", "expected one of none, zlib, zstd, jpeg, h264, auto"),
         ("zlib:0", "expected zlib:1 to zlib:9"),
         ("zlib:", "expected zlib:1 to zlib:9"),
         ("zstd:20", "expected zstd:1 to zstd:19"),
         ("jpeg:96", "expected jpeg:1 to jpeg:95"),
         ("auto:3", "expected auto without a level"),
-        ("h264", "video is not sent yet"),
+        ("h264:3", "without a level"),
     ],
 )
 def test_any_other_text_is_refused_with_what_was_expected(text: str, reason: str) -> None:

@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.broker.channel_store import ChannelStore
 from swarmd.broker.core.boards.channel_table import ChannelTable, refusals
 from swarmware.errors import SwarmError
 from swarmware.model import names, template
@@ -27,6 +28,7 @@ class ChannelApi:
     def __init__(self, module: Module, table: ChannelTable, limits: BoardWriter[ChannelLimits]) -> None:
         self._module = module
         self._table = table
+        self._store = ChannelStore(table, module.node.config.data_path, module.clock)
         self._limits = limits
         self._changes = module.stream_writer(
             "net/changes", TreeChange, kind="event", description="Changes of channels by operators"
@@ -45,16 +47,19 @@ class ChannelApi:
             present = self._table.limits(self._module.now_ns()).limits
             refused = refusals(request, self._resources(), present)
             self._table.set(request, self._module.now_ns())
+            self._store.keep()
         return ChannelLimits(self._write().limits, refused)
 
     def _serve_undo(self, _request: UndoChannel, meta: Meta) -> ChannelLimits:
         with self._recorded(meta, "undo"):
             self._table.undo()
+            self._store.keep()
         return self._write()
 
     def _serve_clear(self, request: ClearChannels, meta: Meta) -> ChannelLimits:
         with self._recorded(meta, f"clear {request.pattern}".rstrip()):
             self._table.clear(request.pattern)
+            self._store.keep()
         return self._write()
 
     @contextmanager

@@ -34,6 +34,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Encoder of PyAV: libx264, or one of the hardware (h264_v4l2m2m, h264_nvenc, h264_qsv)."""
     sessions_max: Annotated[int, msgspec.Meta(ge=1, le=64)] = 4
     """Sessions sent, and sessions received, at the same time."""
+    guard_bit_s: Annotated[float, msgspec.Meta(ge=0, le=1e9)] = 500_000.0
+    """Rate to which a link may fall at once while its queue stays below about 0.2 s: at most what takes that
+    time is in flight, which limits the rate of video over long round trips. 0: no such limit."""
     wait_s: Positive = 0.06
     """Time for which a missing packet is waited for."""
     silence_s: Positive = 30.0

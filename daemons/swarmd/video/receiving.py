@@ -5,6 +5,8 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
+import msgspec
+
 from swarmd.video.codec import H264Decoder
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp
@@ -125,20 +127,11 @@ class ReceivingSession:
     def report(self) -> VideoSession:
         """The session with its counters."""
         core, counters = self._core, self._core.counters
-        return VideoSession(
-            self.number,
-            VideoDirection.RECEIVED,
-            self.source,
-            str(self.sender),
-            path=self.path,
-            started_ns=self._started_ns,
-            pictures=counters.pictures,
-            packets=counters.packets,
-            octets=counters.octets,
-            lost=counters.lost,
+        direction, other = VideoDirection.RECEIVED, str(self.sender)
+        return msgspec.structs.replace(
+            counters.report(self.number, direction, self.source, other, self.path, self._started_ns),
             gaps=counters.gaps,
             dropped=counters.dropped,
-            key_frames_asked=counters.key_frames_asked,
             refused=counters.refused + core.buffer.late + core.buffer.duplicates,
             jitter_s=core.jitter / CLOCK_HZ,
         )

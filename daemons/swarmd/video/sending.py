@@ -5,6 +5,8 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
+import msgspec
+
 from swarmd.video.codec import H264Encoder, to_frame
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp
@@ -54,12 +56,13 @@ class SendingSession:
         config: Config,
         max_bit_s: int,
         pinned: bool,
+        max_hz: float | None,
         described: str,
         received_as: str,
         receiver_hw: int | None,
     ) -> None:
-        """`described`: SDP; `received_as`: stream of the images at the receiving platform; `receiver_hw`: its
-        computer, None for an address."""
+        """`max_hz`: most pictures a second, None: all; `described`: SDP; `received_as`: stream of the images
+        at the receiving platform; `receiver_hw`: its computer, None for an address."""
         now_ns = module.now_ns()
         self.number = number
         """Source of its RTP packets (SSRC)."""
@@ -87,9 +90,12 @@ class SendingSession:
             reports_arrivals=bool(destination.platform),
             utc_less_clock_ns=utc_ns() - now_ns,
         )
+        self._period_ns = 0 if max_hz is None else round(1e9 / max_hz)
+        self._due_ns = now_ns
+        """Instant from which a picture is encoded."""
         self._encoder = H264Encoder(
             config.encoder,
-            source.rate_hz,
+            source.rate_hz if max_hz is None else min(source.rate_hz, max_hz),
             bitrate.bit_s,
             max_bit_s,
             KEY_FRAME_S if destination.platform else KEY_FRAME_BLIND_S,
@@ -108,8 +114,9 @@ class SendingSession:
             while True:
                 picture = await self._source.next()
                 now_ns = module.now_ns()
-                if not self._core.may_encode(now_ns):
+                if now_ns < self._due_ns or not self._core.may_encode(now_ns):
                     continue
+                self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
                 timestamp = now_ns * CLOCK_HZ // 1_000_000_000
                 key, self._is_key_wanted = self._is_key_wanted, False
                 data = await loop.run_in_executor(self._executor, self._encoded, picture, timestamp, key)
@@ -165,24 +172,14 @@ class SendingSession:
         """The session with its counters."""
         core, counters, now_ns = self._core, self._core.counters, self._module.now_ns()
         bitrate, round_trip_ns = core.bitrate, core.round_trip_ns
-        return VideoSession(
-            self.number,
-            VideoDirection.SENT,
-            self.name,
-            str(self.destination),
-            path=self._received_as,
-            started_ns=self._started_ns,
+        direction, other = VideoDirection.SENT, str(self.destination)
+        return msgspec.structs.replace(
+            counters.report(self.number, direction, self.name, other, self._received_as, self._started_ns),
             bit_s=bitrate.bit_s,
             max_bit_s=bitrate.max_bit_s,
             pinned=bitrate.pinned,
-            pictures=counters.pictures,
             skipped=counters.skipped,
-            packets=counters.packets,
-            octets=counters.octets,
-            lost=counters.lost,
             dropped=counters.discarded,
-            key_frames_asked=counters.key_frames_asked,
-            refused=counters.refused,
             queueing_s=core.queueing_ns / 1e9,
             waiting_s=core.waiting_ns(now_ns) / 1e9,
             round_trip_s=None if round_trip_ns is None else round_trip_ns / 1e9,

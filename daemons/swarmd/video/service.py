@@ -3,18 +3,20 @@
 import asyncio
 import os
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from typing import Final
 
 from swarmd.video import config as settings
 from swarmd.video.codec import pyav
+from swarmd.video.core.channel_video import Channel, ChannelVideo, StartVideo
 from swarmd.video.core.destination import Destination, session_description
 from swarmd.video.core.session_table import SessionKey, SessionTable
 from swarmd.video.receiving import ReceivingSession
 from swarmd.video.rtp_socket import RtpSocket, SwarmPath, resolve
 from swarmd.video.sending import SendingSession
 from swarmd.video.sources import PictureSource, open_source
-from swarmware.errors import Conflict, Denied, NotFound, SwarmError
+from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.names import Address
 from swarmware.model.resource import Kind
@@ -22,6 +24,8 @@ from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.service.service import Service
 from swarmware.types import registry
+from swarmware.types.channel import ChannelLimits
+from swarmware.types.net import Routes
 from swarmware.types.perception import Image
 from swarmware.types.rpc import Empty
 from swarmware.types.video import (
@@ -55,6 +59,9 @@ class Video(Service):
         self._tasks: dict[int | SessionKey, asyncio.Task[None]] = {}
         self._reasons: dict[int | SessionKey, str] = {}
         """Why a session is being ended."""
+        self._limits = module.reader("net/limits", ChannelLimits)
+        self._routes = module.reader("net/routes", Routes)
+        self._by_rules = ChannelVideo()
         self._address = Address(module.node.platform, module.node.config.unit)
         self._changes = module.stream_writer(
             "video/changes",
@@ -86,7 +93,8 @@ class Video(Service):
         )
 
     async def run(self) -> None:
-        """Serve until cancelled; end sessions whose other end is silent."""
+        """Serve until cancelled; end sessions whose other end is silent, and follow the rules of channels."""
+        self.module.start(self._follow_rules(), "rules")
         limit_s = self.config.silence_s
         async for _ in self.module.every(CHECK_S):
             now_ns = self.module.now_ns()
@@ -97,9 +105,42 @@ class Video(Service):
                 elif session.is_silent(now_ns):
                     self._end(key, f"ended: nothing arrived for {limit_s:g} s")
 
+    async def _follow_rules(self) -> None:
+        while True:
+            if self._limits.value is not None:
+                await self._apply_rules(self._limits.value)
+            with suppress(NoAnswer):  # routes and sessions change as well
+                await self._limits.changed(CHECK_S)
+
+    async def _apply_rules(self, rules: ChannelLimits) -> None:
+        now_ns = self.module.now_ns()
+        if not any(rule.settings.is_video for rule in rules.limits) and not self._by_rules.is_busy:
+            return
+        routes = self._routes.value or Routes()
+        others = {one.platform for one in routes.routes} - {self._address.platform}
+        sent = [Channel(*names_) for names_ in self._table.names_sent()]
+        for action in self._by_rules.changes(rules.limits, self._sources(), others, sent, now_ns):
+            channel = action.channel
+            if not isinstance(action, StartVideo):
+                number = self._table.number_sent(channel.source, channel.platform)
+                if number is not None:
+                    self._end(number, "ended: no rule of a channel asks for it")
+                continue
+            try:
+                request = VideoStart(channel.source, channel.platform)
+                await self._begin(request, "a rule of its channel", action.max_hz)
+            except SwarmError as error:
+                self._by_rules.on_failed(channel, self.module.now_ns())
+                self.module.log.warning(
+                    "video of %s to %s, by a rule of its channel: %s", channel.source, channel.platform, error
+                )
+
     # -- requests
 
     async def _start(self, request: VideoStart, meta: Meta) -> VideoSession:
+        return await self._begin(request, _asker(meta))
+
+    async def _begin(self, request: VideoStart, by: str, max_hz: float | None = None) -> VideoSession:
         pyav()
         destination = Destination.parse(request.to)
         if names.platform_of(destination.platform) == self._address.platform:
@@ -111,7 +152,7 @@ class Video(Service):
         try:
             configured = self.config.sources.get(request.source)
             source = await open_source(self.module, request.source, configured, executor)
-            session = await self._opened(request, destination, source, executor)
+            session = await self._opened(request, destination, source, executor, max_hz)
         except BaseException:
             if source is not None:
                 source.close()
@@ -119,13 +160,20 @@ class Video(Service):
             raise
         self._table.add_sent(session.number, request.source, str(destination), session.receiver_hw, session)
         self._run(session.number, session)
-        self._record(session.number, request.source, str(destination), "started", _asker(meta))
+        self._record(session.number, request.source, str(destination), "started", by)
         return session.report()
 
     def _check_source(self, name: str) -> None:
         if name in self.config.sources:
             return
         names.check_path(name)
+        known = self._sources()
+        if name not in known:
+            listed = ", ".join(sorted(known)) or "none"
+            raise NotFound(f"source {name}: not known to {self._address}; expected one of: {listed}")
+
+    def _sources(self) -> set[str]:
+        """Sources of the configuration, and streams of images of the node."""
         table = self.module.node.table
         table.refresh()
         images = {
@@ -134,12 +182,15 @@ class Video(Service):
             for one in entry.provides
             if one.kind is Kind.STREAM and one.type == registry.type_name(Image)
         }
-        if name not in images:
-            known = ", ".join(sorted(images | set(self.config.sources))) or "none"
-            raise NotFound(f"source {name}: not known to {self._address}; expected one of: {known}")
+        return images | set(self.config.sources)
 
     async def _opened(
-        self, request: VideoStart, to: Destination, source: PictureSource, executor: ThreadPoolExecutor
+        self,
+        request: VideoStart,
+        to: Destination,
+        source: PictureSource,
+        executor: ThreadPoolExecutor,
+        max_hz: float | None,
     ) -> SendingSession:
         number = int.from_bytes(os.urandom(4))
         described = received_as = ""
@@ -166,6 +217,7 @@ class Video(Service):
             config=self.config,
             max_bit_s=request.max_bit_s,
             pinned=request.pinned,
+            max_hz=max_hz,
             described=described,
             received_as=received_as,
             receiver_hw=receiver_hw,

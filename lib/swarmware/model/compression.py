@@ -15,7 +15,12 @@ from swarmware.model.record_filter import NO_RECORDS, Layout, Records
 VERSION: Final = 1
 """Version of the container; another one is refused."""
 _HEADER: Final = struct.Struct("<BBBBIIH")
-"""Version, method, layout, zero, bytes of the payload, bytes of the records, bytes of one record."""
+"""Version, method, layout, items, bytes of the payload, bytes of the records, bytes of one record."""
+CONTAINER: Final = 8
+"""Codec of an item of a notification whose data are a container."""
+_COUNT_AT: Final = 3
+COUNT_MAX: Final = 64
+"""Most items of a notification."""
 
 
 class Method(StrEnum):
@@ -26,6 +31,8 @@ class Method(StrEnum):
     ZSTD = "zstd"
     JPEG = "jpeg"
     """Images alone, with loss; the level is the quality."""
+    H264 = "h264"
+    """Streams of images as video, over RTP."""
     AUTO = "auto"
     """zstd while it pays."""
 
@@ -53,7 +60,8 @@ class Compression(msgspec.Struct, frozen=True):
         try:
             method = Method(name)
         except ValueError:
-            raise InvalidInput(_refusal(name)) from None
+            known = ", ".join(Method)
+            raise InvalidInput(f"compression {name!r}: expected one of {known}") from None
         lowest, highest, usual = _LEVELS.get(method, (0, 0, 0))
         if not colon:
             return cls(method, usual)
@@ -66,20 +74,17 @@ class Compression(msgspec.Struct, frozen=True):
         return f"{self.method}:{self.level}" if self.level else str(self.method)
 
 
-def _refusal(name: str) -> str:
-    if name == "h264":
-        return "compression 'h264': video is not sent yet; expected 'jpeg' for single images"
-    return f"compression {name!r}: expected one of {', '.join(Method)}"
-
-
 def needs(compression: Compression, records: Records = NO_RECORDS) -> frozenset[str]:
     """What a receiver must read: the method, and the layout of the records."""
     layout = _LAYOUT_NAMES.get(records.layout)
     return frozenset((str(compression.method), *(() if layout is None else (layout,))))
 
 
-def pack(payload: bytes, compression: Compression, records: Records = NO_RECORDS) -> bytes:
-    """A payload in a container, compressed by zlib or zstd after the filter of its records."""
+def pack(payload: bytes, compression: Compression, records: Records = NO_RECORDS, items: int = 1) -> bytes:
+    """A payload in a container, compressed by zlib or zstd after the filter of its records.
+
+    `items`: values in the payload, for those who count them without reading it.
+    """
     plain = record_filter.apply(payload, records)
     if compression.method is Method.ZLIB:
         body = zlib.compress(plain, compression.level)
@@ -87,9 +92,20 @@ def pack(payload: bytes, compression: Compression, records: Records = NO_RECORDS
         body = _zstd(plain, compression.level)
     number = _NUMBERS[compression.method]
     header = _HEADER.pack(
-        VERSION, number, records.layout, 0, len(payload), records.size, records.record_bytes
+        VERSION,
+        number,
+        records.layout,
+        min(items, COUNT_MAX),
+        len(payload),
+        records.size,
+        records.record_bytes,
     )
     return header + body
+
+
+def items_in(data: bytes) -> int:
+    """Number of values in a container, which may be damaged; 1 where it does not state it."""
+    return min(COUNT_MAX, max(1, data[_COUNT_AT])) if len(data) >= _HEADER.size else 1
 
 
 def unpack(data: bytes | memoryview) -> bytes:

@@ -29,9 +29,9 @@ class ChannelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     max_hz: float | None = None
     """Maximum rate; 0: nothing is sent."""
     protocol: ChannelProtocol | None = None
-    """Of boards: udp, in beacons, or zmq, in notifications."""
+    """Of boards: udp, in beacons, or zmq, in notifications; of streams of images: rtp, as video."""
     compression: str | None = None
-    """none, zlib:1 to zlib:9, zstd:1 to zstd:19, jpeg:1 to jpeg:95, auto."""
+    """none, zlib:1 to zlib:9, zstd:1 to zstd:19, jpeg:1 to jpeg:95, auto; h264, which is rtp."""
     buffer_bytes: int | None = None
     """Maximum size of what waits during an outage."""
     buffer_s: float | None = None
@@ -46,6 +46,8 @@ class ChannelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         rule.settings.check()
         if rule.settings == NO_SETTINGS:
             raise InvalidInput(f"channel {self.pattern!r}: expected a setting, such as max_hz or compression")
+        if rule.settings.is_video and not self.link:
+            raise InvalidInput(f"channel {self.pattern!r}: video goes to platforms; expected link")
 
     def rule(self) -> ChannelLimit:
         """The entry as a rule."""

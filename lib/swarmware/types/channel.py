@@ -7,7 +7,7 @@ from typing import Annotated, Final
 import msgspec
 
 from swarmware.errors import InvalidInput, OutOfRange
-from swarmware.model.compression import Compression
+from swarmware.model.compression import Compression, Method
 from swarmware.model.names import Pattern
 from swarmware.model.open_enum import OpenEnum
 from swarmware.types.registry import register
@@ -27,7 +27,7 @@ class ChannelProtocol(OpenEnum):
     ZMQ = "zmq"
     """Notifications: acknowledged and sent again."""
     RTP = "rtp"
-    """Video to a standard receiver."""
+    """Streams of images as H.264 video, which the service `video` sends to the receiver."""
 
 
 class ChannelPriority(OpenEnum):
@@ -63,12 +63,26 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
             raise OutOfRange(f"buffer_bytes {self.buffer_bytes}: expected 1 to {BUFFER_MAX_BYTES}")
         if self.buffer_s is not None and not 0 < self.buffer_s <= BUFFER_MAX_S:
             raise OutOfRange(f"buffer_s {self.buffer_s}: expected more than 0, at most {BUFFER_MAX_S:g}")
-        if self.protocol == ChannelProtocol.RTP:
-            raise InvalidInput("protocol rtp: video is not sent yet; expected udp or zmq")
-        if self.protocol is not None and self.protocol not in (ChannelProtocol.UDP, ChannelProtocol.ZMQ):
-            raise InvalidInput(f"protocol {self.protocol}: expected udp or zmq")
+        if self.protocol is not None and self.protocol not in tuple(ChannelProtocol):
+            raise InvalidInput(f"protocol {self.protocol}: expected {', '.join(ChannelProtocol)}")
+        if self.is_video and not (
+            self.protocol in (None, ChannelProtocol.RTP) and self._is_h264 is not False
+        ):
+            raise InvalidInput(
+                f"protocol {self.protocol} with compression {self.compression}: expected rtp with h264"
+            )
         if self.priority is not None and self.priority not in tuple(ChannelPriority):
             raise InvalidInput(f"priority {self.priority}: expected {', '.join(ChannelPriority)}")
+
+    @property
+    def is_video(self) -> bool:
+        """Whether images go as video: by protocol or compression, each of which implies the other."""
+        return self.protocol == ChannelProtocol.RTP or bool(self._is_h264)
+
+    @property
+    def _is_h264(self) -> bool | None:
+        """None: no compression is set."""
+        return None if self.compression is None else self.compression == Method.H264
 
     def __str__(self) -> str:
         """As an operator sets them: `--rate 5hz --compress zlib:6`."""
@@ -103,7 +117,7 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
     settings: ChannelSettings = NO_SETTINGS
     """What changes; without any, the rule for pattern and link is removed."""
     for_s: float = 0.0
-    """Time after which the former settings apply again; 0: until they are changed or the broker ends."""
+    """Time after which the former settings apply again; 0: until they are changed."""
     link: LinkPattern = ""
     """Name or pattern of the platforms at the other end; empty: all."""
     unset: tuple[str, ...] = ()

@@ -5,6 +5,13 @@ from pathlib import Path
 from tests.integration.broker.swarm import LINE, on_uvloop, swarm
 from tests.integration.video.cameras import SIZE, sessions, until, video
 
+from swarmware.types.channel import (
+    ChannelLimits,
+    ChannelProtocol,
+    ChannelSettings,
+    SetChannel,
+    UndoChannel,
+)
 from swarmware.types.perception import Image, ImageEncoding
 from swarmware.types.video import VideoRate, VideoSession, VideoSessions, VideoStart, VideoStop
 
@@ -36,3 +43,28 @@ async def test_a_recording_arrives_as_images_over_two_hops(tmp_path: Path) -> No
             assert stopped.sessions[0].pictures >= 25
             assert await sessions(line["uav1"]) == ()
             await until(line["uav3"], lambda found: not found)
+
+
+@on_uvloop
+async def test_a_rule_of_a_channel_sends_a_camera_as_video_and_without_it_that_ends(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1", "gcs", roles={"gcs": "maintainer"}) as pair:
+        await pair["uav1"].until_reaches(gcs="gcs")
+        async with video(pair["uav1"]), video(pair["gcs"]):
+            app = pair["gcs"].app
+            settings = ChannelSettings(10.0, ChannelProtocol.RTP, "h264")
+            rule = SetChannel("camera", settings, link="gcs")
+            await app.request("/uav1/sys/broker/set_channel", rule, ChannelLimits, timeout_s=5)
+            await until(pair["gcs"], lambda found: bool(found) and found[0].pictures > 5)
+            (there,) = await sessions(pair["uav1"])
+            (here,) = await sessions(pair["gcs"])
+            assert (there.other, here.path) == ("gcs", "video/uav1/camera")
+            images = app.stream_reader(here.path, Image)
+            await images.next(timeout_s=10)
+            assert images.meta is not None
+            first_ns = images.meta.stamp_ns
+            for _ in range(10):
+                await images.next(timeout_s=10)
+            assert images.meta.stamp_ns - first_ns > 0.7e9, "ten pictures a second of twenty-five"
+            await app.request("/uav1/sys/broker/undo_channel", UndoChannel(), ChannelLimits, timeout_s=5)
+            for station in pair.values():
+                await until(station, lambda found: not found)

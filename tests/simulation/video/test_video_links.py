@@ -7,27 +7,30 @@ from tests.simulation.video.session import SimulatedSession, share
 MBIT = 1e6
 
 
-def session(seed: int, *, rate_bit_s: float = 5 * MBIT, loss: float = 0.0, **rest: bool) -> SimulatedSession:
-    there = Medium(seed, rate_bit_s=rate_bit_s, loss=loss)
+def session(
+    seed: int, *, rate_bit_s: float = 5 * MBIT, loss: float = 0.0, delay_ms: float = 10.0, **rest: bool
+) -> SimulatedSession:
+    there = Medium(seed, rate_bit_s=rate_bit_s, loss=loss, delay_ms=delay_ms)
     return SimulatedSession(there, Medium(seed + 100, rate_bit_s=rate_bit_s, loss=loss), seed=seed, **rest)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_queue_stays_short_on_a_link_that_falls_to_a_tenth_and_recovers(seed: int) -> None:
-    made = session(seed)
+@pytest.mark.parametrize(("seed", "delay_ms"), [(1, 10.0), (2, 10.0), (3, 2.0)])
+def test_the_queue_stays_below_200_ms_on_a_link_that_falls_to_a_tenth_and_recovers(
+    seed: int, delay_ms: float
+) -> None:
+    made = session(seed, delay_ms=delay_ms)
     made.change(10, 0.5 * MBIT)
     made.change(25, 5 * MBIT)
     made.run(45)
     assert made.queueing_ms(0, 10)[-1] < 100
-    # what is on its way when the link falls needs ten times as long: the queue of the old rate
-    assert made.queueing_ms(10, 12)[-1] < 800
+    # what is on its way when the link falls needs ten times as long
+    assert made.queueing_ms(10, 12)[-1] < 200
     assert made.queueing_ms(11.5, 25)[-1] < 200
     assert made.queueing_ms(25, 45)[-1] < 100
-    assert share(made.queueing_ms(), 0.98) < 200
-    # it uses the link before, during and after
-    assert made.mean_bit_s(8, 10) > 2.5 * MBIT
+    # it uses the link before, during and after, as far as the guard of the queue permits
+    assert made.mean_bit_s(8, 10) > (3.5 if delay_ms < 10 else 2.0) * MBIT
     assert 0.3 * MBIT < made.mean_bit_s(14, 25) < 0.5 * MBIT
-    assert made.mean_bit_s(38, 45) > 3.5 * MBIT
+    assert made.mean_bit_s(38, 45) > (3.5 if delay_ms < 10 else 2.0) * MBIT
     assert len(made.shown) > 40 * 25
     ages_ms = sorted(one.age_ns / 1e6 for one in made.shown)
     assert share(ages_ms, 0.95) < 200

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.traffic import ASKED_MAX, NOTIFY_ID, Counters, FrameAccounts, shares
+from swarmware.model.compression import CONTAINER, Compression, Method, pack
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.transport.delivery.answer import answer, reply
 from swarmware.transport.delivery.outcome import Status
@@ -45,6 +46,25 @@ def test_a_notification_is_counted_by_its_resources_and_their_values() -> None:
     assert found[3][0] == "sys/tree/notify"
     assert sum(size for _, size in found) == len(frame.payload)
     assert values_in(frame) == 3
+
+
+def test_each_item_of_a_container_counts_also_when_it_is_damaged() -> None:
+    packed = pack(bytes(5000), Compression(Method.ZLIB, 6), items=26)
+    kind, damaged = FrameKind.STREAM, b"\1\1\0\xff".ljust(30)
+    for data, count in (
+        (packed, 26),
+        (pack(bytes(9), Compression(Method.ZLIB, 6)), 1),
+        (damaged, 64),
+        (b"", 1),
+    ):
+        frame = note(
+            TreeItem("sensor/lidar", 2, kind, 1, 0, data, CONTAINER),
+            TreeItem("nav/goal", 1, kind, 1, 0, b"1"),
+        )
+        found = shares(frame, PATHS.get)
+        assert [name for name, _ in found].count("sensor/lidar") == count
+        assert sum(size for _, size in found) == len(frame.payload)
+        assert values_in(frame) == count + 1
 
 
 def test_messages_are_counted_by_path_where_it_is_known_and_by_kind_elsewhere() -> None:

@@ -1,9 +1,21 @@
 """Rules of channels: which applies, how long, what takes them back, and what cannot be set."""
 
+from pathlib import Path
+
+import msgspec
 import pytest
 
-from swarmd.broker.core.boards.channel_table import RULES_LIMIT, UNDO_LIMIT, ChannelTable, refusals
-from swarmware.errors import InvalidInput, NotFound, OutOfRange
+from swarmd.broker.channel_store import ChannelStore
+from swarmd.broker.core.boards.channel_table import (
+    RULES_LIMIT,
+    UNDO_LIMIT,
+    ChannelTable,
+    KeptChannels,
+    KeptRule,
+    refusals,
+)
+from swarmware.errors import InvalidInput, NotFound, OutOfRange, SwarmError
+from swarmware.model.clock import Clock
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import (
     RATE_MAX_HZ,
@@ -152,8 +164,16 @@ def test_rules_are_removed_by_their_pattern_and_a_wrong_one_is_named(table: Chan
         (SetChannel("Not a path", ChannelSettings(1.0)), InvalidInput, "Not a path"),
         (SetChannel("**", ChannelSettings(1.0), link="Not a name"), InvalidInput, "Not a name"),
         (SetChannel("**", ChannelSettings(compression="lzma")), InvalidInput, "lzma"),
-        (SetChannel("**", ChannelSettings(compression="h264")), InvalidInput, "video is not sent yet"),
-        (SetChannel("**", ChannelSettings(protocol=ChannelProtocol.RTP)), InvalidInput, "rtp"),
+        (
+            SetChannel("**", ChannelSettings(protocol=ChannelProtocol.ZMQ, compression="h264"), link="gcs"),
+            InvalidInput,
+            "expected rtp with h264",
+        ),
+        (
+            SetChannel("**", ChannelSettings(protocol=ChannelProtocol.RTP, compression="zlib"), link="gcs"),
+            InvalidInput,
+            "expected rtp with h264",
+        ),
         (SetChannel("**", ChannelSettings(protocol=ChannelProtocol("sctp"))), InvalidInput, "sctp"),
         (SetChannel("**", ChannelSettings(priority=ChannelPriority("top"))), InvalidInput, "top"),
         (SetChannel("**", ChannelSettings(buffer_bytes=0)), OutOfRange, "buffer_bytes 0"),
@@ -236,3 +256,100 @@ def test_the_board_is_the_resource_where_an_inbox_has_its_path() -> None:
     inbox = Resource(path="nav/pose", kind=Kind.COMMAND, type="Pose")
     for order in ([inbox, POSE], [POSE, inbox]):
         assert refusals(SetChannel("nav/pose", ChannelSettings(1.0)), order) == ()
+
+
+VIDEO = Resource(path="sys/video/start", kind=Kind.COMMAND, type="VideoStart")
+RTP = ChannelSettings(protocol=ChannelProtocol.RTP)
+H264 = ChannelSettings(5.0, compression="h264")
+
+
+@pytest.mark.parametrize("settings_", [RTP, H264, ChannelSettings(None, ChannelProtocol.RTP, "h264")])
+def test_images_go_as_video_where_the_service_runs_and_a_link_is_named(settings_: ChannelSettings) -> None:
+    assert refusals(SetChannel("sensor/**", settings_, link="gcs"), [PICTURE, VIDEO]) == ()
+    with pytest.raises(InvalidInput, match="expected --link"):
+        refusals(SetChannel("sensor/**", settings_), [PICTURE, VIDEO])
+    with pytest.raises(InvalidInput, match="the service `video` does not run here"):
+        refusals(SetChannel("sensor/**", settings_, link="gcs"), [PICTURE])
+
+
+def test_what_is_no_stream_of_images_cannot_be_video_and_video_has_no_buffer() -> None:
+    (refused,) = refusals(SetChannel("sensor/**", RTP, link="gcs"), [PICTURE, CLOUD, VIDEO])
+    assert (refused.path, "streams of type Image" in refused.reason) == (CLOUD.path, True)
+    buffered = ChannelSettings(None, ChannelProtocol.RTP, buffer_s=3.0)
+    (refused,) = refusals(SetChannel("sensor/camera/*", buffered, link="gcs"), [PICTURE, VIDEO])
+    assert refused.reason == "what is late of a video is left out"
+
+
+def kept(table: ChannelTable) -> KeptChannels:
+    """What outlives a broker, by way of its file."""
+    return msgspec.json.decode(msgspec.json.encode(table.kept(7)), type=KeptChannels)
+
+
+def test_rules_and_what_can_be_taken_back_outlive_the_broker(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0, ChannelProtocol.ZMQ, "zlib:6", 9, 2.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=60), 0)
+    table.set(SetChannel("sensor/*", ChannelSettings(2.0), link="gcs"), 0)
+    later = ChannelTable(FILE)
+    later.restore(kept(table), 7, 10 * S)
+    assert later.limits(10 * S) == table.limits(10 * S)
+    later.undo()
+    later.undo()
+    assert settings(later, "nav/pose").max_hz == 5.0
+    later.undo()
+    with pytest.raises(NotFound):
+        later.undo()
+
+
+def test_a_rule_whose_time_ended_before_the_next_broker_is_over_and_so_are_all_after_a_boot(
+    table: ChannelTable,
+) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=60), 0)
+    table.set(SetChannel("sensor/*", ChannelSettings(1.0), for_s=60), 0)
+    for boot_id, now_ns in ((7, 61 * S), (8, 10 * S)):
+        later = ChannelTable(FILE)
+        later.restore(kept(table), boot_id, now_ns)
+        assert settings(later, "nav/pose").max_hz == 5.0
+        assert settings(later, "sensor/lidar").max_hz is None
+
+
+@pytest.mark.parametrize(
+    ("link", "settings_"), [("Not a name", ChannelSettings(1.0)), ("gcs", ChannelSettings(-1.0))]
+)
+def test_kept_rules_that_are_invalid_change_nothing(
+    table: ChannelTable, link: str, settings_: ChannelSettings
+) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    bad = KeptChannels(7, (("nav/*", link, KeptRule(settings_)),), ())
+    with pytest.raises(SwarmError):
+        table.restore(bad, 7, 0)
+    assert settings(table, "nav/pose").max_hz == 5.0
+
+
+def test_the_file_keeps_the_rules_and_a_damaged_one_is_set_aside(
+    table: ChannelTable, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    clock = Clock(boot_id=7)
+    store = ChannelStore(table, tmp_path, clock)
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), S)
+    store.keep()
+    again = ChannelTable()
+    ChannelStore(again, tmp_path, clock)
+    assert [str(rule) for rule in again.limits(S).limits] == ["nav/* --rate 5hz"]
+    for text in ("{", '{"boot_id":7,"rules":[["nav/*","Not a name",{"settings":[1.0]}]],"before":[]}'):
+        (tmp_path / "broker.channels").write_text(text)
+        caplog.clear()
+        empty = ChannelTable()
+        ChannelStore(empty, tmp_path, clock)
+        assert empty.limits(S).limits == ()
+        assert "no rule is in force" in caplog.text
+        assert not (tmp_path / "broker.channels").exists()
+
+
+def test_rules_that_cannot_be_written_hold_until_the_broker_ends(
+    table: ChannelTable, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = ChannelStore(table, tmp_path / "missing", Clock(boot_id=7))
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), S)
+    store.keep()
+    assert "a restart of the broker loses the rules of channels" in caplog.text

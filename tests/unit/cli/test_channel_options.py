@@ -78,8 +78,8 @@ def test_auto_takes_a_setting_out_of_the_rule() -> None:
     [
         ({"rate": "fast"}, InvalidInput, "expected 5hz"),
         ({"rate": "2000000hz"}, OutOfRange, "max_hz"),
-        ({"compress": "h264"}, InvalidInput, "video"),
-        ({"protocol": "rtp"}, InvalidInput, "rtp"),
+        ({"compress": "h264", "protocol": "udp"}, InvalidInput, "rtp with h264"),
+        ({"compress": "jpeg", "protocol": "rtp"}, InvalidInput, "rtp with h264"),
         ({"buffer": "2MB/"}, InvalidInput, "time ''"),
         ({"buffer": "2GB"}, InvalidInput, "size '2GB'"),
         ({"buffer": "900MB"}, OutOfRange, "buffer_bytes"),

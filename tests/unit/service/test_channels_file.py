@@ -48,7 +48,7 @@ def test_all_settings_are_read(tmp_path: Path) -> None:
     [
         ('compression = "lzma"', "lzma"),
         ("max_hz = -1", "max_hz -1"),
-        ('protocol = "rtp"', "rtp"),
+        ('protocol = "rtp"', "expected link"),
         ("buffer_s = 0", "buffer_s 0"),
         ('rate = "5hz"', "rate"),
         ("", "expected a setting"),

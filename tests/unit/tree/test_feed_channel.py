@@ -5,7 +5,7 @@ import pytest
 from swarmd.tree.core.notification.feed import CATCH_UP, Feed
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
-from swarmware.types.channel import ChannelSettings
+from swarmware.types.channel import ChannelProtocol, ChannelSettings
 from swarmware.types.tree import Rule, TreeItem
 
 S = 1_000_000_000
@@ -149,3 +149,33 @@ def test_a_clock_that_steps_back_does_not_silence_a_limited_stream() -> None:
     for sequence, stamp_ns in enumerate((1000 * S, 1001 * S, 5 * S, 6 * S, 7 * S)):
         one.offer(item(sequence, stamp_ns))
     assert one.waiting[0] == 5
+
+
+def test_images_that_go_as_video_are_not_notified_and_of_other_streams_the_rule_changes_nothing() -> None:
+    for settings_ in (ChannelSettings(protocol=ChannelProtocol.RTP), ChannelSettings(compression="h264")):
+        images, packets = (
+            Feed(Resource(path="sensor/packets", kind=Kind.STREAM, type=name), Rule("**"), 0)
+            for name in ("Image", "Blob")
+        )
+        for one in (images, packets):
+            one.set_channel(settings_)
+            one.offer(item(0, S))
+        assert (images.due_ns(), images.held_back) == (None, 1)
+        assert packets.due_ns() is not None
+        assert packets.channel == Feed(STREAM, Rule("**"), 0).channel
+        images.set_channel(ChannelSettings())
+        images.offer(item(1, S))
+        assert images.due_ns() is not None
+
+
+def test_what_waits_obeys_a_new_limit_too() -> None:
+    one = feed(buffer_bytes=1_000_000)
+    for sequence in range(100):
+        one.offer(item(sequence, sequence * S // 100))
+    one.set_channel(ChannelSettings(10.0, buffer_bytes=1_000_000))
+    assert (one.waiting, one.held_back) == ((10, 1000), 90)
+    stamps = [one.take(2 * S, 32, 10**9)[0].stamp_ns for _ in range(10)]
+    assert stamps == [index * S // 10 for index in range(10)]
+    one.set_channel(ChannelSettings(0.0))
+    one.offer(item(100, S))
+    assert one.waiting == (0, 0)

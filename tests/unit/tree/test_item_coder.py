@@ -8,9 +8,8 @@ import msgspec
 from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Coding, SendNotify
 from swarmd.tree.core.notification.auto_compression import AutoState
-from swarmd.tree.core.notification.item_coding import CONTAINER
 from swarmd.tree.item_coder import BESIDE_BYTES, ItemCoder
-from swarmware.model.compression import READABLE, Compression
+from swarmware.model.compression import CONTAINER, READABLE, Compression
 from swarmware.model.frame import FrameKind
 from swarmware.module.jpeg import to_pixels
 from swarmware.types import registry

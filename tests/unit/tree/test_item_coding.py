@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from swarmd.tree.core.action import Coding
 from swarmd.tree.core.notification.item_coding import (
-    CONTAINER,
     SMALLEST,
     code,
     decode,
@@ -17,7 +16,7 @@ from swarmd.tree.core.notification.item_coding import (
     runs,
 )
 from swarmware.errors import WireError
-from swarmware.model.compression import READABLE, Compression, pack
+from swarmware.model.compression import CONTAINER, READABLE, Compression, pack
 from swarmware.model.frame import FrameKind
 from swarmware.types import registry
 from swarmware.types.scalar import Blob

@@ -88,7 +88,7 @@ def test_a_gap_is_counted_and_a_key_frame_is_asked_for_again_until_it_comes() ->
 
 def test_arrivals_are_reported_after_some_packets_or_some_time() -> None:
     core = receiver()
-    packets = picture(0, 10, key=True, size=100 * ARRIVALS_EVERY) + picture(1, 18)
+    packets = picture(0, 10, key=True, size=100 * ARRIVALS_EVERY) + picture(1, 10 + ARRIVALS_EVERY)
     early = [
         one for one in reports(fed(core, packets[:ARRIVALS_EVERY], 5 * MS)) if isinstance(one, PacketArrivals)
     ]

@@ -7,7 +7,10 @@ from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, Receive
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.sender import (
     DISCARD_NS,
+    GUARD_S,
     HOLD_NS,
+    PATH_BYTES,
+    RTP_BYTES,
     EncodeKeyFrame,
     EndSession,
     SenderAction,
@@ -21,9 +24,9 @@ S = 1_000_000_000
 UTC_NS = 1_700_000_000 * S
 
 
-def sender(*, reports_arrivals: bool = True, pinned: bool = False) -> VideoSender:
+def sender(*, reports_arrivals: bool = True, pinned: bool = False, guard_bit_s: float = 0.0) -> VideoSender:
     return VideoSender(
-        Config(),
+        Config(guard_bit_s=guard_bit_s),
         7,
         65_530,
         1000,
@@ -162,3 +165,18 @@ def test_a_sender_report_maps_the_timestamp_to_utc_once_a_second() -> None:
     reports = [one for one in core.on_timer(1 * S) if isinstance(one, SendRtp)]
     found = rtcp.decode(reports[0].data)
     assert found == [SenderReport(7, rtcp.ntp_of(UTC_NS + 1 * S), 180_000, 1, 500)]
+
+
+def test_what_is_in_flight_fits_into_a_link_that_falls_to_the_guarded_rate() -> None:
+    core = sender(guard_bit_s=200_000.0)
+    first = packets(core.on_picture(picture(40_000), 0, 0))
+    first += [one for _, one in drained(core, 900 * MS)]
+    assert 0.12 < sum(len(one.payload) + RTP_BYTES + PATH_BYTES for one in first) * 8 / 200_000 <= GUARD_S
+    assert packets(core.on_timer(901 * MS)) == []
+    arrived = PacketArrivals(8, 7, first[0].sequence, (MS, MS))
+    assert len(packets(core.on_rtcp([arrived], 902 * MS))) == 2, "each arrival makes room for one"
+
+
+def test_a_packet_that_is_larger_than_the_guard_leaves_alone() -> None:
+    core = sender(guard_bit_s=1000.0)
+    assert len(packets(core.on_picture(picture(9_000), 0, 0))) == 1

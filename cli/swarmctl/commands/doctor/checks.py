@@ -32,7 +32,7 @@ from swarmware.types import registry
 from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Traffic
 
 if TYPE_CHECKING:
-    from swarmctl.commands.doctor.node_findings import ComputerFaults
+    from swarmctl.commands.doctor.node_findings import ComputerFaults, NodeFindings
 
 SOCKET_PATH_BYTES: Final = 107
 """Longest path of a Unix socket (sun_path without its zero)."""
@@ -364,6 +364,7 @@ def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
             " `swarmctl doctor` there names it"
         )
         yield CheckResult("links", "warning", text, advice)
+    yield from _outages(present)
     for one in present.refusals[:REFUSALS_SHOWN]:
         what = one.path or one.verb
         text = f"{one.sender}: {what}: {one.count} times, last {one.age_s:.0f} s ago"
@@ -373,6 +374,21 @@ def _present(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
         yield CheckResult(
             "denied", "warning", f"{sum(one.count for one in more)} times in {len(more)} other cases"
         )
+
+
+def _outages(present: "NodeFindings") -> Iterator[CheckResult]:
+    """Outages of links: where vehicles move, several of one link are a problem and one is not."""
+    from swarmctl.commands.doctor.outages import WINDOW_S, lost_links, unsteady_links
+
+    if present.outages is None:
+        return
+    now_ns = utc_ns()
+    lost, unsteady = (", ".join(found(present.outages, now_ns)) for found in (lost_links, unsteady_links))
+    if unsteady:
+        text = f"links that do not hold, in the last {WINDOW_S / 60:.0f} min: {unsteady}"
+        yield CheckResult("outages", "warning", text, "swarmctl link outages; swarmctl link ls shows loss")
+    elif present.outages:
+        yield CheckResult("outages", "ok", f"links lost now: {lost or 'none'} (swarmctl link outages)")
 
 
 def _monitored(computer: "ComputerFaults", silent: str) -> Iterator[CheckResult]:

@@ -13,6 +13,7 @@ from swarmware.model.names import Address
 from swarmware.module.client import Client
 from swarmware.types.health import Fault, FaultList, FaultQuery, Phase
 from swarmware.types.net import Denial, LinkStatus, Neighbours, RosterState, Routes, RouteState
+from swarmware.types.outage import LinkOutage, OutageTable
 from swarmware.types.rpc import Empty
 
 ANSWER_S: Final = 2.0
@@ -62,6 +63,8 @@ class NodeFindings(msgspec.Struct, frozen=True):
     """Nodes that are received for some time, and with which no link has come up."""
     members: int = 0
     """Other members of the swarm; 0: the node has no keys, or its broker does not answer."""
+    outages: tuple[LinkOutage, ...] | None = None
+    """Of its links, the newest first; None: its broker does not answer."""
 
 
 def query_node(folder: Path) -> NodeFindings:
@@ -83,6 +86,7 @@ async def _look(folder: Path) -> NodeFindings:
             unreached=tuple(name for name, reached in others.items() if not reached),
             unanswered=_unanswered(module),
             members=len(others),
+            outages=await _outages(module),
         )
 
 
@@ -114,6 +118,14 @@ def _unanswered(module: Client) -> tuple[str, ...]:
         for one in ([] if table is None else table.neighbours)
         if one.state in ONE_WAY and one.platform and now_ns - one.since_ns > LINK_NS
     )
+
+
+async def _outages(module: Client) -> tuple[LinkOutage, ...] | None:
+    try:
+        found = await module.request("sys/broker/outages", Empty(), OutageTable, timeout_s=ANSWER_S)
+    except SwarmError:
+        return None  # the check of services reports that the broker does not run
+    return found.outages
 
 
 def _members(module: Client, routes: tuple[RouteState, ...] | None) -> dict[str, bool]:

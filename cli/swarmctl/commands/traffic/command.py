@@ -84,9 +84,11 @@ def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only:
 @click.option(
     "--protocol",
     type=click.Choice(["udp", "zmq", "rtp", "auto"]),
-    help="Of boards: in beacons or by notification.",
+    help="Of boards: udp (beacons) or zmq (notifications); of images: rtp (video).",
 )
-@click.option("--compress", metavar="METHOD", help="none, zlib:6, zstd:3, jpeg:80 (images), auto.")
+@click.option(
+    "--compress", metavar="METHOD", help="none, zlib:6, zstd:3, auto; of images jpeg:80 or h264 (video)."
+)
 @click.option("--buffer", metavar="SIZE/TIME", help="2MB/30s, 2MB, 30s: what waits for its transmission.")
 @click.option(
     "--priority",

@@ -5,6 +5,7 @@ from copy import copy
 from typing import Final, Protocol
 
 from swarmware.errors import WireError
+from swarmware.model.compression import CONTAINER, items_in
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import data_id
 from swarmware.transport.delivery.answer import ANSWERS, answerable
@@ -142,6 +143,10 @@ def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str
             note = None  # the receiver will refuse it
         if note is not None and note.items:
             parts = [(item.path, len(item.data)) for item in note.items]
+            # the other items of a container have no bytes of their own
+            for item in note.items:
+                if item.codec == CONTAINER:
+                    parts += [(item.path, 0)] * (items_in(item.data) - 1)
             return [*parts, ("sys/tree/notify", size - sum(part for _, part in parts))]
     if frame.kind in _NAMED_BY_KIND:
         return [(_NAMES[frame.kind], size)]

@@ -12,9 +12,10 @@ from swarmd.video.core.jitter_buffer import JitterBuffer, OrderedPacket
 from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import CLOCK_HZ, SequenceExtender
 from swarmd.video.core.sender import EndSession, SendRtp
+from swarmd.video.core.session_counters import SessionCounters
 from swarmware.errors import WireError
 
-ARRIVALS_EVERY: Final = 8
+ARRIVALS_EVERY: Final = 3
 """Packets after which their arrival is reported."""
 ARRIVALS_NS: Final = 50_000_000
 """Longest time from an arrival to its report (RFC 8888, section 3.2: 50 ms to 200 ms)."""
@@ -36,20 +37,12 @@ class Decode(msgspec.Struct, frozen=True):
 ReceiverAction = SendRtp | Decode | EndSession
 
 
-class ReceiverCounters(msgspec.Struct):
+class ReceiverCounters(SessionCounters):
     """What a receiver got."""
 
-    packets: int = 0
-    octets: int = 0
-    lost: int = 0
-    """Packets missing when their turn came."""
     gaps: int = 0
-    pictures: int = 0
     dropped: int = 0
     """Pictures that were damaged, or could not be decoded without a lost one."""
-    key_frames_asked: int = 0
-    refused: int = 0
-    """Packets of another format or source, and damaged ones."""
 
 
 def receiver_ssrc(source: int) -> int:

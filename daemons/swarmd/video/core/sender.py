@@ -11,6 +11,7 @@ from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.h264_payload import nal_units, packetize
 from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
+from swarmd.video.core.session_counters import SessionCounters
 from swarmware.transport.delivery.rate_control import RateControl
 
 REPORT_NS: Final = 1_000_000_000
@@ -25,6 +26,10 @@ DISCARD_NS: Final = 1_000_000_000
 """Age from which the waiting packets are worth nothing: the receiver gets a key frame instead."""
 PATH_BYTES: Final = 150
 """Headers of a packet below RTP: frame, seal, UDP and IP."""
+GUARD_S: Final = 0.17
+"""Queue of what is in flight in a link that falls to the guarded rate at once; packets that count as lost and
+are still on their way add to it, up to about 0.2 s."""
+RTP_BYTES: Final = 12
 ROUND_TRIP_MIN_NS: Final = 10_000_000
 
 
@@ -51,21 +56,13 @@ class EndSession(msgspec.Struct, frozen=True):
 SenderAction = SendRtp | SetBitrate | EncodeKeyFrame | EndSession
 
 
-class SenderCounters(msgspec.Struct):
-    """What a sender did."""
+class SenderCounters(SessionCounters):
+    """What a sender did; what it refuses are reports."""
 
-    pictures: int = 0
     skipped: int = 0
     """Pictures not encoded, because packets waited."""
     discarded: int = 0
     """Packets that waited too long."""
-    packets: int = 0
-    octets: int = 0
-    lost: int = 0
-    """Packets that did not arrive, as the receiver reported."""
-    key_frames_asked: int = 0
-    refused: int = 0
-    """Reports that could not be decoded, or are of another source."""
 
 
 class VideoSender:
@@ -113,6 +110,8 @@ class VideoSender:
         self._utc_less_clock_ns = utc_less_clock_ns
         self._silence_ns = round(config.silence_s * 1e9)
         self._began_ns = now_ns
+        self._guard_bytes = int(config.guard_bit_s * GUARD_S / 8)
+        """What may be in flight, however fast the link is; 0: any."""
 
     @property
     def queueing_ns(self) -> int:
@@ -205,6 +204,8 @@ class VideoSender:
             if self._reports_arrivals and not self.window.has_room(reserve=False):
                 self.window.on_limited()
                 break  # until reports come, or silence
+            if self._reports_arrivals and self._exceeds_guard(len(self._waiting[0][0].payload)):
+                break
             wait_ns = self._wait_ns(now_ns)
             if wait_ns:
                 self._paced_until_ns = now_ns + wait_ns
@@ -219,6 +220,12 @@ class VideoSender:
             self.counters.octets += len(packet.payload)
             actions.append(SendRtp(data))
         return actions
+
+    def _exceeds_guard(self, payload_bytes: int) -> bool:
+        """Whether another packet would wait too long in a link that falls to the guarded rate now."""
+        in_flight = self.window.in_flight
+        size = payload_bytes + RTP_BYTES + PATH_BYTES
+        return bool(self._guard_bytes and in_flight) and in_flight + size > self._guard_bytes
 
     def _wait_ns(self, now_ns: int) -> int:
         """Pace: a little faster than the encoder, so that no picture fills the link's queue at once."""

@@ -58,6 +58,14 @@ class SessionTable(Generic[Sent, Received]):
             raise Conflict(f"{source}: sent to {to} already; expected `video stop` before")
         self._check_room(len(self.sent))
 
+    def number_sent(self, source: str, to: str) -> int | None:
+        """The session that sends this source there; None: there is none."""
+        return next((number for number in self.sent if self._names.get(number) == (source, to)), None)
+
+    def names_sent(self) -> list[tuple[str, str]]:
+        """Source and receiver of each session that is sent."""
+        return [self._names[number] for number in self.sent]
+
     def add_sent(self, number: int, source: str, to: str, receiver_hw: int | None, session: Sent) -> None:
         """A session is sent from now on; `receiver_hw`: None: to an address."""
         self.sent[number] = session

@@ -28,6 +28,8 @@ UNDO_LIMIT: Final = 32
 RULES_LIMIT: Final = 200
 """Rules of operators: each is compared with each path."""
 _IMAGE: Final = "Image"
+_VIDEO: Final = "sys/video/start"
+"""Command of the service that sends video."""
 _UNLIMITED: Final = {
     Kind.COMMAND: "each message is delivered",
     Kind.FILE: "files take what all other channels leave",
@@ -35,11 +37,27 @@ _UNLIMITED: Final = {
 }
 
 
-class _Rule(msgspec.Struct, frozen=True):
+class KeptRule(msgspec.Struct, frozen=True):
+    """What operators have set for one pattern and link."""
+
     settings: ChannelSettings
     ends_ns: int | None = None
     former: ChannelSettings | None = None
     """What applies again after the end; None: nothing."""
+
+
+KeptRules = tuple[tuple[str, str, KeptRule], ...]
+"""Rules with their pattern and link, the newest first."""
+
+
+class KeptChannels(msgspec.Struct, frozen=True):
+    """Rules of operators with what can be taken back, as they outlive the broker."""
+
+    boot_id: int
+    """Start of the computer to which the ends belong."""
+    rules: KeptRules
+    before: tuple[KeptRules, ...]
+    """The rules before each of the last changes, the newest change last."""
 
 
 _Key = tuple[str, str]
@@ -51,9 +69,9 @@ class ChannelTable:
 
     def __init__(self, file_rules: Iterable[ChannelLimit] = ()) -> None:
         self._file_rules = tuple(file_rules)
-        self._rules: dict[_Key, _Rule] = {}
+        self._rules: dict[_Key, KeptRule] = {}
         """Those of operators, the newest first."""
-        self._before: list[dict[_Key, _Rule]] = []
+        self._before: list[dict[_Key, KeptRule]] = []
         """The rules before each of the last changes."""
         self.version = 0
         """Incremented by each change."""
@@ -97,7 +115,7 @@ class ChannelTable:
             raise NotFound(f"channels: no operator has set a rule{f' for {pattern!r}' if pattern else ''}")
         self._change(kept)
 
-    def _change(self, rules: dict[_Key, _Rule]) -> None:
+    def _change(self, rules: dict[_Key, KeptRule]) -> None:
         self._before = [*self._before[-UNDO_LIMIT + 1 :], self._rules]
         self._rules = rules
         self.version += 1
@@ -106,14 +124,31 @@ class ChannelTable:
         """Ends rules whose time is over."""
         if all(rule.ends_ns is None or rule.ends_ns > now_ns for rule in self._rules.values()):
             return
-        rules: dict[_Key, _Rule] = {}
+        rules: dict[_Key, KeptRule] = {}
         for key, rule in self._rules.items():
             if rule.ends_ns is None or rule.ends_ns > now_ns:
                 rules[key] = rule
             elif rule.former is not None:
-                rules[key] = _Rule(rule.former)
+                rules[key] = KeptRule(rule.former)
         self._rules = rules
         self.version += 1
+
+    def kept(self, boot_id: int) -> KeptChannels:
+        """What outlives the broker."""
+        return KeptChannels(boot_id, _listed(self._rules), tuple(map(_listed, self._before)))
+
+    def restore(self, kept: KeptChannels, boot_id: int, now_ns: int) -> None:
+        """Takes the rules of the broker before this one. After a start of the computer no time can be
+        judged: rules with an end are over then.
+
+        Raises: InvalidInput, OutOfRange for a rule that is invalid; nothing has changed then.
+        """
+        is_same = kept.boot_id == boot_id
+        rules = _rules_of(kept.rules, with_ends=is_same)
+        before = [_rules_of(one, with_ends=is_same) for one in kept.before]
+        self._rules, self._before = rules, before[-UNDO_LIMIT:]
+        self.version += 1
+        self.advance(now_ns)
 
     def max_hz(self, path: str) -> float | None:
         """Rate limit of a local path towards all platforms; None: unlimited."""
@@ -133,16 +168,34 @@ class ChannelTable:
         )
 
 
-def _timed(settings: ChannelSettings, for_s: float, present: _Rule | None, now_ns: int) -> _Rule:
+def _listed(rules: dict[_Key, KeptRule]) -> KeptRules:
+    return tuple((pattern, link, rule) for (pattern, link), rule in rules.items())
+
+
+def _rules_of(kept: KeptRules, *, with_ends: bool) -> dict[_Key, KeptRule]:
+    found: dict[_Key, KeptRule] = {}
+    for pattern, link, rule in kept[:RULES_LIMIT]:
+        check_rule_names(pattern, link)
+        rule.settings.check()
+        if rule.former is not None:
+            rule.former.check()
+        if with_ends or rule.ends_ns is None:
+            found[pattern, link] = rule
+        elif rule.former is not None:
+            found[pattern, link] = KeptRule(rule.former)
+    return found
+
+
+def _timed(settings: ChannelSettings, for_s: float, present: KeptRule | None, now_ns: int) -> KeptRule:
     if not for_s:
-        return _Rule(settings)
+        return KeptRule(settings)
     former = None
     if present is not None:
         former = present.settings if present.ends_ns is None else present.former
-    return _Rule(settings, now_ns + round(for_s * 1e9), former)
+    return KeptRule(settings, now_ns + round(for_s * 1e9), former)
 
 
-def _remaining_s(rule: _Rule, now_ns: int | None) -> float | None:
+def _remaining_s(rule: KeptRule, now_ns: int | None) -> float | None:
     return None if rule.ends_ns is None or now_ns is None else (rule.ends_ns - now_ns) / 1e9
 
 
@@ -160,6 +213,10 @@ def refusals(
     ordered = sorted(resources, key=lambda one: one.kind is not Kind.COMMAND)
     matching = {one.path: one for one in ordered if rule.matches(one.path, "")}
     found, applies = [], not matching or not given
+    if request.settings.is_video and not request.link:
+        raise InvalidInput(f"pattern {request.pattern!r}: video goes to platforms; expected --link")
+    if request.settings.is_video and all(one.path != _VIDEO for one in ordered):
+        raise InvalidInput("protocol rtp: the service `video` does not run here; expected it in node.toml")
     for resource in matching.values():
         protocol = request.settings.protocol or settings_of(rules, resource.path).protocol
         reasons = _reasons(request.settings, request.link, resource, protocol)
@@ -190,6 +247,13 @@ def _reasons(
     if in_beacons:
         reasons["compression"] = "values in beacons are packed already"
         reasons["priority"] = "beacons take the values that have waited longest first"
+    if settings.is_video:
+        reasons["buffer_bytes"] = reasons["buffer_s"] = "what is late of a video is left out"
+        reasons["priority"] = "packets of a video go after commands and before streams"
+        if kind is not Kind.STREAM or resource.type != _IMAGE:
+            text = f"video is for streams of type {_IMAGE}, not for a {kind} of {resource.type}"
+            reasons["protocol"] = reasons["compression"] = text
+        return reasons
     if kind is not Kind.BOARD:
         reasons["protocol"] = f"items of kind {kind} are acknowledged, which beacons are not"
     elif link:

@@ -13,6 +13,8 @@ CATCH_UP: Final = 2
 """Rate at which a limited stream sends what waits, by the rate of its limit."""
 BURST_NS: Final = 20_000_000
 """Items of this time may be sent together by a stream of a high rate."""
+IMAGE: Final = "Image"
+"""Type of the items that may go as video instead."""
 LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
 """Kinds of which only the newest value is sent."""
 
@@ -88,14 +90,22 @@ class Feed:
         """Number and bytes of the items that wait."""
         return (1, len(self._pending.data)) if self._pending is not None else (len(self._queue), self._size)
 
+    @property
+    def pending_ns(self) -> int | None:
+        """Of a board: stamp of the value that waits; None: none does."""
+        return None if self._pending is None else self._pending.stamp_ns
+
     def set_channel(self, settings: ChannelSettings) -> None:
         """Set rate, buffer, compression and priority, as operators and the file set them."""
-        channel = FeedChannel.of(settings)
+        may_be_video = self.resource.kind is Kind.STREAM and self.resource.type == IMAGE
+        channel = FeedChannel.of(settings, may_be_video=may_be_video)
         if channel == self._channel:
             return
-        if channel.limit_ns != self._channel.limit_ns:
-            self._admit_ns = None
+        is_limited = channel.limit_ns != self._channel.limit_ns
         self._channel = channel
+        if is_limited:
+            self._admit_ns = None
+            self._thin()
         self._limit_ns = channel.limit_ns
         if self.resource.kind is Kind.STREAM and channel.limit_ns:
             # what waits after an outage is sent faster than new items come: else it never ends
@@ -119,6 +129,12 @@ class Feed:
         self._queue.append(item)
         self._size += len(item.data)
         self._shorten()
+
+    def _thin(self) -> None:
+        """What waits obeys a new limit as well: else it holds only when that has been sent."""
+        kept = deque(item for item in self._queue if self._admits(item.stamp_ns))
+        self.held_back += len(self._queue) - len(kept)
+        self._queue, self._size = kept, sum(len(item.data) for item in kept)
 
     def _admits(self, stamp_ns: int) -> bool:
         """Whether an item of a stream with this stamp is sent: of a limited one, items at equal distances."""

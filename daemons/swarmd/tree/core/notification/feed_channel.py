@@ -4,7 +4,7 @@ from typing import Final, Self
 
 import msgspec
 
-from swarmware.model.compression import Compression
+from swarmware.model.compression import Compression, Method
 from swarmware.types.channel import ChannelPriority, ChannelSettings
 
 QUEUE_LIMIT: Final = 4096
@@ -30,9 +30,12 @@ class FeedChannel(msgspec.Struct, frozen=True):
     """Feeds of a higher one are served first."""
 
     @classmethod
-    def of(cls, settings: ChannelSettings) -> Self:
-        """The settings with the defaults of those that are not set."""
+    def of(cls, settings: ChannelSettings, *, may_be_video: bool = False) -> Self:
+        """The settings with the defaults of those that are not set; what goes as video is not notified."""
         max_hz, size = settings.max_hz, settings.buffer_bytes
+        if settings.is_video:
+            max_hz = 0.0 if may_be_video else max_hz
+            settings = msgspec.structs.replace(settings, compression=str(Method.NONE))
         return cls(
             0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz),
             QUEUE_BYTES if size is None else size,

@@ -8,14 +8,12 @@ import msgspec
 
 from swarmd.tree.core.action import Coding
 from swarmware.errors import WireError
-from swarmware.model.compression import Method, needs, pack, unpack
+from swarmware.model.compression import CONTAINER, Method, needs, pack, unpack
 from swarmware.model.record_filter import NO_RECORDS, Layout, Records
 from swarmware.types import registry
 from swarmware.types.bounds import Count, Instant, Uint16
 from swarmware.types.tree import TreeItem
 
-CONTAINER: Final = 8
-"""Codec of an item whose data is a run in a container; codecs of frames are below."""
 SMALLEST: Final = 256
 """Bytes of values below which a container and the dictionary of its method cost more than they save."""
 _PATH_BYTES: Final = 20
@@ -65,7 +63,7 @@ def code(items: Sequence[TreeItem], coding: Coding) -> list[TreeItem]:
         b"".join(one.data for one in items),
     )
     records = _records(items, coding)
-    data = pack(_run_encoder.encode(run), coding.compression, records)
+    data = pack(_run_encoder.encode(run), coding.compression, records, len(items))
     if len(data) >= len(run.data) + _PATH_BYTES * (len(items) - 1):
         return list(items)
     return [msgspec.structs.replace(first, data=data, codec=CONTAINER)]

@@ -24,8 +24,9 @@ class Subscriber:
     """State of one subscriber."""
 
     __slots__ = (
-        "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns", "limits_sent",
-        "over_wire", "plan", "platform", "reads", "sender", "structure", "structure_ns", "subscription", "up",
+        "_behind", "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns",
+        "limits_sent", "over_wire", "plan", "platform", "reads", "sender", "structure", "structure_ns",
+        "subscription", "up",
     )  # fmt: skip
 
     def __init__(self, platform: str, epoch: int, serial: int = 0, *, over_wire: bool = False) -> None:
@@ -55,6 +56,8 @@ class Subscriber:
         """Those that it was sent last."""
         self.limits_ns: int | None = None
         """When they are due to be sent; None: they have not changed."""
+        self._behind: set[str] = set()
+        """Boards of which nothing was sent since it is reachable again: the newest value goes first."""
         self._turn: dict[LaneNumber, str] = {}
         """Path of the feed that was served last in each lane, for round-robin order."""
 
@@ -70,6 +73,8 @@ class Subscriber:
 
     def on_reachable(self) -> None:
         """It is reachable: retry at once."""
+        if not self.up:
+            self._behind = {path for path, feed in self.feeds.items() if feed.latest_only}
         self.up = True
         for lane in self.lanes.values():
             lane.reset_backoff()
@@ -148,6 +153,7 @@ class Subscriber:
                 count += len(taken)
                 size += sum(len(item.data) for item in taken)
                 self._turn[lane.number] = feed.resource.path
+                self._behind.discard(feed.resource.path)
         return parts
 
     def _feeds_of(self, number: LaneNumber) -> list[Feed]:
@@ -159,9 +165,16 @@ class Subscriber:
             if feed.resource.path == served:
                 feeds = feeds[index + 1 :] + feeds[: index + 1]
                 break
+        if self._behind and not streams:
+            feeds.sort(key=self._age)
         if any(feed.channel.priority for feed in feeds):
             feeds.sort(key=_priority)  # in turns within a priority
         return feeds
+
+    def _age(self, feed: Feed) -> tuple[bool, int]:
+        """Boards that are behind, the newest value first, before what has its turn."""
+        stamp_ns = feed.pending_ns if feed.resource.path in self._behind else None
+        return (True, 0) if stamp_ns is None else (False, -stamp_ns)
 
 
 def _priority(feed: Feed) -> int:
