@@ -20,7 +20,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.errors import SwarmError
+from swarmware.errors import SwarmError, WireError
 from swarmware.service.fork import MESSAGE_BYTES, REQUEST_BYTES, exit_status_of
 from swarmware.service.installed import find, installed
 from swarmware.service.notify import Notifier
@@ -52,11 +52,11 @@ class ForkRequest(msgspec.Struct, frozen=True):
 
     @classmethod
     def parse(cls, data: bytes) -> "ForkRequest":
-        """The request in these bytes. Raises: ValueError."""
+        """The request in these bytes. Raises: WireError or another ValueError."""
         config_dir, folder, count, *words = os.fsdecode(data).split("\0")
         names, pairs = words[: int(count)], words[int(count) :]
         if not names:
-            raise ValueError("a request without services")
+            raise WireError("a request without services")
         return cls(tuple(names), Path(config_dir), folder, dict(pair.split("=", 1) for pair in pairs))
 
 

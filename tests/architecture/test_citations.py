@@ -137,6 +137,7 @@ IDENTIFIER = re.compile(r"(?<![\w$])[A-Za-z_][A-Za-z0-9_]{2,}")
 OF_OTHERS = frozenset(
     {
         "activating",
+        "unprivileged_userns_clone",
         "toctree",
         "SWARMCTL_TRACEBACK",
         "arived",

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 PROTOCOL = {
     "AttributeError",  # of `__getattr__`
     "IndexError",  # of a container
+    "OSError",  # of a system call that `os` does not have
     "KeyboardInterrupt",  # handed on
     "ProcessLookupError",  # of a handle, as the kernel raises it for a process that has ended
     "SystemExit",

@@ -23,6 +23,7 @@ MEANT: Final = {
     "daemons/swarmd/tree/placement.py:PlacementMeasurement._measure": "the interval over which is measured",
     "lib/swarmware/health/monitor.py:HealthMonitor._keep_registered": "back-off: the monitor refused",
     "lib/swarmware/testing/firmware.py:ChassisFirmware._report_always": "the period of its reports",
+    "lib/swarmware/module/snapshot_stream.py:SnapshotStream._resynchronise": "back-off: the owner is away",
     "lib/swarmware/runtime/instant.py:until": "the one wait for an instant",
     "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._keep": "no descriptor is free: no event either",
     "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._pause": "back-off before a restart",

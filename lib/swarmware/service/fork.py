@@ -11,6 +11,7 @@ import os
 import select
 import sys
 
+from swarmware.errors import OutOfRange
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal, socket
 from swarmware.service.exit_status import ExitStatus
@@ -107,10 +108,10 @@ def request_fork(
 
 
 def _send(asking: socket.socket, words: list[str], variables: dict[str, str]) -> None:
-    """Sends a request with the output and the network of this process. Raises: OSError, ValueError."""
+    """Sends a request with the output and the network of this process. Raises: OSError, OutOfRange."""
     text = os.fsencode("\0".join([*words, *(f"{key}={value}" for key, value in variables.items())]))
     if len(text) > REQUEST_BYTES:
-        raise ValueError(f"an environment of {len(text)} bytes; expected at most {REQUEST_BYTES}")
+        raise OutOfRange(f"an environment of {len(text)} bytes; expected at most {REQUEST_BYTES}")
     network = os.open(_OWN_NETWORK, os.O_RDONLY | os.O_CLOEXEC)
     try:
         files = b"".join(fd.to_bytes(4, sys.byteorder) for fd in (1, 2, network))
