@@ -323,27 +323,6 @@ def test_of_several_subscribers_the_shortest_interval_sets_the_rate_in_the_beaco
     assert [offer.min_interval_ms for offer in uav.subscribers.offers()] == [200]
 
 
-def test_of_boards_that_changed_while_the_subscriber_was_away_the_newest_value_goes_first_once() -> None:
-    boards = tuple(Resource(path=f"power/{name}", type="Float", owner="hal") for name in "abc")
-    both = Pair(core("gcs", boards, templates=(boards,)), core("uav1", boards, templates=(boards,)))
-    both.trees["gcs"].on_applications([], ["/uav1/power/*"], 0)
-    both.meet()
-    both.carry()
-    uav = both.trees["uav1"]
-    uav.on_gone("gcs", 0)
-    for path, sequence in (("power/a", 4), ("power/a", 5), ("power/c", 7), ("power/b", 6)):
-        uav.on_value(value(path, sequence, sequence), 0)
-    both.meet()
-    both.carry()
-    assert [item.sequence for item in both.received["gcs"]] == [7, 6, 5]
-    for sequence, path in enumerate(("power/b", "power/a", "power/c"), 10):
-        uav.on_value(value(path, sequence, sequence), 0)
-    both.wait(5)
-    late = [item.sequence for item in both.received["gcs"][3:]]
-    assert sorted(late) == [10, 11, 12]
-    assert late != [12, 11, 10], "afterwards each has its turn"
-
-
 def test_a_notification_has_a_limit_and_the_rest_follows() -> None:
     both = pair("/uav1/health/faults", "/uav1/power/battery")
     both.log.clear()
