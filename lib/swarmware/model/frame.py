@@ -80,7 +80,10 @@ class Codec(IntEnum):
 
 
 ADDRESSED: Final = frozenset(
-    {FrameKind.MESSAGE, FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.STREAM, FrameKind.FILE}
+    {
+        *(FrameKind.BOARD, FrameKind.MESSAGE, FrameKind.STREAM, FrameKind.FILE),
+        *(FrameKind.NOTIFY, FrameKind.EVENT),
+    }
 )
 """Kinds that are addressed to an inbox; the kind sets the priority on a link."""
 

@@ -16,6 +16,7 @@ from tests.integration.broker.swarm import Station, swarm
 
 from swarmd.broker.links.zmq_links import SEND_HIGH_WATER
 from swarmd.tree.core.action import SendNotify
+from swarmd.tree.core.notification.lane import LaneNumber
 from swarmware.model.frame import FrameKind
 from swarmware.types.scalar import Text
 from swarmware.types.tree import TreeItem, TreeNotify
@@ -48,7 +49,7 @@ async def measure(root: Path) -> dict[str, float]:
         await abort_s(pair["uav1"])  # makes the connections
         for number in range(NOTES):
             item = TreeItem("x/scan", 1, FrameKind.BOARD, number, 0, bytes(NOTE_BYTES))
-            action = SendNotify("uav2", TreeNotify("uav1", 1, 1, (item,), 1, 0))
+            action = SendNotify("uav2", TreeNotify("uav1", 1, 1, (item,), lane=LaneNumber.BOARDS))
             path = f"/{action.platform}/sys/tree/notify"
             app.start(app.send(path, action.notify, kind=action.kind, timeout_s=60), f"note {number}")
         await asyncio.wait_for(anext(notes), 30)

@@ -76,6 +76,7 @@ def test_messages_are_counted_by_path_where_it_is_known_and_by_kind_elsewhere() 
 
 def test_only_what_is_notified_counts_as_a_notification() -> None:
     assert [kind for kind in FrameKind if values_in(Frame(kind, 5))] == [
+        FrameKind.BOARD,
         FrameKind.STREAM,
         FrameKind.NOTIFY,
         FrameKind.EVENT,

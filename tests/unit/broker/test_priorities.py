@@ -16,8 +16,9 @@ from swarmd.broker.core.forwarding.send_queue import (
     priority,
 )
 from swarmd.tree.core.action import SendNotify
+from swarmd.tree.core.notification.lane import LaneNumber
 from swarmware.errors import InvalidInput
-from swarmware.model.frame import Flag, Frame, FrameKind, encode
+from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind, encode
 from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.tmpnode import tmp_node
@@ -25,17 +26,19 @@ from swarmware.types.scalar import Blob, Text
 from swarmware.types.tree import TreeItem, TreeNotify
 
 NOTE_BYTES = 32_000
+LANES = {
+    FrameKind.EVENT: LaneNumber.UPDATES,
+    FrameKind.STREAM: LaneNumber.STREAMS,
+    FrameKind.BOARD: LaneNumber.BOARDS,
+}
 IN_FLIGHT = 200
 """Unanswered messages to one platform, fewer than the message router allows."""
 
 
-def note(platform: str, *kinds: FrameKind, digest: int = 0) -> SendNotify:
-    """What the tree sends when so many values are due."""
-    items = tuple(
-        TreeItem("a/b", 1, kind, number, 0, bytes(NOTE_BYTES // len(kinds)))
-        for number, kind in enumerate(kinds)
-    )
-    return SendNotify(platform, TreeNotify("uav1", 1, 1, items, 1, digest))
+def note(platform: str, kind: FrameKind) -> SendNotify:
+    """What the tree sends of a value of this kind that is due."""
+    item = TreeItem("a/b", 1, kind, 0, 0, bytes(NOTE_BYTES))
+    return SendNotify(platform, TreeNotify("uav1", 1, 1, (item,), lane=LANES[kind]))
 
 
 def sent(tmp_path: Path, send: Callable[[Module], list[asyncio.Task[object]]]) -> SendQueue:
@@ -85,9 +88,9 @@ def test_commands_come_before_notifications_and_notifications_before_streams_and
     def send(module: Module) -> list[asyncio.Task[object]]:
         return [
             module.start(module.send("/uav2/x/file", Blob(b"f"), kind=FrameKind.FILE), "file"),
-            notify(module, note("uav2", FrameKind.STREAM)),
             notify(module, note("uav2", FrameKind.BOARD)),
-            notify(module, note("uav2", FrameKind.STREAM, FrameKind.EVENT)),
+            notify(module, note("uav2", FrameKind.STREAM)),
+            notify(module, note("uav2", FrameKind.EVENT)),
             module.start(module.send("/uav2/cmd/goto", Text("there")), "command"),
             module.start(module.request("/uav2/sys/x", Text("?"), Text), "request"),
             module.start(module.send("/uav2/cmd/abort", Text("now"), urgent=True), "abort"),
@@ -97,7 +100,7 @@ def test_commands_come_before_notifications_and_notifications_before_streams_and
     order = taken(queue)
     assert {each: [priority(frame) for frame in frames] for each, frames in order.items()} == {
         ConnectionClass.CONTROL: [Priority.URGENT, Priority.CONTROL, Priority.CONTROL],
-        ConnectionClass.DATA: [Priority.NOTIFY, Priority.NOTIFY, Priority.STREAM, Priority.BULK],
+        ConnectionClass.DATA: [Priority.NOTIFY, Priority.STREAM, Priority.BOARD, Priority.BULK],
     }
     assert b"now" in order[ConnectionClass.CONTROL][0].payload
 
@@ -108,7 +111,7 @@ def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_
     def send(module: Module) -> list[asyncio.Task[object]]:
         tasks: list[asyncio.Task[object]] = []
         for number in range(platforms):
-            kind = FrameKind.STREAM if number % 2 else FrameKind.BOARD
+            kind = FrameKind.STREAM if number % 2 else FrameKind.EVENT
             tasks += [notify(module, note(f"ugv{number}", kind)) for _ in range(IN_FLIGHT)]
             command = module.send(f"/ugv{number}/cmd/goto", Text("there"), timeout_s=60)
             tasks.append(module.start(command, "command"))
@@ -148,32 +151,11 @@ def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
         queue.pop(ConnectionClass.DATA)
 
 
-@pytest.mark.parametrize(
-    ("kinds", "digest", "expected"),
-    [
-        ((FrameKind.STREAM,), 0, FrameKind.STREAM),
-        ((FrameKind.STREAM, FrameKind.STREAM), 0, FrameKind.STREAM),
-        ((FrameKind.STREAM, FrameKind.EVENT), 0, FrameKind.NOTIFY),
-        ((FrameKind.STREAM,), 5, FrameKind.NOTIFY),
-        ((FrameKind.BOARD,), 0, FrameKind.NOTIFY),
-        ((), 5, FrameKind.NOTIFY),
-    ],
-)
-def test_a_notification_of_nothing_but_streams_goes_as_a_stream(
-    kinds: tuple[FrameKind, ...], digest: int, expected: FrameKind
-) -> None:
-    assert (note("uav2", *kinds, digest=digest) if kinds else note_of_structure(digest)).kind is expected
-
-
-def note_of_structure(digest: int) -> SendNotify:
-    return SendNotify("uav2", TreeNotify("uav1", 1, 1, (), 1, digest, b"x"))
-
-
 def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
             inbox = module.inbox("sys/note", Text)
-            for kind in (FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.STREAM, FrameKind.FILE):
+            for kind in sorted(ADDRESSED - {FrameKind.MESSAGE}):
                 assert await module.send("sys/note", Text(kind.name), kind=kind)
                 assert (await inbox.next(5)).value == kind.name
 
@@ -181,13 +163,13 @@ def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> 
         asyncio.run(run())
 
 
-@pytest.mark.parametrize(
-    "kind", [FrameKind.ACK, FrameKind.REPLY, FrameKind.REQUEST, FrameKind.BOARD, FrameKind.HELLO]
-)
+@pytest.mark.parametrize("kind", [FrameKind.ACK, FrameKind.REPLY, FrameKind.REQUEST, FrameKind.HELLO])
 def test_a_message_of_a_kind_that_no_inbox_takes_is_refused(tmp_path: Path, kind: FrameKind) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
-            with pytest.raises(InvalidInput, match="expected one of event, file, message, notify, stream"):
+            with pytest.raises(
+                InvalidInput, match="expected one of board, event, file, message, notify, stream"
+            ):
                 await module.send("sys/note", Text("x"), kind=kind)
 
     with no_leaks(tmp_path):

@@ -55,7 +55,7 @@ def test_a_pattern_may_match_nothing_yet() -> None:
     replica = both.trees["gcs"].replicas.get("uav1")
     assert replica is not None
     assert replica.index is not None
-    assert "plan/step" in replica.index, "the structure came with the value"
+    assert "plan/step" in replica.index, "the structure came before the value"
 
 
 def test_who_subscribes_later_gets_the_value_there_is() -> None:
@@ -453,7 +453,7 @@ def test_a_limit_goes_with_the_values_that_come_in_the_same_moment() -> None:
     battery(both, 0.9)
     both.carry()
     both.wait(1)
-    assert both.said(SendNotify) == 1
+    assert both.said(SendNotify) == 2
     assert interval_s(both, "power/battery") == 2.0
 
 

@@ -152,9 +152,9 @@ def test_a_busy_stream_starves_neither_another_one_nor_boards_nor_events() -> No
     net.run_until(10 * S)
     assert len(owner.got["sensor/sonar"]) > 200
     assert len(owner.got["health/faults"]) > 240
-    # at any time, not only at the end: one message that is given up costs two seconds, 60 values
+    # at any time, not only at the end: one message that is given up costs two seconds and a pause: 90 values
     battery_values = [0, *owner.got["power/battery"], 300]
-    assert max(after - before for before, after in pairwise(battery_values)) < 66
+    assert max(after - before for before, after in pairwise(battery_values)) < 96
     for sequences in owner.got.values():
         assert sequences == sorted(set(sequences))
     lost = owner.uav.subscribers.losses()

@@ -18,7 +18,7 @@ from swarmware.types.tree import TreeNotify
 IP_UDP_BYTES: Final = 28
 """IPv4 and UDP headers of a datagram."""
 NOTIFY_ID: Final = data_id("sys/tree/notify", TreeNotify.__name__)
-NOTIFIES: Final = frozenset({FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.EVENT})
+NOTIFIES: Final = frozenset({FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.EVENT, FrameKind.BOARD})
 _NAMES: Final = {kind: kind.name.lower() for kind in FrameKind}
 _NAMED_BY_KIND: Final = frozenset({FrameKind.ACK, FrameKind.HELLO})
 CHANNEL_LIMIT: Final = 4096

@@ -1,6 +1,7 @@
 """Actions of the tree's core, which the shell executes; it reports results by events."""
 
 from collections.abc import Mapping
+from typing import Final
 
 import msgspec
 
@@ -10,6 +11,9 @@ from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.model.names import MAIN, hardware_id
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
+
+_KINDS: Final = (FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.BOARD)
+"""Kind of frame of each lane."""
 
 
 class RequestStructure(msgspec.Struct, frozen=True, gc=False):
@@ -46,12 +50,8 @@ class SendNotify(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def kind(self) -> FrameKind:
-        """Kind of frame, which sets its priority on a link: STREAM if it has only items of streams."""
-        items = self.notify.items
-        only_streams = (
-            bool(items) and not self.notify.digest and all(i.kind == FrameKind.STREAM for i in items)
-        )
-        return FrameKind.STREAM if only_streams else FrameKind.NOTIFY
+        """Kind of frame of the lane, which sets the priority on a link."""
+        return _KINDS[self.notify.lane]
 
 
 class Watch(msgspec.Struct, frozen=True, gc=False):

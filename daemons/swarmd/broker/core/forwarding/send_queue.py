@@ -23,7 +23,9 @@ class Priority(IntEnum):
     """Commands, requests and their replies."""
     NOTIFY = 2
     STREAM = 3
-    BULK = 4
+    BOARD = 4
+    """Boards that are sent by notification."""
+    BULK = 5
     """Files, and parts of large values."""
 
 
@@ -40,7 +42,7 @@ _BY_KIND: Final = {
     FrameKind.STREAM: Priority.STREAM,
     FrameKind.NOTIFY: Priority.NOTIFY,
     FrameKind.EVENT: Priority.NOTIFY,
-    FrameKind.BOARD: Priority.STREAM,
+    FrameKind.BOARD: Priority.BOARD,
     FrameKind.FILE: Priority.BULK,
 }
 """All others are commands, requests and answers: `CONTROL`."""

@@ -29,11 +29,12 @@ COALESCE_NS: Final = 20_000_000
 
 
 class LaneNumber(IntEnum):
-    """Lanes of a subscriber: streams must not delay boards and events."""
+    """Lanes of a subscriber, each with its own priority on links: none waits for losses of another."""
 
     UPDATES = 0
-    """Boards, events, changes of the structure."""
+    """Events, settings, changes of the structure."""
     STREAMS = 1
+    BOARDS = 2
 
 
 Parts = list[tuple[Feed, list[TreeItem]]]

@@ -19,6 +19,9 @@ FEED_LIMIT: Final = 32
 BYTES_LIMIT: Final = 32 * 1024
 """Bytes of values in one notification: a lost one is retransmitted whole."""
 
+_LANES: Final = {Kind.STREAM: LaneNumber.STREAMS, Kind.BOARD: LaneNumber.BOARDS}
+"""All other kinds are sent with the changes of the structure."""
+
 
 class Subscriber:
     """State of one subscriber."""
@@ -139,6 +142,10 @@ class Subscriber:
         """Whether changed limits are to be sent in this lane."""
         return self.limits_ns is not None and lane.number is LaneNumber.UPDATES
 
+    def is_behind(self, lane: NotificationLane) -> bool:
+        """Whether changes of the structure or of limits can be sent in this lane now."""
+        return lane.has_room and (self.owes_structure(lane) or self.owes_limits(lane))
+
     def take_items(self, lane: NotificationLane, now_ns: int) -> Parts:
         """The items for a notification, of each feed that is due."""
         parts: Parts = []
@@ -158,14 +165,17 @@ class Subscriber:
 
     def _feeds_of(self, number: LaneNumber) -> list[Feed]:
         """The feeds of a lane by priority, then in round-robin order."""
-        streams = number is LaneNumber.STREAMS
-        feeds = [feed for feed in self.feeds.values() if (feed.resource.kind is Kind.STREAM) is streams]
+        feeds = [
+            feed
+            for feed in self.feeds.values()
+            if _LANES.get(feed.resource.kind, LaneNumber.UPDATES) is number
+        ]
         served = self._turn.get(number)
         for index, feed in enumerate(feeds):
             if feed.resource.path == served:
                 feeds = feeds[index + 1 :] + feeds[: index + 1]
                 break
-        if self._behind and not streams:
+        if self._behind and number is not LaneNumber.STREAMS:
             feeds.sort(key=self._age)
         if any(feed.channel.priority for feed in feeds):
             feeds.sort(key=_priority)  # in turns within a priority

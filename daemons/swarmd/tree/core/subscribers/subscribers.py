@@ -333,12 +333,15 @@ class Subscribers:
             for notify in lane.repeat(now_ns):
                 self._notify(one, notify)
             return
+        updates = one.lanes[LaneNumber.UPDATES]
+        if lane is not updates and one.is_behind(updates):
+            # also before it is due: a value should not arrive before its resource and its limit are known
+            self._send(one, updates, now_ns)
         parts = one.take_items(lane, now_ns)
         items = tuple(item for _, taken in parts for item in taken)
         base = digest = 0
         structure = b""
         if one.owes_structure(lane):
-            # also before it is due: a value must not arrive before its resource is known
             one.structure_ns = None
             base, digest = one.structure or 1, self._tree.digest
             structure = self._tree.changes_since(one.structure) or b""
