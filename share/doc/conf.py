@@ -8,10 +8,14 @@ import sys
 from pathlib import Path
 from typing import Any, Final
 
+from swarmd.hal import driver
 from swarmware import __version__
+from swarmware.model.airframe import Airframe
 
 HERE: Final = Path(__file__).parent
 sys.path.insert(0, str(HERE))
+# autodoc evaluates annotations; this name is imported there for type checkers alone
+setattr(driver, "Airframe", Airframe)  # noqa: B010  # the module does not declare it
 
 project = "Swarmware"
 author = "the Swarmware developers"
