@@ -12,7 +12,7 @@ from swarmd.broker.core.topology.link import LinkState
 
 BEFORE_S: Final = 20.0
 LASTS_S: Final = 240.0
-NEW: Final = 8
+NEW: Final = 40
 
 
 def flaps(seed: int, loss: float, *, subscribed: bool) -> tuple[int, bool]:

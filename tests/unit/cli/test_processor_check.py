@@ -51,7 +51,10 @@ def test_a_board_that_is_not_there_is_named(tmp_path: Path) -> None:
     [
         (None, []),
         (frame(0, 1.0), []),
-        (frame(0, 1.0, Refused(forged=7)), ["7 datagrams that no member has sealed"]),
+        (
+            frame(0, 1.0, Refused(forged=7)),
+            ["7 datagrams that no member has sealed, and that name no other swarm"],
+        ),
         (frame(0, 1.0, Refused(other_epoch=3)), ["3 datagrams with a group key that is not known here"]),
         (b"x" * 60, []),
     ],

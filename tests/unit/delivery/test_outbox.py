@@ -178,6 +178,7 @@ def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> 
 def test_a_message_kind_that_wants_an_acknowledgement_is_answered_whatever_its_priority() -> None:
     asks = {kind for kind in FrameKind if answerable(Frame(kind, 1, flags=Flag.WANTS_ACK))}
     assert asks == {
+        FrameKind.BOARD,
         FrameKind.MESSAGE,
         FrameKind.REQUEST,
         FrameKind.NOTIFY,

@@ -88,11 +88,11 @@ async def test_who_takes_many_messages_lets_others_have_a_turn(tmp_path: Path) -
 async def test_a_message_is_of_a_kind_that_an_inbox_takes(tmp_path: Path, kind: FrameKind) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/step", Int)
-        if kind.name in {"MESSAGE", "NOTIFY", "EVENT", "STREAM", "FILE"}:
+        if kind.name in {"BOARD", "MESSAGE", "NOTIFY", "EVENT", "STREAM", "FILE"}:
             assert await m.send("cmd/step", Int(1), kind=kind)
             assert await box.next(1.0) == Int(1)
         else:
-            with pytest.raises(InvalidInput, match=f"of kind {kind.name.lower()}; expected one of event"):
+            with pytest.raises(InvalidInput, match=f"of kind {kind.name.lower()}; expected one of board"):
                 await m.send("cmd/step", Int(1), kind=kind)
 
 
