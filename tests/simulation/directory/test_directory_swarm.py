@@ -23,7 +23,7 @@ CHURN_S: Final = (0.5, 1.25)
 """Virtual time in which nodes move and crash; the last ones start again a second later."""
 SETTLED_S: Final = 8.0
 """By then the routes must be back."""
-SEEDS: Final = seeds(3, 40)
+SEEDS: Final = seeds(1, 40)
 NODES: Final = 100
 
 

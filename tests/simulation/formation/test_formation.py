@@ -28,7 +28,7 @@ def test_what_is_flown_here_is_the_shipped_mission() -> None:
 
 @pytest.mark.parametrize(
     ("nodes", "seed"),
-    cases([(3, 1), (7, 5), (16, 9)], [(4, 2), (10, 304), (5, 3), (6, 4), (8, 6), (10, 7), (13, 8), (16, 10)]),
+    cases([(3, 1), (16, 9)], [(4, 2), (7, 5), (10, 304), (5, 3), (6, 4), (8, 6), (10, 7), (13, 8), (16, 10)]),
 )
 def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
     flight = Flight(nodes, seed)
@@ -39,7 +39,7 @@ def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("nodes", cases([12], [9, 11, 14, 15]))
+@pytest.mark.parametrize("nodes", cases([9], [11, 12, 14, 15]))
 def test_it_does_so_with_every_other_number_of_nodes(nodes: int) -> None:
     check(Flight(nodes, 101).fly())
 
