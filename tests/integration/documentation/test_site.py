@@ -35,6 +35,9 @@ class Addresses(HTMLParser):
             self.links.append(given["href"])
 
 
+pytestmark = pytest.mark.timeout(600)  # the first test may build the whole site on a busy computer
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built here, unless SWARM_SITE names the one that was built from these sources just now."""

@@ -84,9 +84,9 @@ def test_an_ordinary_user_has_a_lab_and_nothing_is_left_of_it(
     try:
         swarmctl("lab", "up", "formation", "--nodes", "3", "--per-daemon", "uav1", "--name", NAME, "--detach")
         running = processes.marked(mark)
-        # each node has a parent; two have all services in one process, the third has one each and the server
-        # that forks them
-        assert len(running) == 3 + 2 + len(provisioning.VEHICLE) + 1
+        # each node has a parent; two have all services in one process, forked by the server of the lab, the
+        # third has one each and a server of its own
+        assert len(running) == 3 + 2 + len(provisioning.VEHICLE) + 2
         assert {Path(f"/proc/{process.pid}").stat().st_uid for process in running} == {NOBODY}
         shared = [Path(node.shm_dir) for node in labs.load(Path(mark)).nodes]
         assert {path.stat().st_uid for path in shared} == {NOBODY}
