@@ -56,6 +56,10 @@ class NodeSelection:
         """Whether a platform is selected."""
         return Pattern(self.pattern, of_computers=True).matches(platform)
 
+    def has_name(self, platform: str) -> bool:
+        """Whether a platform is selected by its name, not only by a pattern."""
+        return platform in self._words
+
     def choose(self, known: Collection[str], here: str) -> list[str]:
         """The selected ones of the known platforms, in natural order.
 

@@ -8,7 +8,7 @@ import msgspec
 from swarmctl.resources.classes import payload_class
 from swarmctl.resources.entering import json_or_text
 from swarmctl.resources.fields import attitudes
-from swarmctl.resources.listing import consequence
+from swarmctl.resources.listing import check_present, consequence
 from swarmctl.resources.newest import newest
 from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
@@ -171,9 +171,11 @@ async def _written(session: Session, done: TreeSetDone) -> Written:
 async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
     """Sets a resource or a field and prints the value in force; `yes`: without a confirmation.
 
-    Raises: as `write` and `confirm`; NoAnswer when an application with the setting has not taken it.
+    Raises: as `check_present`, `write` and `confirm`; NoAnswer when an application with the setting has not
+    taken it.
     """
     full = session.path(path)
+    await check_present(session, full)
     will = "" if yes else await consequence(session, full)
     await session.confirm(yes, will and f"set {split(full)[1]}: {will}")
     done = await write(session, full, text, version)

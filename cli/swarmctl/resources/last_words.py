@@ -11,6 +11,8 @@ from swarmware.errors import SwarmError
 from swarmware.model import names
 from swarmware.types import registry
 from swarmware.types.mission import MissionState
+from swarmware.types.net import Neighbours
+from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeValue
 from swarmware.types.vehicle import BatteryState, Pose, VehicleState
 
@@ -30,7 +32,8 @@ class LastWords(msgspec.Struct, frozen=True):
 
     platform: str
     seen_s: float | None
-    """Age of the newest of these values; None: unknown."""
+    """Since its newest datagram here, or since the newest of these values where it was no neighbour; None:
+    unknown."""
     mission: MissionState | None
     vehicle: VehicleState | None
     pose: Pose | None
@@ -46,8 +49,11 @@ async def last_words(session: Session, platform: str) -> LastWords:
         except SwarmError:
             return None  # never received, or not a vehicle
 
-    found = dict(zip(KEPT, await asyncio.gather(*map(one, KEPT)), strict=True))
-    ages = [value.age_s for value in found.values() if value is not None and value.age_s is not None]
+    silent_s, values = await asyncio.gather(_silent_s(session, platform), asyncio.gather(*map(one, KEPT)))
+    found = dict(zip(KEPT, values, strict=True))
+    # a vehicle at rest sends no new value for a long time, but beacons
+    ages = [value.age_s for value in values if value is not None and value.age_s is not None]
+    ages += [] if silent_s is None else [silent_s]
 
     def decoded(path: str, cls: type[T]) -> T | None:
         value = found[path]
@@ -61,3 +67,13 @@ async def last_words(session: Session, platform: str) -> LastWords:
         decoded("nav/pose", Pose),
         decoded("power/battery", BatteryState),
     )
+
+
+async def _silent_s(session: Session, platform: str) -> float | None:
+    """Time since the newest datagram of any of its computers; None: the joined node received none lately."""
+    try:
+        path = names.join(session.here, "sys/broker/links")
+        found = await session.ask(path, Empty(), Neighbours)
+    except SwarmError:
+        return None
+    return min((one.silent_s for one in found.neighbours if one.platform == platform), default=None)

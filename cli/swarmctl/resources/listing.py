@@ -7,6 +7,7 @@ import msgspec
 
 from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import VALUED, CachedResource
+from swarmctl.session.each_node import ResourceAbsent
 from swarmctl.session.session import Session, config_dir
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
@@ -159,6 +160,16 @@ async def consequence(session: Session, path: str) -> str:
     platform, local = names.split(names.check_path(names.split_field(path)[0]))
     entry = await _exact(session, names.join(platform or session.here, local))
     return "" if entry is None else entry.confirm
+
+
+async def check_present(session: Session, path: str) -> None:
+    """Checks, where a command runs for several nodes, that this one has the resource of a path or a field.
+
+    Raises: ResourceAbsent when it has none; NoAnswer when it is not reachable.
+    """
+    full = names.check_path(names.split_field(path)[0])
+    if session.joint and await _exact(session, full) is None:
+        raise ResourceAbsent(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
 
 
 async def _ask_value(session: Session, full: str) -> None:

@@ -9,10 +9,14 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.session.session import Session, connect
 from swarmctl.terminal.confirmation import JointConfirmation
 from swarmctl.terminal.node_output import NodeOutput, print_results, raise_errors
-from swarmware.errors import SwarmError
+from swarmware.errors import NotFound, SwarmError
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+
+class ResourceAbsent(NotFound):
+    """One of several nodes has no such resource: a pattern of nodes does not mean that one."""
 
 
 async def at_each(
@@ -23,13 +27,15 @@ async def at_each(
 ) -> None:
     """Calls `command` for each selected node; a single name is the command as it is.
 
+    A node that a pattern selects and that has no such resource is left out, unless none has it.
     Raises: NotFound when a name or a pattern matches no node; Partial when the command failed at some;
     the error of a single node.
     """
     if not is_selection(session.settings.node):
         await command(session, *args, **kwargs)
         return
-    nodes = NodeSelection(session.settings.node).choose(await session.platforms(), session.here)
+    selection = NodeSelection(session.settings.node)
+    nodes = selection.choose(await session.platforms(), session.here)
     joint = JointConfirmation(nodes)
     outputs = {name: NodeOutput(name, session.out) for name in nodes}
     errors: dict[str, SwarmError] = {}
@@ -48,6 +54,15 @@ async def at_each(
     for error in ended:
         if isinstance(error, BaseException):
             raise error
+    absent = [
+        name
+        for name in nodes
+        if isinstance(errors.get(name), ResourceAbsent) and not selection.has_name(name)
+    ]
+    if absent and len(absent) < len(nodes):
+        nodes = [name for name in nodes if name not in absent]
+        outputs = {name: outputs[name] for name in nodes}
+        session.out.say(f"left out, without such a resource: {', '.join(absent)}")
     failed = {name: errors[name] for name in nodes if name in errors}
     print_results(session.out, outputs, failed)
     raise_errors(len(nodes), failed)

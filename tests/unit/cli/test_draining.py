@@ -8,16 +8,19 @@ import jsonschema
 import msgspec
 import pytest
 from tests.unit.cli.test_commands import COPY, ScriptedSession
+from tests.unit.tree.test_small_cores import neighbour
 
 from swarmctl.commands.node import draining
 from swarmctl.commands.node.identity import show_node
 from swarmctl.main import main as swarmctl
+from swarmctl.resources.last_words import last_words
 from swarmctl.terminal import documents
 from swarmctl.vehicles.observer import VehicleResult
 from swarmware.errors import NoAnswer, NotFound
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types import registry
 from swarmware.types.mission import DrainOrder, MissionAbort, MissionPhase, MissionState, MissionStatus
+from swarmware.types.net import Neighbours
 from swarmware.types.system import NodeInfo
 from swarmware.types.tree import Quality, TreeValue
 from swarmware.types.vehicle import Pose
@@ -140,15 +143,21 @@ POSE = Pose(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 class Silent(ScriptedSession):
     """A vehicle that does not answer, with or without a route; the joined node keeps its pose."""
 
-    def __init__(self, *, route: bool, kept: bool = True, **options: Any) -> None:
+    def __init__(
+        self, *, route: bool, kept: bool = True, silent_s: float | None = None, **options: Any
+    ) -> None:
         super().__init__({}, node="uav1", **options)
         self.route = route
         self.kept = kept
+        self.silent_s = silent_s
 
     async def in_reach(self, platform: str) -> bool:
         return self.route
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **rest: Any) -> Any:
+        if reply is Neighbours and self.silent_s is not None:
+            near, other = neighbour("uav1", "down"), neighbour("uav2", "up")
+            return Neighbours((msgspec.structs.replace(near, silent_s=self.silent_s), other))
         if path != COPY:
             raise NoAnswer(f"/uav1/{path}: uav1 does not answer")
         wanted = getattr(value, "path", "")
@@ -175,6 +184,14 @@ async def test_a_node_that_does_not_answer_is_shown_with_its_reason_and_last_sta
     with pytest.raises(NoAnswer):
         await show_node(shown)
     assert ("2.0 m north" in shown.stdout.getvalue()) is kept
+
+
+@pytest.mark.parametrize(("silent_s", "since_s"), [(None, 12.5), (3.0, 3.0), (40.0, 12.5)])
+async def test_a_vehicle_is_lost_since_its_last_beacon_not_since_its_last_change(
+    silent_s: float | None, since_s: float
+) -> None:
+    session = Silent(route=False, silent_s=silent_s)
+    assert (await last_words(session, "uav1")).seen_s == since_s
 
 
 async def test_the_document_of_a_node_is_of_one_form_whether_it_answers_or_not() -> None:

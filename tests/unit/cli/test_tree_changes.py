@@ -1,16 +1,20 @@
 """The record of changes and the rules of notifications, as commands."""
 
 import io
+from collections.abc import Set
 from typing import Any
 
 import click
 import pytest
-from tests.unit.cli.test_commands import GAIN, LIST, ScriptedSession
+from tests.unit.cli.test_commands import GAIN, LIST, ScriptedSession, listing
+from tests.unit.cli.test_commands import value as tree_value
 
 from swarmctl.commands.tree.change_log import print_log
 from swarmctl.commands.tree.listing import list_resources
 from swarmctl.commands.tree.rules import set_rule
-from swarmware.errors import InvalidInput
+from swarmctl.resources.undoing import undo_resource
+from swarmctl.session.each_node import at_each
+from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model.resource import Kind
 from swarmware.types.tree import (
     LoggedChange,
@@ -21,6 +25,8 @@ from swarmware.types.tree import (
     TreeLog,
     TreeRule,
     TreeRules,
+    TreeSetDone,
+    TreeUndo,
 )
 
 
@@ -105,3 +111,54 @@ async def test_a_rule_is_shown_with_what_it_does_not_reach_and_asked_for_where_a
     session = Owner(answers, node="uav1", output="wide")
     await list_resources(session, "power/*")
     assert "±0.5 ≥2s" in session.stdout.getvalue()
+
+
+class Swarm(ScriptedSession):
+    """Three nodes; those of `having` have the setting, those of `changed` a change of it to undo."""
+
+    def __init__(self, having: Set[str], changed: Set[str], node: str) -> None:
+        super().__init__({}, node=node)
+        self.having, self.changed = having, changed
+
+    async def platforms(self) -> list[str]:
+        return ["gcs", "uav1", "uav2"]
+
+    async def reach(self, platform: str) -> None:
+        assert platform in await self.platforms()
+
+    async def ask(self, path: str, value: Any, reply: type[Any], **rest: Any) -> Any:
+        if reply is TreeListing:
+            platform = value.pattern.split("/")[1]
+            return listing(*([value.pattern] if platform in self.having else ()))
+        platform = value.path.split("/")[1]
+        if platform not in (self.changed if isinstance(value, TreeUndo) else self.having):
+            raise NotFound(f"{value.path}: was not changed; nothing to undo")
+        found = tree_value(value.path, 1.5)
+        if reply is TreeSetDone:
+            return TreeSetDone(found.path, 2, found.type, found.data)
+        return found
+
+
+@pytest.mark.parametrize(
+    ("having", "changed", "node", "undone", "error"),
+    [
+        ({"uav1", "uav2"}, {"uav1", "uav2"}, "*", 2, None),
+        ({"uav1", "uav2"}, {"uav1"}, "*", 1, Partial),  # one was not changed
+        ({"uav1"}, {"uav1"}, "*", 1, None),
+        ({"uav1"}, {"uav1"}, "uav1,gcs", 1, Partial),  # the operator has named one without it
+        ({"uav1"}, {"uav1"}, "gcs,uav*", 1, Partial),
+        (set(), set(), "*", 0, NotFound),
+    ],
+)
+async def test_an_undo_at_a_pattern_of_nodes_leaves_out_those_without_the_setting(
+    having: Set[str], changed: Set[str], node: str, undone: int, error: type[SwarmError] | None
+) -> None:
+    session = Swarm(having, changed, node)
+    if error is None:
+        await at_each(session, undo_resource, "config/gain", yes=True)
+        left_out = ", ".join(name for name in await session.platforms() if name not in having)
+        assert f"left out, without such a resource: {left_out}" in session.stderr.getvalue()
+    else:
+        with pytest.raises(error):
+            await at_each(session, undo_resource, "config/gain", yes=True)
+    assert session.stdout.getvalue().count("config/gain = 1.5") == undone

@@ -86,6 +86,8 @@ async def test_a_dump_is_compared_and_loaded_back_all_or_none(tmp_path: Path, na
     await diff(session, file, "", values=False)
     lines = [line.split() for line in session.stdout.getvalue().splitlines()[1:]]
     assert lines == [[KI, "value", "0.5", "8"], [KP, "value", "1.5", "9"]]
+    with pytest.raises(FileNotFoundError):  # no pattern of resources
+        await diff(session, str(tmp_path / "none.toml"), "uav1", values=False)
     with pytest.raises(click.UsageError, match="sets 2 settings"):
         await load(session, file, yes=False)
     assert session.sets == []

@@ -66,8 +66,8 @@ async def _side(session: Session, text: str) -> TreeSnapshot:
 
 
 def is_file(text: str) -> bool:
-    """Whether a side is a file; else it is a platform or a pattern."""
-    return Path(text).is_file()
+    """Whether a side is a file, or the name of one that is missing; else it is a platform or a pattern."""
+    return text.endswith((".toml", ".json")) or Path(text).is_file()
 
 
 def differences(here: TreeSnapshot, there: TreeSnapshot, *, values: bool) -> list[TreeDifference]:

@@ -222,5 +222,6 @@ async def _settings_of(session: Session, wanted: Iterable[str]) -> dict[str, Tre
 async def _question(session: Session, file: str, changed: list[LoadedValue]) -> str:
     effects = [effect for one in changed if (effect := await consequence(session, one.path))]
     shown = ", ".join(one.path for one in changed[:5]) + (" …" if len(changed) > 5 else "")
-    text = f"{file}: sets {len(changed)} settings: {shown}"
+    noun = "setting" if len(changed) == 1 else "settings"
+    text = f"{file}: sets {len(changed)} {noun}: {shown}"
     return f"{text}: {'; '.join(dict.fromkeys(effects))}" if effects else text
