@@ -72,7 +72,7 @@ class NodeKeys(NamedTuple):
         """Check that the node may get an identity.
 
         Raises: Conflict when it has one, unless `replace`; then when it runs; Denied when the folder cannot
-        be written.
+        be written; ConfigError when the user who is to have it is missing.
         """
         if self.has_identity:
             if not replace:
@@ -90,6 +90,7 @@ class NodeKeys(NamedTuple):
             place = place.parent
         if not os.access(place, os.W_OK | os.X_OK):
             raise Denied(f"{place}: not writable by this user; expected root, or the user of the node")
+        self._service_user()
 
     def pending_seed(self) -> bytes:
         """The seed of the new identity; that of an interrupted join is used again.
@@ -135,17 +136,24 @@ class NodeKeys(NamedTuple):
         if not self.folder.exists():
             self.folder.mkdir(mode=0o700, parents=True)
 
-    def _give_to_service_user(self) -> None:
-        """Root writes the keys of a node under systemd for the user of its daemons."""
+    def _service_user(self) -> pwd.struct_passwd | None:
+        """The user of the daemons, to whom root gives the keys of a node under systemd; None: another node.
+
+        Raises: ConfigError when there is no such user.
+        """
         if os.geteuid() != 0 or not self.folder.is_relative_to(DEFAULT_DIR):
-            return
+            return None
         try:
-            user = pwd.getpwnam(SERVICE_USER)
+            return pwd.getpwnam(SERVICE_USER)
         except KeyError as error:
             raise ConfigError(
-                f"user {SERVICE_USER!r}: not known here; expected it to be made at the installation"
-                f" (systemd-sysusers); {self.folder} belongs to root"
+                f"user {SERVICE_USER!r}: not known here, who is to have {self.folder}; expected it to be made"
+                " at the installation (systemd-sysusers), or another keys_dir in node.toml"
             ) from error
+
+    def _give_to_service_user(self) -> None:
+        if (user := self._service_user()) is None:
+            return
         for path in (self.folder, *self.folder.iterdir()):
             os.chown(path, user.pw_uid, user.pw_gid)
 

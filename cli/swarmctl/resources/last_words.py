@@ -32,8 +32,7 @@ class LastWords(msgspec.Struct, frozen=True):
 
     platform: str
     seen_s: float | None
-    """Since its newest datagram here, or since the newest of these values where it was no neighbour; None:
-    unknown."""
+    """Since its newest datagram here, or the newest of these values; None: unknown."""
     mission: MissionState | None
     vehicle: VehicleState | None
     pose: Pose | None

@@ -10,11 +10,12 @@ import pytest
 from tests.unit.cli.test_commands import ScriptedSession
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.membership import activation
+from swarmctl.commands.keys.making import make_root
+from swarmctl.membership import activation, node_keys
 from swarmctl.membership.activation import ActivatedKeys, activate, show_activation
 from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.terminal.output import Output
-from swarmware.errors import NoAnswer
+from swarmware.errors import ConfigError, NoAnswer
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.net import Routes, RouteState
 
@@ -113,3 +114,16 @@ def test_a_node_that_does_not_run_is_not_asked(running: RunningNode, monkeypatch
     found = running.activate(others=True)
     assert running.restarted == []
     assert said(found, running=False, others=True).startswith("start gcs: systemctl start swarm.target")
+
+
+def test_a_computer_without_the_user_of_the_daemons_gets_no_half_of_a_swarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config_dir = make_node(tmp_path, "gcs")
+    monkeypatch.setattr(node_keys, "DEFAULT_DIR", tmp_path)
+    monkeypatch.setattr(node_keys, "SERVICE_USER", "nobody_has_this_name")
+    monkeypatch.setattr("os.geteuid", lambda: 0)
+    with pytest.raises(ConfigError, match="'nobody_has_this_name': not known here"):
+        make_root(Output(CliSettings(config=str(config_dir))), tmp_path / "root", "harbour")
+    assert not (tmp_path / "root" / "root.key").exists()
+    assert not NodeKeys.find(CliSettings(config=str(config_dir))).has_identity

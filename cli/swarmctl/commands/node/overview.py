@@ -39,7 +39,7 @@ class NodeOverview(msgspec.Struct, frozen=True):
     """Estimated height of the vehicle above the map's origin."""
     battery_ratio: float | None
     lost_s: float | None
-    """Age of the newest value of a platform without a route; its other values are the last known ones."""
+    """Time since the newest sign of a platform without a route; its other values are the last known ones."""
     sync: NodeSync | None = None
     """Whether its data are synchronised; null: it did not answer, or is the tree of a former version."""
     units: tuple[str, ...] = ()

@@ -122,6 +122,8 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 def undo(ctx: click.Context, path: str, yes: bool) -> None:
     """Undo the last change of a setting; a second call restores it.
 
+    A pattern of nodes leaves out those without the setting.
+
     Example: swarmctl tree undo /uav1/config/navigator/altitude_kp
     """
     from swarmctl.resources.undoing import undo_resource
