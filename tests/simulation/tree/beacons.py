@@ -14,7 +14,7 @@ from swarmware.model.digest import blake2b
 from swarmware.model.names import hardware_id
 from swarmware.testing.virtual import VirtualTime
 from swarmware.transport.sodium import SigningKey
-from swarmware.types.net import Refused, TreePlan
+from swarmware.types.net import Refused, StructureBroadcast, TreePlan
 
 CHANGING_S: Final = 0.2
 """Period of beacons while links change, as `CHANGING_HZ`."""
@@ -55,12 +55,17 @@ class Station:
         self.needs: tuple[str, ...] = ()
         self.is_waiting = False
         """A beacon is scheduled."""
+        self.meets = False
+        """That one answers the session of a new neighbour, and is signed for that."""
 
-    def take_plan(self) -> None:
+    def take_plan(self) -> list[StructureBroadcast]:
+        """Structures that the tree needs from now on, and that were received before."""
         tree = self.tree
-        if tree.plan_changed():
-            self.needs = tuple(tree.replicas.needs())
-            self.broadcasts.set_plan(TreePlan(tree.local.version, (), (), 0, tree.broadcast(), self.needs))
+        if not tree.plan_changed():
+            return []
+        self.needs = tuple(tree.replicas.needs())
+        plan = TreePlan(tree.local.version, (), (), 0, tree.broadcast(), self.needs)
+        return self.broadcasts.set_plan(plan)
 
 
 class BeaconAir:
@@ -104,8 +109,20 @@ class BeaconAir:
         """The tree of a node has done its work: its plan may have changed."""
         station = self._stations.get(name)
         if station is not None:
-            station.take_plan()
+            for found in station.take_plan():
+                self._time.after(0.0, partial(self._give, station, found))
             self._schedule(station)
+
+    def meet(self, *names: str) -> None:
+        """Nodes answer each other's sessions for the first time: each in its next beacon."""
+        for name in names:
+            station = self._stations.get(name)
+            if station is not None:
+                station.meets = True
+                self._schedule(station)
+
+    def _give(self, station: Station, found: StructureBroadcast) -> None:
+        self._feed(station.name, station.tree.on_broadcast(found, self._time.now_ns))
 
     def _schedule(self, station: Station) -> None:
         # beacons without any of these parts are left out: they cost no byte more than before
@@ -114,14 +131,19 @@ class BeaconAir:
             self._time.after(CHANGING_S * self._chance.random(), partial(self._send, station))
 
     def _is_due(self, station: Station) -> bool:
-        return station.broadcasts.is_due(self._time.now_ns)
+        return station.meets or station.broadcasts.is_due(self._time.now_ns)
 
     def _send(self, station: Station) -> None:
         station.is_waiting = False
         if self._stations.get(station.name) is not station:
             return
         near = [name for name in self._near(station.name) if name in self._stations]
-        parts = station.broadcasts.compose(self._time.now_ns, ROOM, has_neighbours=bool(near))
+        is_signed, station.meets = station.meets, False
+        if is_signed:
+            station.broadcasts.offer()
+        parts = station.broadcasts.compose(
+            self._time.now_ns, ROOM, has_neighbours=bool(near), is_signed=is_signed
+        )
         if parts.bytes:
             data = codec.encode(Beacon(structure=parts.structure, structure_questions=parts.questions))
             size = len(data) - 1
@@ -131,14 +153,16 @@ class BeaconAir:
             self._count(station.name, receivers, size, structure)
             beacon = codec.decode(data)
             for name in receivers:
-                self._receive(self._stations[name], station, beacon)
+                self._receive(self._stations[name], station, beacon, is_signed=is_signed)
         if station.needs or self._is_due(station):
             station.is_waiting = True
             self._time.after(CHANGING_S, partial(self._send, station))
 
-    def _receive(self, station: Station, sender: Station, beacon: Beacon) -> None:
+    def _receive(self, station: Station, sender: Station, beacon: Beacon, *, is_signed: bool) -> None:
         now_ns = self._time.now_ns
-        found = station.broadcasts.on_beacon(sender.hw, sender.name, SESSION, beacon, now_ns)
+        found = station.broadcasts.on_beacon(
+            sender.hw, sender.name, SESSION, beacon, now_ns, is_signed=is_signed
+        )
         if found is not None:
-            self._feed(station.name, station.tree.on_broadcast(found, now_ns))
+            self._give(station, found)
         self._schedule(station)

@@ -155,7 +155,9 @@ def test_a_value_is_delivered_from_the_cache_when_a_subscription_begins(one: Nod
     other.put(b"here", 450 * MS)
     [received] = other.transmit(500 * MS, one)
     assert received.values == []
-    heard = one.protocol.set_plan(TreePlan(1, wants=(BoardSubscription("uav2", "nav/pose", "Pose", POSE),)))
+    heard, _ = one.protocol.set_plan(
+        TreePlan(1, wants=(BoardSubscription("uav2", "nav/pose", "Pose", POSE),))
+    )
     assert [value.payload for _, value in heard] == [b"here"]
 
 

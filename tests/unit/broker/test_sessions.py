@@ -30,6 +30,9 @@ class Node:
     def say(self, now_ns: int) -> tuple[int, int, tuple[SessionCheck, ...]]:
         return self.hw, self.session, self.sessions.due(now_ns)
 
+    def meets(self) -> bool:
+        return self.sessions.meets
+
     def hear(self, said: tuple[int, int, tuple[SessionCheck, ...]], now_ns: int) -> SessionOutcome:
         return self.sessions.on_datagram(*said, now_ns)
 
@@ -193,3 +196,19 @@ def test_over_a_line_alone_a_session_follows_with_a_higher_number_when_the_forme
     assert not hear(12, 20 * SECOND, by_network=True).accepted, "where it can connect it must prove itself"
     receiver.on_proof(A, 12, 20 * SECOND)
     assert hear(12, 30 * SECOND, by_network=True).accepted
+
+
+def test_a_node_offers_itself_to_sessions_that_are_new_not_to_those_that_ask_again() -> None:
+    one, other = Node(A, 7), Node(B, 8)
+    other.hear(one.say(0), 0)
+    assert other.meets(), "it answers before it is asked"
+    answer = other.say(MS)
+    assert not other.meets()
+    one.hear(answer, 2 * MS)
+    assert one.meets()
+    other.hear(one.say(3 * MS), 3 * MS)
+    other.say(4 * MS)
+    again = SessionCheck(CheckKind.QUESTION, B, digest(8))
+    assert other.hear((A, 7, (again,)), 5 * MS).soon
+    assert other.sessions.waiting
+    assert not other.meets()

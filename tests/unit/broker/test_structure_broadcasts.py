@@ -46,17 +46,21 @@ class Node:
         keys = Keys(name, is_open=not signs)
         self.core = StructureBroadcasts(self.hw, SESSION, keys, self.refused)
 
-    def plan(self, *needs: str, digest: int = 11) -> None:
+    def plan(self, *needs: str, digest: int = 11) -> list[StructureBroadcast]:
         own = StructureBroadcast(self.name, 1, digest, 3, b"changes")
-        self.core.set_plan(TreePlan(1, (), (), 0, own, needs))
+        return self.core.set_plan(TreePlan(1, (), (), 0, own, needs))
 
-    def beacon(self, now_ns: int = 0, *, room: int = ROOM, has_neighbours: bool = True) -> Beacon:
-        found = self.core.compose(now_ns, room, has_neighbours=has_neighbours)
+    def beacon(
+        self, now_ns: int = 0, *, room: int = ROOM, has_neighbours: bool = True, is_signed: bool = False
+    ) -> Beacon:
+        found = self.core.compose(now_ns, room, has_neighbours=has_neighbours, is_signed=is_signed)
         assert found.bytes <= max(room, 0)
         return Beacon(structure=found.structure, structure_questions=found.questions)
 
-    def hear(self, other: "Node", beacon: Beacon, now_ns: int = 0) -> StructureBroadcast | None:
-        return self.core.on_beacon(other.hw, other.name, SESSION, beacon, now_ns)
+    def hear(
+        self, other: "Node", beacon: Beacon, now_ns: int = 0, *, is_signed: bool = False
+    ) -> StructureBroadcast | None:
+        return self.core.on_beacon(other.hw, other.name, SESSION, beacon, now_ns, is_signed=is_signed)
 
 
 @pytest.mark.parametrize("signs", [True, False])
@@ -86,6 +90,47 @@ def test_a_changed_structure_is_sent_without_a_question_unless_nobody_hears_it()
     part = owner.beacon().structure
     assert part is not None
     assert part.digest == 13
+
+
+def test_a_node_that_meets_others_offers_its_structure_in_the_beacon_that_is_signed_for_that() -> None:
+    newcomer, owner, third = (Node(name) for name in NAMES)
+    owner.plan()
+    owner.core.offer()
+    offered = owner.beacon(has_neighbours=False, is_signed=True)
+    assert offered.structure == StructurePart(1, 11, 3, b"changes"), "the beacon has a signature already"
+    assert owner.beacon() == Beacon()
+    expected = StructureBroadcast("uav2", 1, 11, 3, b"changes")
+    assert newcomer.hear(owner, offered, is_signed=True) == expected
+    assert third.hear(owner, offered) is None, "in an unsigned beacon anybody can have written it"
+    assert (newcomer.refused.spoofed, third.refused.spoofed) == (0, 1)
+
+
+def test_an_offer_without_room_follows_with_a_signature_of_its_own_and_one_without_a_structure_lapses() -> (
+    None
+):
+    owner, asks = Node("uav2"), Node("uav1")
+    owner.core.offer()
+    assert owner.beacon(is_signed=True) == Beacon()
+    owner.plan()
+    assert owner.beacon() == Beacon(), "whoever needs it asks"
+    owner.core.offer()
+    assert owner.beacon(room=20, is_signed=True) == Beacon()
+    later = owner.beacon()
+    assert later.structure is not None
+    assert len(later.structure.signature) == 64
+    assert asks.hear(owner, later) is not None
+    assert asks.hear(owner, Beacon(structure=StructurePart(1, 11, 3, b"changes"))) is None
+    assert not asks.refused.spoofed, "it has this one"
+
+
+def test_a_structure_that_came_before_the_tree_needed_it_is_given_to_it_once_without_a_question() -> None:
+    owner, asks = Node("uav2"), Node("uav1")
+    owner.plan()
+    owner.core.offer()
+    asks.hear(owner, owner.beacon(is_signed=True), is_signed=True)
+    assert asks.plan("uav2", "uav3") == [StructureBroadcast("uav2", 1, 11, 3, b"changes")]
+    assert asks.plan("uav2", "uav3") == []
+    assert asks.beacon().structure_questions == (UAV2, UAV3), "it may be an older one"
 
 
 def test_a_question_is_repeated_until_the_structure_is_not_needed_any_more() -> None:

@@ -101,13 +101,16 @@ class BeaconProtocol:
         """Bytes of the relay budget that are left."""
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
 
-    def set_plan(self, plan: TreePlan) -> list[tuple[BoardSubscription, RemoteValue]]:
-        """Sets publications and subscriptions; returns cached values of the newly subscribed boards."""
+    def set_plan(
+        self, plan: TreePlan
+    ) -> tuple[list[tuple[BoardSubscription, RemoteValue]], list[StructureBroadcast]]:
+        """Sets publications and subscriptions; returns cached values of the newly subscribed boards, and
+        received structures that are needed from now on."""
         self.hellos.set_plan(plan, self._now_ns)
         self._plan = plan
-        self.structures.set_plan(plan)
+        structures = self.structures.set_plan(plan)
         self.published.offer(plan.offers, self.channels.max_hz)
-        return self._received.subscribe(plan.wants)
+        return self._received.subscribe(plan.wants), structures
 
     @property
     def busy(self) -> bool:
@@ -132,9 +135,16 @@ class BeaconProtocol:
         return max(min(in_air, self._media.beacon_hz(self._datagram_bytes, self._now_ns)), MIN_HZ)
 
     def on_beacon(
-        self, header: Header, beacon: Beacon, address: tuple[str, int], rx_ns: int
+        self,
+        header: Header,
+        beacon: Beacon,
+        address: tuple[str, int],
+        rx_ns: int,
+        *,
+        is_signed: bool = False,
     ) -> ReceivedBeacon | None:
-        """Takes an authenticated beacon. None: it is malformed, or the neighbour table is full."""
+        """Takes an authenticated beacon; `is_signed`: by its sender. None: it is malformed, or the neighbour
+        table is full."""
         hw = header.sender_hw
         if hw in (0, self.identity.hw):
             self.counters.refused.malformed += 1
@@ -178,7 +188,9 @@ class BeaconProtocol:
         structure: StructureBroadcast | None = None
         if (beacon.structure is not None or beacon.structure_questions) and neighbour.hello is not None:
             name = neighbour.hello.name
-            structure = self.structures.on_beacon(hw, name, neighbour.session, beacon, rx_ns)
+            structure = self.structures.on_beacon(
+                hw, name, neighbour.session, beacon, rx_ns, is_signed=is_signed
+            )
         return ReceivedBeacon(
             neighbour,
             update.clock_sample,
@@ -244,8 +256,9 @@ class BeaconProtocol:
         neighbours = self.topology.neighbours
         return neighbours.common(now_ns), lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns)
 
-    def compose(self, now_ns: int) -> OutgoingBeacon:
-        """Composes the next beacon; sections get their bytes in the order of importance."""
+    def compose(self, now_ns: int, *, is_signed: bool = False) -> OutgoingBeacon:
+        """Composes the next beacon; sections get their bytes in the order of importance. `is_signed`: it will
+        be, and room is reserved for that."""
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         media = () if self._media is None else self._media.listings(now_ns, OWN_SHARE // 4)
@@ -263,7 +276,7 @@ class BeaconProtocol:
             channel = self.counters.channel(self.published.boards[value.data_id].path)
             channel.sent(len(value.payload))
         has_neighbours = self.topology.neighbours.active_count() > 0
-        structures = self.structures.compose(now_ns, room, has_neighbours=has_neighbours)
+        structures = self.structures.compose(now_ns, room, has_neighbours=has_neighbours, is_signed=is_signed)
         room -= structures.bytes
         common, needed = self._relay_terms(now_ns)
         members = self.nodes.rows(now_ns, room, common, self.topology.routing.next_hop)
@@ -287,9 +300,8 @@ class BeaconProtocol:
             media=media,
         )
         rose = hello is not None and self._declared_period.declare(self.hellos.declared_ns, now_ns)
-        return OutgoingBeacon(
-            self.topology.next_sequence(), hello is not None, beacon, self._declared_period.ns if rose else 0
-        )
+        period_ns = self._declared_period.ns if rose else 0
+        return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns, is_signed)
 
     def _hello(self, now_ns: int) -> Hello | None:
         topology = self.topology

@@ -298,7 +298,7 @@ class BrokerCore:
             self.media.on_beacon(header, by, address, now_ns)
             self.media.on_listings(hw, beacon.media, now_ns)
             address = self.media.address(hw, MAIN) or address
-        received = self._protocol.on_beacon(header, beacon, address, now_ns)
+        received = self._protocol.on_beacon(header, beacon, address, now_ns, is_signed=bool(is_signed))
         if received is None:
             self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
             return True, actions
@@ -437,15 +437,15 @@ class BrokerCore:
             if self.exchange.switch_epoch(up, now_ns):
                 protocol.hellos.schedule()  # with the session: others open it with another key from now on
         try:
-            protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting)
+            if sessions.meets:
+                protocol.structures.offer()
             signature_bytes = 0
             if self.signatures is not None:
                 if sessions.must_sign:
                     self.signatures.sign_next()
                 signature_bytes = self.signatures.reserved_bytes(now_ns)
-                protocol.reserved_bytes += signature_bytes
-            outgoing = protocol.compose(now_ns)
-            outgoing = msgspec.structs.replace(outgoing, is_signed=signature_bytes > 0)
+            protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting) + signature_bytes
+            outgoing = protocol.compose(now_ns, is_signed=signature_bytes > 0)
         finally:
             self._schedule.set_next(now_ns, self._period_ns())
         if not sessions.waiting:
@@ -465,7 +465,8 @@ class BrokerCore:
 
     def on_plan(self, plan: TreePlan, now_ns: int) -> list[Action]:
         """Takes the publications and subscriptions of the tree."""
-        return [KeepMirrors(plan.wants), WriteMirrors(self._protocol.set_plan(plan))]
+        values, structures = self._protocol.set_plan(plan)
+        return [KeepMirrors(plan.wants), WriteMirrors(values), *map(WriteStructure, structures)]
 
     # queries
 

@@ -102,6 +102,8 @@ class Sessions:
         self.must_sign = False
         """Whether the next beacon has a check that counts only with a signature: an answer to a question, or
         a request for signatures."""
+        self.meets = False
+        """Whether the next beacon answers the question of a session that was not accepted when it came."""
 
     def present(self, hw: int) -> int | None:
         """The accepted session of a node."""
@@ -136,6 +138,7 @@ class Sessions:
             elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE, CheckKind.SIGN):
                 self._answer(hw, session)
                 soon = self.must_sign = True
+                self.meets = self.meets or present is None or present.session != session
                 prove = prove or check.kind == CheckKind.PROVE
                 sign_all = sign_all or (check.kind == CheckKind.SIGN and is_proven)
         if hw == self._own_hw:
@@ -189,7 +192,7 @@ class Sessions:
         for check in questions:
             del self._questions[check.hw]
         self._forget(now_ns)
-        self.must_sign = False
+        self.must_sign = self.meets = False
         return (*out, *questions)
 
     @property
@@ -262,7 +265,7 @@ class Sessions:
         if claim.count == 1:
             # it will ask the same; a signed answer at once saves its question
             self._answer(hw, claim.session)
-            self.must_sign = True
+            self.must_sign = self.meets = True
         return claim.count <= PROMPT_QUESTIONS
 
     def _forget(self, now_ns: int) -> None:
