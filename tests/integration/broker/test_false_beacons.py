@@ -47,12 +47,17 @@ class Forger:
             return outgoing
 
         def received(
-            protocol: BeaconProtocol, header: Header, beacon: Beacon, address: tuple[str, int], rx_ns: int
+            protocol: BeaconProtocol,
+            header: Header,
+            beacon: Beacon,
+            address: tuple[str, int],
+            rx_ns: int,
+            **signed: bool,
         ) -> ReceivedBeacon | None:
             if any(value.payload == INVENTED for value in beacon.values):
                 name = protocol.identity.platform
                 self.believed[name] = self.believed.get(name, 0) + 1
-            return on_beacon(protocol, header, beacon, address, rx_ns)
+            return on_beacon(protocol, header, beacon, address, rx_ns, **signed)
 
         monkeypatch.setattr(BrokerCore, "compose", composed)
         monkeypatch.setattr(BeaconProtocol, "on_beacon", received)

@@ -36,8 +36,8 @@ class Forger:
         self.forges = False
         self._compose = BeaconProtocol.compose
 
-    def compose(self, protocol: BeaconProtocol, now_ns: int) -> OutgoingBeacon:
-        outgoing = self._compose(protocol, now_ns)
+    def compose(self, protocol: BeaconProtocol, now_ns: int, **signed: bool) -> OutgoingBeacon:
+        outgoing = self._compose(protocol, now_ns, **signed)
         if protocol.identity.platform != "uav2" or not self.forges:
             return outgoing
         # all nodes of this test have the clock of this computer
@@ -58,8 +58,8 @@ class Forger:
 def forger(monkeypatch: pytest.MonkeyPatch) -> Forger:
     made = Forger()
 
-    def compose(protocol: BeaconProtocol, now_ns: int) -> OutgoingBeacon:
-        return made.compose(protocol, now_ns)
+    def compose(protocol: BeaconProtocol, now_ns: int, **signed: bool) -> OutgoingBeacon:
+        return made.compose(protocol, now_ns, **signed)
 
     monkeypatch.setattr(BeaconProtocol, "compose", compose)
     return made
