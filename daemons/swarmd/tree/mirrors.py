@@ -16,6 +16,8 @@ class Mirrors:
     def __init__(self, node: Node) -> None:
         self._writer = MirrorWriter(node)
         self._waiting: dict[tuple[str, str], WriteMirror] = {}
+        self._left: frozenset[tuple[str, str]] = frozenset()
+        """Boards that come in beacons."""
 
     @property
     def written(self) -> int:
@@ -37,6 +39,8 @@ class Mirrors:
             self._waiting[key] = action
         else:
             self._waiting.pop(key, None)
+            if key in self._left:  # a notification that came late, before the first beacon
+                self._writer.release(*key)
 
     def retry(self) -> None:
         """Writes what waits for the broker. Raises: as `MirrorWriter.write`."""
@@ -45,9 +49,10 @@ class Mirrors:
 
     def leave(self, wants: Iterable[BoardSubscription]) -> None:
         """Leaves the boards that come in beacons to the broker; their newest values stay readable."""
-        for want in wants:
-            self._waiting.pop((want.platform, want.path), None)
-            self._writer.release(want.platform, want.path)
+        self._left = frozenset((want.platform, want.path) for want in wants)
+        for key in self._left:
+            self._waiting.pop(key, None)
+            self._writer.release(*key)
 
     def prune(self, platform: str, paths: Collection[str]) -> None:
         """Removes the mirrors of a platform except those of these paths."""
