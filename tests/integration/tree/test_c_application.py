@@ -1,6 +1,8 @@
 """The example in C, written from the protocol page: it joins a node, reads another one's pose, answers."""
 
 import asyncio
+import contextlib
+import fcntl
 import json
 import shutil
 import subprocess
@@ -56,6 +58,33 @@ async def applications(platform: Platform) -> set[str]:
     out, _ = await process.communicate()
     found: dict[str, Any] = json.loads(out)
     return {f"{app['name']}#{app['instance']}" for app in found["units"][0]["table"]["applications"]}
+
+
+def opened_by(process: asyncio.subprocess.Process) -> set[Path]:
+    """Files that the process has open, as far as they can still be seen."""
+    found = set()
+    for fd in Path(f"/proc/{process.pid}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            found.add(fd.readlink())
+    return found
+
+
+@on_uvloop
+async def test_a_program_in_c_whose_file_is_removed_while_it_waits_for_the_lock_keeps_its_instance(
+    listener: Path, tmp_path: Path
+) -> None:
+    async with platforms(tmp_path, "gcs", tree={"keep": []}) as (gcs,), asyncio.timeout(PATIENCE_S):
+        path = gcs.probe.node.run_dir / "apps" / "listener#1.toml"
+        with path.open("w") as held:
+            fcntl.flock(held, fcntl.LOCK_EX)  # as one that takes it for the file of a dead application
+            async with started(listener, gcs.config_dir, "/gcs/nav/pose") as process:
+                async for _ in gcs.probe.every(0.002):
+                    if path in opened_by(process):
+                        break
+                path.unlink()
+                held.close()
+                await gcs.until_listed("/gcs/cmd/echo", lambda entry: entry is not None)
+                assert f"pid = {process.pid}\n" in path.read_text()
 
 
 @on_uvloop

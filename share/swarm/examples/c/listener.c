@@ -202,12 +202,15 @@ static void announce(void) {
     ring_bells(text("%s/apps.readers", shm_dir));
 }
 static int claim_file(int *instance) {
-    for (*instance = 1; *instance < 64; ++*instance) {
+    for (*instance = 1; *instance < 64;) {
         strcpy(file_path, text("%s/apps/" NAME "#%d.toml", run_dir, *instance));
         int fd = open(file_path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
-        if (fd < 0) fd = open(file_path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
-        if (fd >= 0 && lock_within(fd, 200) && stands_at(fd, file_path)) return fd;
+        bool missing = fd < 0 && errno == ENOENT;
+        if (missing) fd = open(file_path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0600);
+        bool created_by_other = missing && fd < 0 && errno == EEXIST, locked = fd >= 0 && lock_within(fd, 200);
+        if (locked && stands_at(fd, file_path)) return fd;
         if (fd >= 0) close(fd);
+        if (!locked && !created_by_other) ++*instance; /* else another process removed or created it: once more */
     }
     die("%s: %s; expected a free instance", file_path, strerror(errno));
     return -1;
