@@ -6,10 +6,9 @@ from typing import ClassVar
 from swarmd.navigator import config as settings
 from swarmd.navigator.core.estimation import PoseEstimation
 from swarmd.navigator.core.pace import Pace
-from swarmd.navigator.inputs import Fresh, SensorInputs, StateInputs, map_origin
+from swarmd.navigator.inputs import Fresh, SensorInputs, StateInputs, hovers, map_origin
 from swarmd.navigator.outputs import pose_writer
 from swarmware.errors import NoAnswer
-from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.service.service import Service
 from swarmware.types.vehicle import Setpoint
@@ -25,8 +24,7 @@ class PoseEstimator(Service):
 
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
-        flies = module.node.config.kind == PlatformKind.UAV
-        self._core = PoseEstimation(config.estimator, map_origin(module, config), flies=flies)
+        self._core = PoseEstimation(config.estimator, map_origin(module, config), hovers=hovers(module))
         self._sensors = SensorInputs(module)
         self._state = StateInputs(module)
         self._setpoint = Fresh(module.reader("act/setpoint", Setpoint))

@@ -9,6 +9,7 @@ from swarmware.geometry.geodesy import Origin
 from swarmware.geometry.world import World
 from swarmware.model import paths
 from swarmware.model.config import load
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.module import Module
@@ -159,3 +160,9 @@ def vehicle_airframe(m: Module) -> "Airframe | None":
     from swarmware.model.airframe_file import load_airframe  # most vehicles have none
 
     return load_airframe(config.share_path, config.airframe)
+
+
+def hovers(m: Module) -> bool:
+    """Whether the vehicle of this node can stop in the air."""
+    airframe = vehicle_airframe(m)
+    return m.node.config.kind == PlatformKind.UAV and (airframe is None or airframe.type != "fixed_wing")

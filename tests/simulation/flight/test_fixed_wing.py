@@ -61,7 +61,7 @@ def land(flight: Flight, seq: int, place: tuple[float, float] | None = None) -> 
     x, y = place or (flight.truth.x_m, flight.truth.y_m)
     flight.goal(Goal(seq, GoalKind.LAND, speed_m_s=1.0))
     until(flight, seq, NavState.ARRIVED, 200.0)
-    flight.run(10.0)
+    assert math.hypot(flight.truth.vx_m_s, flight.truth.vy_m_s) < 1.0, "it still rolls"
     return math.dist((flight.truth.x_m, flight.truth.y_m), (x, y))
 
 

@@ -14,9 +14,10 @@ STOP: Final = Setpoint(0.0)
 class PoseEstimation:
     """Connects the estimator with the state of the vehicle: whether it may be at rest, when it has landed."""
 
-    def __init__(self, config: EstimatorConfig, origin: Origin, *, flies: bool) -> None:
+    def __init__(self, config: EstimatorConfig, origin: Origin, *, hovers: bool) -> None:
         self._estimator = Estimator(config, origin)
-        self._flies = flies
+        self._hovers = hovers
+        """It touches down without rolling."""
         self._vehicle: VehicleState | None = None
         self._by_hand = False
         self._setpoint = STOP
@@ -57,6 +58,6 @@ class PoseEstimation:
         armed = vehicle is not None and vehicle.armed
         estimator.on_driven(not landed or (armed and (self._by_hand or self._setpoint != STOP)))
         estimator.predict(now_ns)
-        if landed and armed and self._flies:
+        if landed and armed and self._hovers:
             estimator.on_landed()
         return estimator.pose()

@@ -228,8 +228,9 @@ class Guidance:
             self._anchor = Pose.planar(x, y, max(pose.z_m, 1.0), pose.yaw_rad)
         stay = self._stay(pose)
         if stay is None:
+            hovers = self._controller.flies and self._controller.circle_m == 0.0
             standing = math.hypot(pose.vx_m_s, pose.vy_m_s) < _STILL_M_S
-            return _Plan(NavState.ARRIVED if standing or self._controller.flies else NavState.MOVING)
+            return _Plan(NavState.ARRIVED if hovers or standing else NavState.MOVING)
         down = self._controller.descend(pose, stay, goal.speed_m_s)
         return _Plan(NavState.MOVING, down, distance_m=max(0.0, pose.z_m))
 

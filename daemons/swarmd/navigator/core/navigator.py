@@ -26,7 +26,8 @@ class NavigatorCore:
 
     def __init__(self, config: Config, platform: str, origin: Origin, controller: Controller) -> None:
         self._config = config
-        self._estimation = PoseEstimation(config.estimator, origin, flies=controller.flies)
+        hovers = controller.flies and controller.circle_m == 0.0
+        self._estimation = PoseEstimation(config.estimator, origin, hovers=hovers)
         self._guidance = Guidance(config, platform, controller)
 
     def set_config(self, config: Config) -> None:
