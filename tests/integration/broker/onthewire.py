@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Final
 
 import uvloop
-from tests.integration.broker.swarm import Station, free_port, swarm
+from tests.integration.broker.swarm import Station, swarm
+from tests.ports import free_port
 
 from swarmd.broker.core.traffic import EVERYBODY
 from swarmware.model.frame import FrameKind
@@ -159,7 +160,7 @@ async def exchange(pair: dict[str, Station], steps: int) -> None:
 
 
 async def measure(root: Path, steps: int, carrier: str) -> dict[str, tuple[int, int]]:
-    ports = {name: (free_port(), free_port(socket.SOCK_STREAM)) for name in NAMES}
+    ports = {name: (free_port(), free_port()) for name in NAMES}
     settings = {name: {"unicast_port": udp, "tcp_port": tcp} for name, (udp, tcp) in ports.items()}
     owners = {port: name for name, both in ports.items() for port in both}
     with capturing(owners) as capture:

@@ -1,8 +1,6 @@
 """Real brokers over loopback, several nodes in one process, and what tests wait for."""
 
 import asyncio
-import os
-import socket
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from functools import wraps
@@ -11,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
+from tests.ports import free_port
 
 from swarmd.broker.config import Config
 from swarmd.broker.former_session import FormerSession
@@ -46,22 +45,6 @@ def on_uvloop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]
             runner.run(test(*args, **kwargs))
 
     return run
-
-
-def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    """A port that nobody has now: every test its own group, so that they do not hear each other.
-
-    Tests that run at the same time have ports of different remainders: the kernel may give a port that only
-    sockets of a group have.
-    """
-    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    while True:
-        with socket.socket(socket.AF_INET, kind) as sock:
-            sock.bind(("127.0.0.1", 0))
-            port: int = sock.getsockname()[1]
-        if port // 2 % workers == worker:  # for TCP the kernel gives only odd ones, or only even ones
-            return port
 
 
 class Station:

@@ -1,13 +1,13 @@
 """Commands and data have a connection each to a neighbour."""
 
 import asyncio
-import socket
 from pathlib import Path
 from typing import Final
 
 import pytest
 from tests.integration.broker.namespace import figures_of
-from tests.integration.broker.swarm import free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import on_uvloop, swarm
+from tests.ports import free_port
 
 from swarmware.model.frame import FrameKind
 from swarmware.types.net import Neighbours
@@ -25,7 +25,7 @@ def connections(port: int) -> int:
 
 @on_uvloop
 async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path: Path) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     async with swarm(tmp_path, "uav1", "uav2", settings={"uav2": {"tcp_port": port}}) as pair:
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.ports import free_port
 
 from swarmd.broker.core.admission.sources import BURST, RATE_HZ
 from swarmd.broker.core.beacon import beacon_codec as codec

@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import socket
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import NamedTuple
 
 import pytest
 import zmq
-from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+from tests.ports import free_port
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
 from swarmware.transport.security.keys import Keys
@@ -87,7 +87,7 @@ async def found_by_doctor(station: Station, check: str) -> CheckResult:
 async def test_a_stranger_proves_no_key_however_often_it_tries(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     make_swarm(tmp_path / "others", {"gcs": "maintainer"})
     async with swarm(tmp_path, "uav1", "gcs", settings={"uav1": {"tcp_port": port}}) as pair:
         owner = pair["uav1"]

@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 import pytest
 import zmq
-from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.ports import free_port
 
 from swarmd.broker.core.media.medium_table import Use
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
@@ -102,7 +103,7 @@ async def test_a_member_speaks_for_no_other_and_repeats_nothing(
         return send(links, peer, data, frame)
 
     monkeypatch.setattr(ZmqLinks, "send", record)
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     async with swarm(tmp_path, *NAMES, hear=LINE, settings={"uav1": {"tcp_port": port}}) as line:
         owner, far = line["uav1"], line["uav3"]
         box = owner.app.inbox(PATH, Text)
@@ -170,7 +171,7 @@ async def test_an_expired_command_and_an_observer_that_sets_are_refused(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     roles = {"uav1": "node", "uav2": "observer", "gcs": "operator"}
     async with swarm(tmp_path, *roles, roles=roles, settings={"uav1": {"tcp_port": port}}) as cell:
         owner = cell["uav1"]
@@ -209,7 +210,7 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
         return put(datagrams, peer, datagram, use)
 
     monkeypatch.setattr(FrameDatagrams, "_put", record)
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     async with swarm(tmp_path, "uav1", "gcs", settings={"uav1": {"tcp_port": port}}) as pair:
         owner, gcs = pair["uav1"], pair["gcs"]
         box = owner.app.inbox(PATH, Text)
@@ -243,7 +244,7 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
 
 @on_uvloop
 async def test_a_command_of_a_neighbour_whose_clock_is_not_known_waits_for_its_beacon(tmp_path: Path) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     make_swarm(tmp_path / "keys", dict.fromkeys(("uav1", "gcs"), "operator"))
     async with swarm(tmp_path, "uav1", keys=False, settings={"uav1": {"tcp_port": port}}) as alone:
         owner = alone["uav1"]

@@ -8,9 +8,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Station, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.integration.broker.test_hostile_frames import PATH, TRIES, dealer, order
+from tests.ports import free_port
 
 from swarmctl.commands.doctor.checks import examine
 from swarmd.broker.core.beacon import beacon_codec as codec
@@ -227,7 +228,7 @@ async def test_nothing_that_a_revoked_member_sends_is_taken(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
-    port, udp = free_port(socket.SOCK_STREAM), free_port()
+    port, udp = free_port(), free_port()
     make_swarm(tmp_path / "keys", dict.fromkeys(NAMES, "operator"))
     settings = {"uav1": {"tcp_port": port, "unicast_port": udp}}
     async with swarm(tmp_path, *NAMES, keys=False, settings=settings) as pair:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
-from tests.integration.broker.swarm import free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import on_uvloop, swarm
+from tests.ports import free_port
 
 from swarmd.broker.links.metrics_server import CONNECTIONS_MAX
 from swarmware.errors import ConfigError
@@ -44,7 +45,7 @@ PAGE = b"GET /metrics HTTP/1.1\r\nHost: x\r\n"
 
 @on_uvloop
 async def test_the_page_has_the_counters_of_the_broker(tmp_path: Path) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     async with swarm(tmp_path, "uav1", "uav2", settings={"uav1": {"metrics_port": port}}) as pair:
         await pair["uav1"].until_up("uav2")
         before = await pair["uav1"].traffic()
@@ -59,7 +60,7 @@ async def test_the_page_has_the_counters_of_the_broker(tmp_path: Path) -> None:
 
 @on_uvloop
 async def test_silent_connections_do_not_stop_the_broker_and_get_no_page(tmp_path: Path) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     async with swarm(tmp_path, "uav1", settings={"uav1": {"metrics_port": port}}) as one:
         await one["uav1"].traffic()
         with ExitStack() as silent:
@@ -74,7 +75,7 @@ async def test_silent_connections_do_not_stop_the_broker_and_get_no_page(tmp_pat
 
 @on_uvloop
 async def test_a_token_opens_the_page(tmp_path: Path) -> None:
-    port, file = free_port(socket.SOCK_STREAM), tmp_path / "token"
+    port, file = free_port(), tmp_path / "token"
     await asyncio.to_thread(file.write_text, "secret\n")
     given = {"metrics_port": port, "metrics_token_file": str(file)}
     async with swarm(tmp_path, "uav1", settings={"uav1": given}) as one:
@@ -90,7 +91,7 @@ async def test_a_port_in_use_and_a_missing_token_are_named(tmp_path: Path) -> No
         async with swarm(tmp_path / "a", "uav1", settings={"uav1": {"metrics_port": port}}) as one:
             with pytest.raises(ConfigError, match=f"metrics_port {port}"):
                 await one["uav1"].ended()
-    given = {"metrics_port": free_port(socket.SOCK_STREAM), "metrics_token_file": "/nowhere/token"}
+    given = {"metrics_port": free_port(), "metrics_token_file": "/nowhere/token"}
     async with swarm(tmp_path / "b", "uav1", settings={"uav1": given}) as one:
         with pytest.raises(ConfigError, match="/nowhere/token"):
             await one["uav1"].ended()

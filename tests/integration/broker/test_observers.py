@@ -1,14 +1,14 @@
 """An observer that sets, orders, drives or stops: a thousand frames of each verb, all of them refused."""
 
 import logging
-import socket
 from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Recorder, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import PATIENCE_S, Recorder, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import counted, found_by_doctor
 from tests.integration.broker.test_hostile_frames import dealer
+from tests.ports import free_port
 
 from swarmd.tree.change_log import ChangeLog
 from swarmd.tree.denial_log import DenialLog
@@ -76,7 +76,7 @@ def order(path: str, kind: FrameKind, name: str, number: int, stamp_ns: int) -> 
 async def test_an_observer_changes_nothing_by_any_verb(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    port = free_port(socket.SOCK_STREAM)
+    port = free_port()
     roles = {"uav1": "node", "uav2": "observer"}
     async with swarm(tmp_path, *roles, roles=roles, settings={"uav1": {"tcp_port": port}}) as cell:
         owner, app = cell["uav1"], cell["uav1"].app

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 import zmq
-from tests.integration.broker.swarm import Station, free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.ports import free_port
 
 from swarmctl.commands.doctor.checks import foreign
 from swarmctl.commands.doctor.node_findings import LINK_NS
@@ -103,7 +104,7 @@ async def test_a_member_with_a_key_that_is_not_on_the_roster_becomes_no_neighbou
 
 @on_uvloop
 async def test_a_client_without_curve_gets_nothing_in(tmp_path: Path) -> None:
-    tcp_port = free_port(socket.SOCK_STREAM)
+    tcp_port = free_port()
     async with swarm(tmp_path, "uav1", tcp_port=tcp_port) as one:
         with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
             dealer.setsockopt(zmq.LINGER, 0)
@@ -120,7 +121,7 @@ async def test_a_client_without_curve_gets_nothing_in(tmp_path: Path) -> None:
 @on_uvloop
 async def test_a_member_cannot_start_frames_in_the_name_of_another(tmp_path: Path) -> None:
     names = ("uav1", "uav2", "uav3")
-    tcp_port = free_port(socket.SOCK_STREAM)
+    tcp_port = free_port()
     async with swarm(tmp_path, *names, settings={"uav1": {"tcp_port": tcp_port}}) as cell:
         await cell["uav1"].until_up("uav2", "uav3")
         box = cell["uav1"].app.inbox("cmd/note", Text)
@@ -188,7 +189,7 @@ def test_500_connections_without_a_key_are_limited_and_counted_and_a_member_come
     @on_uvloop
     async def run() -> None:
         loop = asyncio.get_running_loop()
-        port = free_port(socket.SOCK_STREAM)
+        port = free_port()
         async with swarm(tmp_path, "uav1", "uav2", settings={"uav1": {"tcp_port": port}}) as pair:
             await pair["uav2"].until_up("uav1")
             box = pair["uav1"].app.inbox("cmd/note", Text)

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from tests.integration.broker.swarm import free_port
+from tests.ports import free_port
 
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module

@@ -4,7 +4,6 @@ import getpass
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -14,6 +13,7 @@ from typing import NamedTuple
 
 import psutil
 import pytest
+from tests.ports import free_port
 
 from swarmctl.session.processes import ProcessIdentity, identity, wait_gone
 
@@ -71,8 +71,7 @@ def ssh_port() -> Iterator[tuple[int, Path]]:
                 ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / name)], check=True
             )
         shutil.copy(folder / "client.pub", folder / "authorized")
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            port = free.getsockname()[1]
+        port = free_port()
         (folder / "known_hosts").write_text(f"[127.0.0.1]:{port} {(folder / 'host.pub').read_text()}")
         options = {
             "Port": port,
@@ -112,9 +111,7 @@ def fleet(ssh_port: tuple[int, Path]) -> Iterator[Fleet]:
     """Three hosts; their nodes are ended."""
     port, keys = ssh_port
     folder = Path(tempfile.mkdtemp(prefix="swf", dir="/tmp"))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        udp_port = free.getsockname()[1]
+    udp_port = free_port()
     (folder / "services").mkdir()
     (folder / "services/broker.toml").write_text(
         f'multicast_group = "239.255.77.77"\nmulticast_interface = "127.0.0.1"\n'

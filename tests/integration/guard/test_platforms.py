@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from tests.integration.broker.swarm import free_port
+from tests.ports import free_port
 
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module

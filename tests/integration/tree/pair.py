@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
-from tests.integration.broker.swarm import free_port
+from tests.ports import free_port
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.model import names

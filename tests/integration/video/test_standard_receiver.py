@@ -4,19 +4,13 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import free_port, on_uvloop, swarm
+from tests.integration.broker.swarm import on_uvloop, swarm
 from tests.integration.video.cameras import SIZE, sessions, video
+from tests.ports import free_port
 
 from swarmware.types.video import VideoSession, VideoStart
 
 PICTURES = 30
-
-
-def port_pair() -> int:
-    """An even port; the next one is for reports."""
-    while (port := free_port()) % 2:
-        pass
-    return port
 
 
 @on_uvloop
@@ -26,7 +20,7 @@ async def test_ffmpeg_decodes_the_video_by_its_session_description(tmp_path: Pat
 
     program: str = imageio_ffmpeg.get_ffmpeg_exe()
     async with swarm(tmp_path, "uav1") as nodes, video(nodes["uav1"]):
-        port = port_pair()
+        port = free_port()  # it is even; the next one is for reports
         start = VideoStart("camera", f"127.0.0.1:{port}", max_bit_s=1_000_000)
         sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=10)
         description = tmp_path / "camera.sdp"

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.ports import free_port
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.keys.listing import list_members, show_member
@@ -75,12 +76,6 @@ def vehicle(tmp_path: Path) -> Station:
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     return tmp_path / "root"
-
-
-def free_port() -> int:
-    with closing(socket.create_server(("127.0.0.1", 0))) as probe:
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def plan(*platforms: str, valid_s: float = WAIT_S, role: str = "node", **more: str) -> InvitationPlan:

@@ -103,7 +103,8 @@ async def test_a_log_that_is_absent_or_empty_is_named_and_waited_for(tmp_path: P
     config = RecordingDriver(folder=str(tmp_path / "log"), pattern="sensor/lidar")
     async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
         board = other.reader("hal/drivers", DriverTable)
-        assert "no such directory" in (await status(board, "recording", state="waiting")).note
+        reason = f"log folder {tmp_path}/log: no such directory; expected one with .mcap segments"
+        await status(board, "recording", state="waiting", note=reason)  # without a reason before it is opened
         (tmp_path / "log").mkdir()
         assert "no entries of sensor/lidar" in (await status(board, "recording", state="failed")).note
         log(tmp_path / "log")

@@ -69,7 +69,14 @@ async def calibrating(root: Path, sample: list[Imu]) -> AsyncIterator[Module]:
 
 async def ask(other: Module, kind: SensorCalibrationKind, **fields: object) -> SensorCalibrated:
     request = SensorCalibration("uav1", kind, **fields)  # type: ignore[arg-type]  # by name
-    return await other.request("sys/vehicle/calibrate_sensor", request, SensorCalibrated, timeout_s=20.0)
+    while True:
+        try:
+            return await other.request(
+                "sys/vehicle/calibrate_sensor", request, SensorCalibrated, timeout_s=20.0
+            )
+        except Denied as reason:  # on a busy computer a window has too few samples: asked again
+            if "samples of the inertial unit" not in str(reason):
+                raise
 
 
 async def until_rate(other: Module, wanted: float) -> None:

@@ -1,6 +1,7 @@
 """A pseudo-terminal in place of a serial line: both directions, a reader that is absent, the file."""
 
 import asyncio
+import io
 import os
 import termios
 from pathlib import Path
@@ -10,6 +11,11 @@ import pytest
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
 
 
+def opened(path: Path, flags: int = os.O_RDONLY) -> io.FileIO:
+    """The other end of a line; it does not become the terminal that controls this process."""
+    return io.FileIO(os.open(path, flags | os.O_NOCTTY), "r+" if flags & os.O_RDWR else "r")
+
+
 def descriptors() -> int:
     return len([*Path("/proc/self/fd").iterdir()])
 
@@ -17,7 +23,7 @@ def descriptors() -> int:
 async def test_bytes_pass_in_both_directions_unchanged(tmp_path: Path) -> None:
     received = asyncio.Queue[bytes]()
     line = PseudoTerminal(tmp_path / "dev/gnss", received.put_nowait)
-    with (tmp_path / "dev/gnss").open("r+b", buffering=0) as other:
+    with opened(tmp_path / "dev/gnss", os.O_RDWR) as other:
         line.write(b"\x00\x03\x04\x11\r\n\xff")
         assert other.read(16) == b"\x00\x03\x04\x11\r\n\xff"
         other.write(b"\r\x03")
@@ -31,7 +37,7 @@ async def test_a_line_without_a_reader_drops_and_counts_and_works_afterwards(tmp
     for _ in range(3000):
         line.write(bytes(42))
     assert line.dropped > 0
-    with (tmp_path / "imu").open("rb", buffering=0) as other:
+    with opened(tmp_path / "imu") as other:
         termios.tcflush(other, termios.TCIFLUSH)
         line.write(b"new")
         assert other.read(65536) == b"new", "what was sent before the opening is discarded by it"
@@ -43,7 +49,7 @@ async def test_the_file_is_there_while_the_line_is_and_takes_the_place_of_an_old
     link.symlink_to("/dev/pts/999999")
     before = descriptors()
     line = PseudoTerminal(link, lambda data: None)
-    with link.open("rb", buffering=0) as other:
+    with opened(link) as other:
         assert os.isatty(other.fileno())
     line.close()
     assert not link.is_symlink()
