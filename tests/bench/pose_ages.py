@@ -1,10 +1,10 @@
 """Ages of poses by distance, and bytes of beacons, in swarms of whole broker cores in virtual time.
 
-    python tests/bench/pose_ages.py [--json]
+    python tests/bench/pose_ages.py [--beacons signed] [--json]
 
 Every node subscribes to the poses of all others at 10 Hz; nodes move at 5 m/s, and radios lose datagrams by
-distance. The figures depend on the seeds only, not on the machine. Hops are those over links that deliver at
-least 85 %.
+distance. Some beacons are signed (`swarmctl keys beacons sampled`), or all of them. The figures depend on the
+seeds only, not on the machine. Hops are those over links that deliver at least 85 %.
 """
 
 import argparse
@@ -21,7 +21,13 @@ from tests.simulation.directory.test_boards_in_the_air import Air
 HOPS_SHOWN: Final = 5
 
 
-def measure() -> dict[str, dict[str, float]]:
+class SignedAir(Air):
+    """Brokers that sign every beacon."""
+
+    signs_all = True
+
+
+def measure(air_class: type[Air] = Air) -> dict[str, dict[str, float]]:
     """The figures of five swarms of 16 nodes, one of 100, and one cell of 16."""
     found: dict[str, dict[str, float]] = {}
     for name, seeds, count, degree, warm_s, seconds in (
@@ -31,7 +37,7 @@ def measure() -> dict[str, dict[str, float]]:
         ages_s: dict[int, list[float]] = {}
         sent = 0.0
         for seed in seeds:
-            air = Air(seed, count, degree, 5.0)
+            air = air_class(seed, count, degree, 5.0)
             air.fly(warm_s, look=False)
             before = air.sent_bytes_all()
             air.fly(seconds, look=True)
@@ -43,7 +49,7 @@ def measure() -> dict[str, dict[str, float]]:
             median_s, high_s = np.quantile(np.array(ages_s[hops]), (0.5, 0.95))
             found[name][f"{hops}_hops_median_s"] = round(float(median_s), 3)
             found[name][f"{hops}_hops_p95_s"] = round(float(high_s), 3)
-    cell = Air(1, 16, 300.0, 0.0)
+    cell = air_class(1, 16, 300.0, 0.0)
     cell.run_for(3.0)
     before = cell.sent_bytes_all()
     cell.run_for(10.0)
@@ -55,8 +61,9 @@ def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--json", action="store_true")
+    parser.add_argument("--beacons", choices=["signed", "sampled"], default="sampled")
     options = parser.parse_args()
-    found = measure()
+    found = measure(SignedAir if options.beacons == "signed" else Air)
     if options.json:
         print(json.dumps(found))
         return

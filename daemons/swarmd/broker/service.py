@@ -12,7 +12,8 @@ from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.boards.channel_table import ChannelTable
-from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.former_state import FormerState
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.links.udp import loopback_only
 from swarmd.broker.membership import keys_folder

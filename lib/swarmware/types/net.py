@@ -331,6 +331,8 @@ class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     members: tuple[RosterMemberState, ...] = ()
     revoked_self: bool = False
     """This node was revoked."""
+    signs_beacons: bool = False
+    """Members sign every beacon, and take none without a signature."""
 
 
 @register

@@ -13,17 +13,21 @@ from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.ports import free_port
 
+from swarmd.broker.core import broker as broker_core
+from swarmd.broker.core.admission.roster_exchange import RosterExchange
 from swarmd.broker.core.admission.sources import BURST, RATE_HZ
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.received_beacon import ReceivedBeacon
+from swarmware.errors import Denied
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import Root
 from swarmware.transport.security.seal import Sealer
-from swarmware.types.net import Denial
+from swarmware.types.net import Denial, RosterState, SignedRoster
 from swarmware.types.vehicle import Pose
 
 TRIES: Final = 1000
@@ -147,6 +151,95 @@ async def test_after_the_first_evidence_none_of_a_thousand_false_beacons_is_beli
         assert "impersonated" in (await found_by_doctor(receiver, "refused")).text
         assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
         print(f"{first} of the first {TRIES} were believed, 0 of the next")
+
+
+@pytest.mark.parametrize("ahead", [1, 50_000])
+@on_uvloop
+async def test_where_every_beacon_is_signed_none_of_a_thousand_false_ones_is_believed(
+    tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture, ahead: int
+) -> None:
+    caplog.set_level(logging.INFO)
+    async with swarm(tmp_path, "uav1", "uav2", "uav3", sign_beacons=True) as cell:
+        victim, receiver = cell["uav1"], cell["uav3"]
+        for station in cell.values():
+            await station.until_up(*(name for name in cell if name != station.platform))
+        poses = Poses(victim, receiver)
+        await poses.arrive(1.0)
+        denials = receiver.app.stream_reader("net/denials", Denial)
+        with forger.opened(tmp_path, victim.group_port):
+            await forger.forge("uav1", ahead)
+            await poses.arrive(2.0)
+            await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= TRIES // 2)
+            counted = (await receiver.traffic()).refused
+        assert forger.believed == {}, "by nobody, not the first one either"
+        assert counted.impersonated >= counted.unsigned, "each one that is refused is evidence"
+        assert receiver.states()["uav1"] == "up"
+        denial = await denials.next(PATIENCE_S)
+        assert denial.verb == "beacon"
+        assert "in the name of uav1 that uav1 never sent: sealed by a member" in denial.reason
+        found = await found_by_doctor(receiver, "denied")
+        assert "revoke it" in found.advice
+        assert "impersonated" in (await found_by_doctor(receiver, "refused")).text
+        assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
+
+
+@on_uvloop
+async def test_the_root_switches_signatures_on_and_off_while_brokers_run_and_no_member_can(
+    tmp_path: Path, forger: Forger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(broker_core, "ENFORCED_NS", 0)  # the test does not wait until all have it
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        victim, receiver = pair["uav1"], pair["uav2"]
+        await receiver.until_up("uav1")
+        await victim.until_up("uav2")
+        poses = Poses(victim, receiver)
+        await poses.arrive(1.0)
+        root = Root.load(tmp_path / "keys")
+        boards = [station.app.reader("net/roster", RosterState) for station in pair.values()]
+
+        async def hand_over(text: bytes) -> None:
+            await victim.app.request("sys/broker/roster", SignedRoster(text), RosterState)
+            for station, board in zip(pair.values(), boards, strict=True):
+                await station.until(
+                    lambda board=board: (
+                        board.value is not None and board.value.version == root.roster.version
+                    ),  # type: ignore[misc]  # the board of this iteration
+                    board,
+                )
+
+        await hand_over(root.sign_beacons(True))
+        await poses.arrive(2.0)
+        forged = root.signed.split(b"\n")[0].replace(b',"sign_beacons":true', b"").replace(b'n":2', b'n":9')
+        member = Keys.load(tmp_path / "keys" / "uav2", "uav2")
+        with pytest.raises(Denied, match="not signed by this swarm's root"):
+            await hand_over(forged + b"\n" + member.sign(forged).hex().encode() + b"\n")
+        with forger.opened(tmp_path, victim.group_port):
+            await forger.forge("uav1", 1)
+            await poses.arrive(3.0)
+            await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= TRIES // 2)
+        assert forger.believed == {}
+        await hand_over(root.sign_beacons(False))
+        await poses.arrive(4.0)
+        assert receiver.states()["uav1"] == "up"
+
+
+@on_uvloop
+async def test_a_node_that_does_not_know_that_all_beacons_are_signed_is_asked_and_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RosterExchange, "on_shown", lambda *_: None)  # it asks for no newer roster
+    async with swarm(tmp_path, "uav1", "uav2") as pair:
+        former, receiver = pair["uav1"], pair["uav2"]
+        await receiver.until_up("uav1")
+        await receiver.stop()
+        signed = Root.load(tmp_path / "keys").sign_beacons(True)
+        (tmp_path / "keys" / "uav2" / "roster.json").write_bytes(signed)
+        await receiver.start()
+        await receiver.until_up("uav1")
+        await former.until_up("uav2")
+        poses = Poses(former, receiver)
+        await poses.arrive(1.0)
+        assert (await receiver.traffic()).refused.impersonated == 0
 
 
 @on_uvloop

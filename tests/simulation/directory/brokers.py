@@ -1,5 +1,6 @@
 """Broker cores in virtual time, each with the driver that the daemon has, and datagrams as on the wire."""
 
+import re
 import struct
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
@@ -17,7 +18,8 @@ from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, Platfor
 from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.former_state import FormerState
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
 from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.traffic import IP_UDP_BYTES
@@ -34,6 +36,8 @@ _SESSION: Final = struct.Struct("<Q")
 """Stands for what the seal proves: the session of the sender."""
 SENDER_ADDRESS: Final = ("10.0.0.1", 1)
 TCP_PORT: Final = 7447
+UNNAMED: Final = re.compile("[0-9a-f]{8}")
+"""A node whose name is not known yet: its hardware id."""
 OVERHEAD: Final = SEAL_BYTES + IP_UDP_BYTES
 """What a datagram has beside header and body."""
 
@@ -77,7 +81,7 @@ def signing_key(name: str) -> SigningKey:
 
 
 class SimulatedKeys:
-    """Signing keys of a node, whose roster has every name."""
+    """Signing keys of a node, whose roster has every name of a platform."""
 
     is_open = False
 
@@ -88,7 +92,7 @@ class SimulatedKeys:
         return self._key.sign(data)
 
     def sign_public_of(self, platform: str) -> bytes | None:
-        return signing_key(platform).public if platform else None
+        return None if UNNAMED.fullmatch(platform) else signing_key(platform).public
 
 
 class _Core(BrokerCore):

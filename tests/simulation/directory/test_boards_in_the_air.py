@@ -28,7 +28,9 @@ class Air(RadioSwarm):
     """Brokers of moving vehicles, and the poses that each of them has received."""
 
     signs = True
-    """Beacons are signed, as with keys."""
+    """Beacons are signed, as with keys: one in five seconds."""
+    signs_all = False
+    """All of them are, and others are not taken."""
 
     def __init__(self, seed: int, count: int, degree: float, speed_m_s: float) -> None:
         super().__init__(seed, count, degree, delay_s=DELAY_S)
@@ -52,6 +54,9 @@ class Air(RadioSwarm):
             signing=SimulatedKeys(name) if self.signs else None,
         )
         self.brokers[name] = node
+        if self.signs_all and node.core.signatures is not None and node.core.sources is not None:
+            node.core.signatures.always = True
+            node.core.sources.require(True, node.clock.now_ns())
         wants = tuple(
             BoardSubscription(other, "nav/pose", "Pose", POSE) for other in self.names if other != name
         )

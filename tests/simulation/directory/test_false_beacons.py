@@ -55,6 +55,12 @@ class AirWithForger(Air):
             self.made_s[name, want.platform] = Pose.unpack(value.payload).x_m
 
 
+class SignedAirWithForger(AirWithForger):
+    """The same swarm, where every beacon is signed."""
+
+    signs_all = True
+
+
 @pytest.mark.parametrize("seed", seeds(1, 10))
 def test_after_seconds_nobody_believes_the_forger_and_the_true_poses_arrive(seed: int) -> None:
     air = AirWithForger(seed)
@@ -68,6 +74,22 @@ def test_after_seconds_nobody_believes_the_forger_and_the_true_poses_arrive(seed
     assert all(last_s < began_s + 15.0 for last_s in air.last_s.values())
     assert not air.believed or max(air.believed.values()) <= 20
     assert bool(air.believed) <= any(node.of(ReportImpersonation) for node in air.brokers.values())
+    index = air.names.index(air.victim)
+    for name, hops in zip(air.names, air.distances()[index], strict=True):
+        if hops == 1 and name != air.forger:
+            assert air.now_ns / 1e9 - air.made_s[name, air.victim] < 1.0, "the true one is believed"
+
+
+@pytest.mark.parametrize("seed", seeds(1, 10))
+def test_where_every_beacon_is_signed_nobody_ever_believes_the_forger(seed: int) -> None:
+    air = SignedAirWithForger(seed)
+    air.fly(4.0, look=False)
+    assert not any(node.of(ReportImpersonation) for node in air.brokers.values()), "none without a reason"
+    air.forges = True
+    air.fly(6.0, look=False)
+    assert air.forged > 50
+    assert not air.believed
+    assert any(node.of(ReportImpersonation) for node in air.brokers.values())
     index = air.names.index(air.victim)
     for name, hops in zip(air.names, air.distances()[index], strict=True):
         if hops == 1 and name != air.forger:

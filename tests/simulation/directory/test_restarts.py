@@ -15,7 +15,7 @@ from tests.simulation.directory.brokers import BrokerNode, header_of
 from tests.simulation.directory.swarm import SECOND, Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.broker import FormerState
+from swarmd.broker.core.former_state import FormerState
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.former_session import FormerSession
 

@@ -13,7 +13,8 @@ from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode, Route
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.boards.relay_cache import RelayCache
-from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.former_state import FormerState
 from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.topology.link import LinkChanged
 from swarmd.broker.links.media import Media

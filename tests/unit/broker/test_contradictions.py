@@ -9,7 +9,8 @@ from swarmd.broker.contradictions import KEY, ContradictionReports
 from swarmd.broker.core.action import ReportImpersonation
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
-from swarmd.broker.core.broker import BrokerCore, FormerState
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.former_state import FormerState
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys

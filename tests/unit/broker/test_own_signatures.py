@@ -37,7 +37,7 @@ def test_every_beacon_of_a_node_that_sends_rarely_is_signed() -> None:
 def test_a_wish_signs_the_next_beacon_and_no_other() -> None:
     member = Member("uav1")
     signed_at(member, 0, 10)
-    member.signatures.sign_next()
+    assert member.signatures.reserved_bytes(10 * PERIOD, must_sign=True)
     assert signed_at(member, 10 * PERIOD, 5, 11) == [0]
 
 

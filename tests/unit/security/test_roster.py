@@ -1,6 +1,7 @@
 """The root's rosters, and nodes that take them: admission, revocation, rotation."""
 
 import stat
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -408,3 +409,40 @@ def test_the_platform_of_a_revoked_key_is_known_and_of_no_other_key(
     left.apply(swarm.root.revoke("uav2"))
     assert left.revoked(key) == "uav2"
     assert left.revoked(left.curve_public) == left.revoked(bytes(32)) == ""
+
+
+def test_what_the_root_says_about_beacons_outlives_every_other_change(swarm: Swarm) -> None:
+    keys = swarm.keys["uav1"]
+    assert b"sign_beacons" not in swarm.root.signed, "former versions take this roster"
+    changes: tuple[tuple[Callable[[], bytes], bool], ...] = (
+        (lambda: swarm.root.sign_beacons(True), True),
+        (lambda: swarm.admit("uav3", b"\3" * 32), True),
+        (lambda: swarm.root.revoke("uav2"), True),
+        (swarm.root.rotate, True),
+        (lambda: swarm.root.sign_beacons(False), False),
+    )
+    for change, signs in changes:
+        assert keys.apply(change()) is not None
+        assert keys.roster is not None
+        assert keys.roster.signs_beacons is signs
+        keys.save(swarm.directory / "uav1")
+        reloaded = swarm.reload("uav1").roster
+        assert reloaded is not None
+        assert reloaded.signs_beacons is signs
+    assert b"sign_beacons" not in swarm.root.signed
+
+
+def test_a_member_cannot_change_what_the_root_says_about_beacons(swarm: Swarm) -> None:
+    keys = swarm.keys["uav1"]
+    keys.apply(swarm.root.sign_beacons(True))
+    body = swarm.root.signed.split(b"\n")[0].replace(b',"sign_beacons":true', b"").replace(b'n":2', b'n":9')
+    forged = body + b"\n" + swarm.keys["uav2"].sign(body).hex().encode() + b"\n"
+    with pytest.raises(Denied, match="not signed by this swarm's root"):
+        keys.apply(forged)
+    assert keys.roster is not None
+    assert keys.roster.signs_beacons
+
+
+def test_a_swarm_is_made_with_signed_beacons_where_that_is_asked(tmp_path: Path) -> None:
+    assert make_swarm(tmp_path, ["uav1"], sign_beacons=True).signs_beacons
+    assert Root.load(tmp_path).roster.signs_beacons

@@ -32,7 +32,7 @@ from swarmd.broker.core.admission.own_signatures import OwnSignatures
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
 from swarmd.broker.core.admission.signing_keys import SigningKeys
-from swarmd.broker.core.admission.sources import SealedDatagram, Sources, Verdict
+from swarmd.broker.core.admission.sources import ENFORCED_NS, SealedDatagram, Sources, Verdict
 from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
@@ -41,6 +41,7 @@ from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.clock_batches import ClockBatches
+from swarmd.broker.core.former_state import FormerState
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.media.medium_table import ByMedium, MediumTable, media_of, transport_of
 from swarmd.broker.core.report import NetReport
@@ -62,15 +63,6 @@ _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
 
 Address = tuple[str, int]
-
-
-class FormerState(msgspec.Struct, frozen=True):
-    """State of the former session of this node's broker."""
-
-    declared_period_ns: int = 0
-    """Longest time between two datagrams that it declared; 0: none is known."""
-    quiet_ns: int = 0
-    """Time for which other nodes may still route through it, in ns."""
 
 
 class BrokerCore:
@@ -136,6 +128,7 @@ class BrokerCore:
         signs = signing is not None and not signing.is_open
         self.signatures = OwnSignatures(identity.hw, session, signing) if signing and signs else None
         self.sources = Sources(signing, protocol.nodes.platform) if signing and signs else None
+        self._require_signatures(now_ns)
         self._schedule = BeaconSchedule(now_ns, chance)
         self._publish_ns = now_ns
         self._tables_changed = False
@@ -272,6 +265,7 @@ class BrokerCore:
             now_ns,
             is_proven=is_proven,
             by_network=by is None or by.medium.has_connections,
+            is_judged=sources is not None,
         )
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
@@ -288,9 +282,9 @@ class BrokerCore:
             if not verdict.is_taken:
                 self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
                 return False, actions
+            self._sessions.on_taken(hw, now_ns)
         if self.exchange is not None:
-            hello = beacon.hello
-            if hello is not None and self.exchange.excludes_name(hw, hello.name):
+            if (hello := beacon.hello) is not None and self.exchange.excludes_name(hw, hello.name):
                 self.counters.refused.revoked += 1
                 return False, actions
             beacon = self.exchange.without_excluded(beacon)
@@ -332,9 +326,10 @@ class BrokerCore:
             self._triggered = self._triggered or not verdict.is_taken
         if verdict.continues_at is not None:
             actions.append(ContinueSequence(hw, session, verdict.continues_at))
+        if verdict.forgets:
+            self._protocol.relay_cache.forget_origin(hw)
         if verdict.is_evidence:
             refused.impersonated += 1
-            self._protocol.relay_cache.forget_origin(hw)
             actions.append(ReportImpersonation(hw, verdict.suspects))
 
     def on_impersonation(self, host: str, now_ns: int) -> list[Action]:
@@ -413,6 +408,7 @@ class BrokerCore:
     def _on_roster(self, change: RosterChange, actions: list[Action], now_ns: int) -> None:
         assert self.exchange is not None, "without keys there is no roster"
         self._protocol.hellos.set_roster_version(change.roster.version)
+        self._require_signatures(now_ns + ENFORCED_NS)
         self._triggered = True
         self.add_members((member.platform for member in change.roster.valid()), now_ns)
         gone = {member.platform for member in change.gone}
@@ -426,6 +422,12 @@ class BrokerCore:
             self._tables_changed = True
             self._protocol.drop_subscriptions(gone)
             actions.append(KeepMirrors(self._protocol.wants()))
+
+    def _require_signatures(self, from_ns: int) -> None:
+        """Follows the roster: whether every beacon is signed; those of others from an instant on."""
+        if self.exchange is not None and self.signatures is not None and self.sources is not None:
+            self.signatures.always = self.exchange.signs_beacons
+            self.sources.require(self.exchange.signs_beacons, from_ns)
 
     # beacons
 
@@ -441,9 +443,7 @@ class BrokerCore:
                 protocol.structures.offer()
             signature_bytes = 0
             if self.signatures is not None:
-                if sessions.must_sign:
-                    self.signatures.sign_next()
-                signature_bytes = self.signatures.reserved_bytes(now_ns)
+                signature_bytes = self.signatures.reserved_bytes(now_ns, must_sign=sessions.must_sign)
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting) + signature_bytes
             outgoing = protocol.compose(now_ns, is_signed=signature_bytes > 0)
         finally:

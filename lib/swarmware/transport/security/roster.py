@@ -46,6 +46,14 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Number of the group key, which rises with each rotation."""
     swarm: str = ""
     """Name of the swarm."""
+    sign_beacons: bool | msgspec.UnsetType = msgspec.UNSET
+    """Whether every beacon has a signature, and none without one is taken. Left out where it is not so:
+    former versions take no roster with it."""
+
+    @property
+    def signs_beacons(self) -> bool:
+        """Whether every beacon has a signature."""
+        return self.sign_beacons is True
 
     def valid(self) -> tuple[RosterMember, ...]:
         """The members that are not revoked."""

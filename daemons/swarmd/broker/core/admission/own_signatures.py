@@ -1,4 +1,5 @@
-"""Signatures of the own beacons: one every few seconds, and every one while another member forges some."""
+"""Signatures of the own beacons: every one where the roster says so, or while another member forges some;
+otherwise one every few seconds."""
 
 from typing import Final
 
@@ -7,7 +8,7 @@ from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon import beacon_signature
 from swarmd.broker.core.beacon.beacon import NEVER_NS
 from swarmd.broker.core.beacon.beacon_history import BeaconHistory
-from swarmd.broker.core.beacon.beacon_signature import PART_BYTES, signed_content
+from swarmd.broker.core.beacon.beacon_signature import BARE_PART_BYTES, PART_BYTES, signed_content
 
 PERIOD_NS: Final = 5_000_000_000
 """Period of signatures: 17 B/s, which the budget of beacons has left (tests/bench/pose_ages.py)."""
@@ -31,10 +32,8 @@ class OwnSignatures:
         self._signed_ns = NEVER_NS
         self._all_until_ns = NEVER_NS
         self._is_asked = False
-
-    def sign_next(self) -> None:
-        """Has the next beacon signed."""
-        self._is_asked = True
+        self.always = False
+        """Whether every beacon is signed, because the roster says so."""
 
     def sign_all(self, now_ns: int) -> bool:
         """Has every beacon signed for ALL_NS; whether that begins now."""
@@ -44,19 +43,27 @@ class OwnSignatures:
 
     def signs_all(self, now_ns: int) -> bool:
         """Whether every beacon is signed now."""
-        return now_ns <= self._all_until_ns + SLACK_NS
+        return self.always or now_ns <= self._all_until_ns + SLACK_NS
 
-    def reserved_bytes(self, now_ns: int) -> int:
-        """Bytes that the signature of the next beacon needs; 0: it is not signed."""
+    def reserved_bytes(self, now_ns: int, *, must_sign: bool = False) -> int:
+        """Bytes that the signature of the next beacon needs; 0: it is not signed. `must_sign`: it has to be,
+        for what it answers."""
+        self._is_asked = self._is_asked or must_sign
+        if self.always:
+            return BARE_PART_BYTES
         is_due = self._is_asked or now_ns - self._signed_ns >= PERIOD_NS - EARLY_NS
         return PART_BYTES if is_due or self.signs_all(now_ns) else 0
 
     def signed(self, sequence: int, clear: bytes, body: bytes | bytearray, now_ns: int) -> bytes:
         """The body of a beacon with its signature behind it; `clear`: its clear header."""
         self._is_asked, self._signed_ns = False, now_ns
+        salt, groups = 0, tuple[int, ...]()
+        if self.always:  # with no digests of others before it, and as long as stated also after a change
+            self._all_until_ns = now_ns + ALL_NS
+        else:
+            salt = self._salt(sequence)
+            groups = tuple(group or 0 for group in self._history.groups(salt, sequence))
         left_s = max(0, self._all_until_ns - now_ns) // _SECOND_NS
-        salt = self._salt(sequence)
-        groups = tuple(group or 0 for group in self._history.groups(salt, sequence))
         statement = beacon_signature.encode_statement(min(left_s, beacon_signature.SECONDS_MAX), salt, groups)
         stated = codec.append_statement(body, statement)
         return stated + self._keys.sign(signed_content(self._own_hw, self._session, clear, stated))

@@ -119,15 +119,18 @@ class Sessions:
         *,
         is_proven: bool = True,
         by_network: bool = True,
+        is_judged: bool = False,
     ) -> SessionOutcome:
         """Takes an authenticated datagram, perhaps of another computer with the own name.
 
         `is_proven`: the sender itself made it, not another member; otherwise it asks, and answers nothing.
-        `by_network`: its sender can prove itself over a connection.
+        `by_network`: its sender can prove itself over a connection. `is_judged`: whether it shows that its
+        session has not ended is not known yet, see `on_taken`.
         """
         present = self._present.get(hw)
         if not checks and present is not None and present.session == session:
-            present.received_ns = now_ns
+            if not is_judged:
+                present.received_ns = now_ns
             return ACCEPTED
         answered = prove = soon = sign_all = False
         for check in checks:
@@ -146,7 +149,8 @@ class Sessions:
             self._answer(hw, session)
             return SessionOutcome(False, soon=True, duplicate=answered)
         if present is not None and present.session == session:
-            present.received_ns = now_ns
+            if not is_judged:
+                present.received_ns = now_ns
             prove = prove and self._may_prove(hw, now_ns)
             return SessionOutcome(True, soon=soon, prove=prove, sign_all=sign_all)
         claim = self._claim(hw, session, now_ns)
@@ -159,6 +163,11 @@ class Sessions:
         duplicate = self._is_duplicate(present, claim)
         asked = self._ask(hw, claim, present is not None, now_ns)
         return SessionOutcome(False, soon=soon or asked, duplicate=duplicate)
+
+    def on_taken(self, hw: int, now_ns: int) -> None:
+        """A datagram of the accepted session of a node was taken: that session has not ended."""
+        if (present := self._present.get(hw)) is not None:
+            present.received_ns = now_ns
 
     def ask(self, hw: int, session: int, kind: CheckKind) -> None:
         """Asks the accepted session of a node: its answer is signed."""

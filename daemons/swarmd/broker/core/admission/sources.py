@@ -2,7 +2,8 @@
 
 Every node signs one beacon in five seconds, so most beacons are taken unsigned, on trust in the last
 signature. As soon as something shows that another member seals beacons in the name of a node, only signed
-ones of that node are taken, and it is asked to sign all.
+ones of that node are taken, and it is asked to sign all. Where the roster says that members sign all, no
+unsigned one is taken at any time.
 """
 
 from collections.abc import Callable
@@ -39,6 +40,10 @@ BURST: Final = 8
 """Unsigned beacons that may arrive at once, after a delay on the way."""
 HOSTS_MAX: Final = 4
 """Source addresses of unsigned beacons that are remembered."""
+ENFORCED_NS: Final = 5_000_000_000
+"""Time from a roster that says so until unsigned beacons are refused: until then all neighbours have it."""
+REMIND_NS: Final = 2_000_000_000
+"""Age of the last signature after which a node that must sign all is asked: it does not know the roster."""
 OVERTAKEN: Final = 4
 """Beacons that a signed one may be overtaken by."""
 
@@ -67,6 +72,8 @@ class Verdict(msgspec.Struct, frozen=True, gc=False):
     """The counter of `Refused` of one that is not taken."""
     is_evidence: bool = False
     """It proves that a member seals beacons in the name of its sender."""
+    forgets: bool = False
+    """Beacons may have been believed that were not its sender's: forget what they brought."""
     ask: CheckKind | None = None
     """What to ask its sender."""
     suspects: tuple[str, ...] = ()
@@ -155,6 +162,14 @@ class Sources:
         self._keys = keys
         self._platform_of = platform_of
         self._all: dict[int, _Source] = {}
+        self._signed_from_ns: int | None = None
+        """From when on no unsigned beacon is taken; None: some are."""
+
+    def require(self, signs: bool, from_ns: int) -> None:
+        """Takes what the roster says: whether members sign every beacon, so that none without a signature is
+        taken from an instant on."""
+        if not signs or self._signed_from_ns is None:
+            self._signed_from_ns = from_ns if signs else None
 
     def forget(self, hw: int) -> None:
         """Removes a node that is not a member any more."""
@@ -180,7 +195,8 @@ class Sources:
         return source.history.digest(header.sequence) != digest
 
     def is_signed(self, header: Header, beacon: Beacon, datagram: SealedDatagram) -> bool | None:
-        """Whether the sender itself signed a beacon; None: there is no signature."""
+        """Whether the sender itself signed a beacon; None: there is no signature, or no name that says whose
+        key it is."""
         found = beacon.signature
         if found is None or header.session is None:
             return None
@@ -188,9 +204,11 @@ class Sources:
         if beacon.hello is not None and hardware_id(beacon.hello.name) == header.sender_hw:
             platform = Address.parse(beacon.hello.name).platform
         public = self._keys.sign_public_of(platform)
+        if public is None:
+            return None
         signed = datagram.body[: found.signed_bytes]
         content = signed_content(header.sender_hw, header.session, datagram.clear, signed)
-        return public is not None and verify(public, found.value, content)
+        return verify(public, found.value, content)
 
     def judge(
         self,
@@ -208,6 +226,8 @@ class Sources:
             source = self._all[hw] = _Source(session)
         if is_signed and beacon.signature is not None:
             return self._on_signed(source, header.sequence, beacon, beacon.signature, datagram, now_ns)
+        if self._signed_from_ns is not None and now_ns >= self._signed_from_ns:
+            return self._on_unsigned_of_all(source, header.sequence, datagram, is_signed, now_ns)
         if is_signed is False:
             return self._on_evidence(source, datagram.host, now_ns)
         return self._on_unsigned(source, header.sequence, datagram, now_ns)
@@ -247,7 +267,32 @@ class Sources:
         ask = source.ask(CheckKind.SIGN, now_ns) if is_evidence and not signature.signs_all_s else None
         continues_at = sequence if is_evidence or not datagram.is_new else None
         return Verdict(
-            is_taken=True, is_evidence=is_evidence, ask=ask, suspects=suspects, continues_at=continues_at
+            is_taken=True,
+            is_evidence=is_evidence,
+            forgets=is_evidence,
+            ask=ask,
+            suspects=suspects,
+            continues_at=continues_at,
+        )
+
+    def _on_unsigned_of_all(
+        self,
+        source: _Source,
+        sequence: int,
+        datagram: SealedDatagram,
+        is_signed: bool | None,
+        now_ns: int,
+    ) -> Verdict:
+        """The verdict where every beacon must have a signature, about one without a valid one."""
+        is_later = sequence > source.signed_sequence  # its sender signs all now, as it stated
+        is_evidence = is_signed is False or (is_later and now_ns < source.signs_until_ns)
+        is_reminder = now_ns - source.signed_ns >= REMIND_NS
+        return Verdict(
+            is_taken=False,
+            refusal="unsigned",
+            is_evidence=is_evidence,
+            ask=source.ask(CheckKind.SIGN, now_ns) if is_reminder else None,
+            suspects=(datagram.host,) if is_evidence else (),
         )
 
     def _on_unsigned(self, source: _Source, sequence: int, datagram: SealedDatagram, now_ns: int) -> Verdict:
@@ -277,6 +322,7 @@ class Sources:
             is_taken=False,
             refusal="unsigned",
             is_evidence=True,
+            forgets=True,
             ask=CheckKind.SIGN,
             suspects=source.suspects(host),
         )

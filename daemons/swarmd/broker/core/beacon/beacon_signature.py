@@ -21,6 +21,8 @@ _SIGNATURE_BYTES: Final = 64
 _GROUP_BYTES: Final = 2
 PART_BYTES: Final = _PART.size + _HEAD.size + GROUPS_MAX * _GROUP_BYTES + _SIGNATURE_BYTES
 """Encoded size, at most."""
+BARE_PART_BYTES: Final = _PART.size + _HEAD.size + _SIGNATURE_BYTES
+"""Encoded size without digests of groups."""
 SECONDS_MAX: Final = 255
 
 
