@@ -1,4 +1,4 @@
-"""`swarmctl keys revoke`, `rotate` and `beacons`: the root signs a roster, this computer's node hands it on."""
+"""`swarmctl keys revoke`, `rotate`, `beacons`: the root signs a roster, and the node here hands it on."""
 
 import asyncio
 from collections.abc import Callable

@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import re
 import shutil
 import socket
 import threading
@@ -469,38 +468,6 @@ def test_a_rotation_changes_the_group_key_and_nothing_else(base: Station, root: 
     assert after.former == (before.group,)
     assert before.roster is not None and after.roster is not None
     assert [m.serial for m in after.roster.valid()] == [m.serial for m in before.roster.valid()]
-
-
-def test_a_new_swarm_signs_every_beacon_and_its_root_alone_changes_that(
-    base: Station, vehicle: Station, root: Path
-) -> None:
-    def signs() -> bool:
-        roster = base.keys("gcs").roster
-        return roster is not None and roster.signs_beacons
-
-    assert signs(), "unless init is told otherwise"
-    changing.sign_beacons(base, root, signs=False)
-    assert not signs()
-    changing.sign_beacons(base, root, signs=False)
-    assert "sampled already" in base.stderr.getvalue()
-    changing.sign_beacons(base, root, signs=True)
-    assert signs()
-    with inviting_at(base, root, plan()) as token:
-        join(vehicle, token("uav1"), None, replace=False)
-    joined = vehicle.keys("uav1").roster
-    assert joined is not None and joined.signs_beacons
-    show_member(base, None, "gcs")
-    assert re.search(r"beacons +signed", base.stdout.getvalue())
-    list_members(base, None)
-    assert "beacons signed" in base.stdout.getvalue()
-
-
-def test_an_init_with_sampled_beacons_says_so(vehicle: Station, tmp_path: Path) -> None:
-    make_root(vehicle, tmp_path / "own", "harbour", sign_beacons=False)
-    assert re.search(r"beacons +sampled", vehicle.stdout.getvalue())
-    (vehicle.keys_dir / "node.key").unlink()  # as a kill would leave it
-    make_root(vehicle, tmp_path / "own", "harbour")
-    assert Root.load(tmp_path / "own").roster.signs_beacons
 
 
 def test_members_are_listed_and_shown_as_documents(base: Station, root: Path, vehicle: Station) -> None:

@@ -163,16 +163,7 @@ WITHOUT_NODES = {
     "lab down": "of a lab",
     "lab env": "one node, named once",
     **dict.fromkeys(
-        (
-            "keys init",
-            "keys invite",
-            "keys join",
-            "keys ls",
-            "keys show",
-            "keys revoke",
-            "keys rotate",
-            "keys beacons",
-        ),
+        map("keys {}".format, ("init", "invite", "join", "ls", "show", "revoke", "rotate", "beacons")),
         "of the swarm's root and the node on this computer",
     ),
     "node add": "a node that is not there yet",

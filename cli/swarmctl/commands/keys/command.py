@@ -193,8 +193,8 @@ def rotate(ctx: click.Context, root_dir: Path | None) -> None:
 def beacons(ctx: click.Context, root_dir: Path | None, beacons: str) -> None:
     """Set which beacons the members sign: every one (signed), or one in five seconds (sampled).
 
-    Sampled beacons take 0.7 kB/s less at 10 Hz; a member can then invent a few in the name of another one before it
-    is found. Only the root decides this.
+    Sampled beacons take 0.7 kB/s less at 10 Hz; a member can then invent a few in the name of another one
+    before it is found. Only the root decides this.
 
     Example: swarmctl keys beacons signed
     """

@@ -73,7 +73,7 @@ class Verdict(msgspec.Struct, frozen=True, gc=False):
     is_evidence: bool = False
     """It proves that a member seals beacons in the name of its sender."""
     forgets: bool = False
-    """Beacons may have been believed that were not its sender's: forget what they brought."""
+    """Beacons may have been accepted that its sender did not send: forget their values."""
     ask: CheckKind | None = None
     """What to ask its sender."""
     suspects: tuple[str, ...] = ()
