@@ -52,10 +52,13 @@ SERVED = {
     "sys/tree/undo": NODE,
     # a platform that will send video asks for room
     "sys/video/open": NODE,
-    # what flies, drives and decides
+    # what flies, drives and decides; how data travels, also as video
     "cmd/abort": OPERATOR,
     "cmd/manual": OPERATOR,
     "cmd/mission": OPERATOR,
+    "sys/broker/clear_channels": OPERATOR,
+    "sys/broker/set_channel": OPERATOR,
+    "sys/broker/undo_channel": OPERATOR,
     "sys/files/list": OPERATOR,
     "sys/files/offer": OPERATOR,
     "sys/files/read": OPERATOR,
@@ -77,14 +80,11 @@ SERVED = {
     "sys/video/rtp": OPERATOR,  # takes datagrams of its sessions alone, no calls
     "sys/video/start": OPERATOR,
     "sys/video/stop": OPERATOR,
-    # what stops services, limits links, changes members
+    # what stops services, changes members
     "sys/broker/roster": MAINTAINER,
     "sys/register/forget": MAINTAINER,
     "sys/tree/denied": MAINTAINER,
     "sys/tree/forget": MAINTAINER,
-    "sys/broker/clear_channels": MAINTAINER,
-    "sys/broker/set_channel": MAINTAINER,
-    "sys/broker/undo_channel": MAINTAINER,
     "sys/guard/restart": MAINTAINER,
     "sys/guard/start": MAINTAINER,
     "sys/guard/stop": MAINTAINER,

@@ -39,7 +39,8 @@ GCS = Sender("gcs", Role.OPERATOR)
         (Verb.SET, "config/navigator/altitude_kp", Role.OPERATOR),
         (Verb.SET, "speed", Role.OPERATOR),
         (Verb.CALL, "sys/guard/restart", Role.MAINTAINER),
-        (Verb.CALL, "sys/broker/set_channel", Role.MAINTAINER),
+        (Verb.CALL, "sys/broker/set_channel", Role.OPERATOR),
+        (Verb.CALL, "sys/broker/roster", Role.MAINTAINER),
         (Verb.CALL, "sys/what/comes/later", Role.MAINTAINER),
     ],
 )

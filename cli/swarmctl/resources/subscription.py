@@ -35,6 +35,8 @@ class ValueArrival(msgspec.Struct, frozen=True):
     """Bound of the error of that conversion; None as above."""
     arrived: bool = True
     """False: the value of a board that was there before the subscription."""
+    late: bool = False
+    """A former value of a board, which arrives after newer ones."""
 
     @property
     def path(self) -> str:
@@ -70,8 +72,8 @@ class ValueSubscription:
         self._streams: list[FrameReader] = []
 
     @classmethod
-    async def open(cls, session: Session, entries: list[TreeEntry]) -> Self:
-        """Subscribes to the resources, after their types were found.
+    async def open(cls, session: Session, entries: list[TreeEntry], *, history: bool = False) -> Self:
+        """Subscribes to the resources, after their types were found; `history`: of boards to every value.
 
         Raises: WireError for an invalid description of a type.
         """
@@ -79,8 +81,9 @@ class ValueSubscription:
         classes = [await payload_class(session, split(e.path)[0] or session.here, e.type) for e in entries]
         for entry, payload in zip(entries, classes, strict=True):
             every = entry.kind in ORDERED
-            reader = session.module.frame_reader(entry.path, every=every)
-            if every:
+            former = history and entry.kind is Kind.BOARD
+            reader = session.module.frame_reader(entry.path, every=every, history=former)
+            if every or former:
                 opened._streams.append(reader)
             session.module.start(opened._follow(entry, payload, reader), f"watch {entry.path}")
         return opened
@@ -89,7 +92,7 @@ class ValueSubscription:
         self, entry: TreeEntry, payload: type[msgspec.Struct] | None, reader: FrameReader
     ) -> None:
         module = self._session.module
-        arrived = entry.kind in ORDERED
+        arrived, newest_ns = reader.every, 0
         async for frame in reader:
             now_ns = module.now_ns()
             local_ns: int | None = frame.stamp_ns
@@ -98,7 +101,11 @@ class ValueSubscription:
                 conversion = module.remote_clocks.conversion(frame.sender_hw)
                 local_ns = None if conversion is None else conversion.to_local(frame.stamp_ns)
                 bound_s = None if conversion is None else conversion.bound_at_ns(now_ns) / 1e9
-            await self._news.put(ValueArrival(entry, payload, frame, now_ns, local_ns, bound_s, arrived))
+            late = reader.history and frame.stamp_ns < newest_ns
+            newest_ns = max(newest_ns, frame.stamp_ns)
+            await self._news.put(
+                ValueArrival(entry, payload, frame, now_ns, local_ns, bound_s, arrived, late)
+            )
             arrived = True
 
     def utc_ns(self, new: ValueArrival) -> int | None:
@@ -107,7 +114,7 @@ class ValueSubscription:
 
     @property
     def lost(self) -> int:
-        """Items of streams that were overwritten before they were read."""
+        """Items of streams and of histories that were overwritten before they were read."""
         return sum(stream.lost for stream in self._streams)
 
     def __aiter__(self) -> Self:

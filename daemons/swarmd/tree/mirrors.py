@@ -30,6 +30,9 @@ class Mirrors:
 
     def write(self, action: WriteMirror) -> None:
         """Writes a value of another node. Raises: as `MirrorWriter.write`."""
+        if action.late:
+            self._writer.write_late(action.platform, action.item.path, action.frame, epoch=action.epoch)
+            return
         key = (action.platform, action.item.path)
         try:
             self._writer.write(*key, action.frame, epoch=action.epoch)

@@ -78,6 +78,7 @@ DEFAULT: Final = (
     AccessRule(Verb.CALL, "sys/broker/{links,outages,routes,traffic}", "observer"),
     AccessRule(Verb.CALL, "sys/video/open", "node"),
     AccessRule(Verb.CALL, "sys/{files,mission,vehicle,health,video}/**", "operator"),
+    AccessRule(Verb.CALL, "sys/broker/{set_channel,undo_channel,clear_channels}", "operator"),
     AccessRule(Verb.CALL, "sys/**", "maintainer"),
     AccessRule(Verb.CALL, "cmd/**", "operator"),
     AccessRule(Verb.CALL, "config/**", "operator"),

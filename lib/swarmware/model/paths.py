@@ -114,6 +114,11 @@ def setting(key: str) -> str:
     return f"config/{key}"
 
 
+def history(board: str) -> str:
+    """Path of the mirror with former values of another platform's board, which arrived late."""
+    return f"sys/history/{board}"
+
+
 def simulated_sensor(device: str) -> str:
     """Resource path at which the simulation writes the measurements of a sensor."""
     return f"sim/sensors/{device}"

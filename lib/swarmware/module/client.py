@@ -243,6 +243,15 @@ class Client:
         data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
         return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
 
+    def history(self, path: str, cls: type[T]) -> "StreamReader[T]":
+        """Open a reader of every value of a board that arrives from now on, each once: those of an outage,
+        which a buffer of its channel has kept, come after newer ones."""
+        from swarmware.module.stream import StreamReader
+
+        local = self._interest(path)
+        data_id = names.data_id(names.split(local)[1], registry.type_name(cls))
+        return self._track(StreamReader(self.node, local, cls, data_id, history=True))
+
     def snapshot_stream(self, path: str, cls: type[T], snapshot: type[S]) -> "SnapshotStream[T, S]":
         """Open a reader of a stream whose owner serves snapshots: first its state, then every item after it,
         in order; after a gap its state again."""
@@ -261,11 +270,12 @@ class Client:
 
         return Partners(self.reader(PATH, PartnerTable), self.clock)
 
-    def frame_reader(self, path: str, *, every: bool = False) -> "FrameReader":
-        """The undecoded frames of a resource of any type; `every`: each one, as of an event or stream."""
+    def frame_reader(self, path: str, *, every: bool = False, history: bool = False) -> "FrameReader":
+        """The undecoded frames of a resource of any type; `every`: each one, as of an event or stream;
+        `history`: as `history`."""
         from swarmware.module.frame_reader import FrameReader
 
-        return self._track(FrameReader(self.node, self._interest(path), every=every))
+        return self._track(FrameReader(self.node, self._interest(path), every=every, history=history))
 
     def _interest(self, path: str) -> str:
         participant = self._member.participant

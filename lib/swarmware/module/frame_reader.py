@@ -7,32 +7,40 @@ from swarmware.model.names import split
 from swarmware.module.stream import FAIR
 from swarmware.module.wakeup import Wakeup
 from swarmware.node.follower import RingFollower, mirror_of_platform
+from swarmware.node.history_follower import HistoryFollower
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
 
 
 class FrameReader:
-    """`async for frame in reader`: the newest frames of a board, or every frame of an event or stream.
+    """`async for frame in reader`: the newest frames of a board, every frame of an event or stream, or the
+    history of a board.
 
     It may be opened before there is a writer.
     """
 
-    def __init__(self, node: Node, path: str, *, every: bool) -> None:
+    def __init__(self, node: Node, path: str, *, every: bool, history: bool = False) -> None:
         self.path = path
-        platform, local = split(path)
-        self._follower = RingFollower(
-            ring_file(node.shm_dir, local, platform),
-            name=f"frames {path}",
-            elsewhere=mirror_of_platform(node, path),
-        )
-        self._read = self._follower.next if every else self._follower.newest
+        self.every, self.history = every or history, history
+        self._follower: RingFollower | HistoryFollower
+        if history:
+            self._follower = HistoryFollower(node, path)
+            self._read = self._follower.next
+        else:
+            platform, local = split(path)
+            self._follower = RingFollower(
+                ring_file(node.shm_dir, local, platform),
+                name=f"frames {path}",
+                elsewhere=mirror_of_platform(node, path),
+            )
+            self._read = self._follower.next if every else self._follower.newest
         self._wakeup = Wakeup()
         self._run = 0
         self._follower.listen(node, self._wakeup.notify)
 
     @property
     def lost(self) -> int:
-        """Frames of an event or stream that were overwritten before they were read."""
+        """Frames of an event, a stream or a history that were overwritten before they were read."""
         return self._follower.lost
 
     def __aiter__(self) -> "FrameReader":

@@ -1,4 +1,5 @@
-"""Reader of a stream or of events: every item, in order; overwritten ones are counted."""
+"""Reader of a stream or of events: every item, in order; overwritten ones are counted. Also of a board's
+history: every value, in the order of arrival."""
 
 import asyncio
 from typing import Final, Generic, TypeVar
@@ -10,6 +11,7 @@ from swarmware.model.names import split
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.follower import RingFollower, mirror_of_platform
+from swarmware.node.history_follower import HistoryFollower
 from swarmware.node.node import Node
 from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
@@ -25,7 +27,17 @@ class StreamReader(Immediate, Generic[T]):
     """`async for item in reader` returns every item from now on; items that were written before are
     returned only with `from_oldest`."""
 
-    def __init__(self, node: Node, path: str, cls: type[T], data_id: int, *, from_oldest: bool) -> None:
+    def __init__(
+        self,
+        node: Node,
+        path: str,
+        cls: type[T],
+        data_id: int,
+        *,
+        from_oldest: bool = False,
+        history: bool = False,
+    ) -> None:
+        """`history`: the resource is a board."""
         self.path = path
         self.meta: Meta | None = None
         """Sender and stamp of the item returned last."""
@@ -34,15 +46,19 @@ class StreamReader(Immediate, Generic[T]):
         """Owner's sequence and stamp of the item returned last, of a mirror."""
         self._gaps = 0
         platform, local = split(path)
-        self._mirrored = platform is not None
+        self._mirrored = platform is not None and not history
         self._run = 0
         self._wakeup = Wakeup()
-        self._follower = RingFollower(
-            ring_file(node.shm_dir, local, platform),
-            name=f"stream {path}",
-            data_id=data_id,
-            from_oldest=from_oldest,
-            elsewhere=mirror_of_platform(node, path),
+        self._follower = (
+            HistoryFollower(node, path, data_id=data_id)
+            if history
+            else RingFollower(
+                ring_file(node.shm_dir, local, platform),
+                name=f"stream {path}",
+                data_id=data_id,
+                from_oldest=from_oldest,
+                elsewhere=mirror_of_platform(node, path),
+            )
         )
         self._follower.listen(node, self._wakeup.notify)
 

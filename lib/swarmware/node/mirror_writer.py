@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable
 from typing import Final
 
 from swarmware.errors import SwarmError, WireError
-from swarmware.model import names
+from swarmware.model import names, paths
 from swarmware.model.frame import Frame, FrameKind, encode, restamp
 from swarmware.node.follower import RingFollower
 from swarmware.node.node import MIRROR_SLOTS, Node
@@ -56,10 +56,11 @@ class _Mirror:
 
     __slots__ = ("_buffer", "_form", "_order", "_publication", "kind")
 
-    def __init__(self, kind: FrameKind, publication: Publication, resumed: Position | None) -> None:
+    def __init__(self, kind: FrameKind, publication: Publication, order: ArrivalOrder | None) -> None:
+        """`order`: of events and streams; None: each frame is written."""
         self.kind = kind
         self._publication = publication
-        self._order = ArrivalOrder(resumed)
+        self._order = order
         self._buffer = bytearray()
         self._form: tuple[int, int, int, int, bytes, int] | None = None
         """Header fields of the buffered frame; the buffer is reused for a next frame that differs only in
@@ -69,7 +70,7 @@ class _Mirror:
         sequence, stamp_ns = frame.sequence, frame.stamp_ns
         if epoch is None:
             sequence = self._publication.sequence + 1
-        elif self.kind is not FrameKind.BOARD and self._order.is_late(epoch, sequence, stamp_ns):
+        elif self._order is not None and self._order.is_late(epoch, sequence, stamp_ns):
             return False
         payload = frame.payload
         form = (frame.data_id, frame.sender_hw, frame.codec, frame.flags, frame.extension, len(payload))
@@ -78,7 +79,7 @@ class _Mirror:
         restamp(self._buffer, sequence, stamp_ns, echo_rx_us=frame.echo_rx_us)
         self._buffer[len(self._buffer) - len(payload) :] = payload
         self._publication.publish(self._buffer)
-        if epoch is not None:
+        if epoch is not None and self._order is not None:
             self._order.on_written(epoch, sequence, stamp_ns)
         return True
 
@@ -87,7 +88,8 @@ class _Mirror:
 
 
 class MirrorWriter:
-    """Writes mirrors: every received value of a board, every item of an event or stream once."""
+    """Writes mirrors: every received value of a board, every item of an event or stream once, and former
+    values of boards apart from their newest ones."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -104,10 +106,20 @@ class MirrorWriter:
         Raises: SwarmError when the value is too large, the path is invalid, shared memory is full, or another
         process writes this mirror.
         """
+        return self._write(platform, path, frame, epoch)
+
+    def write_late(self, platform: str, path: str, frame: Frame, *, epoch: int) -> None:
+        """Publish a former value of a board, for the readers of its history: the newest one stays.
+
+        Raises: as `write`.
+        """
+        self._write(platform, paths.history(path), frame, epoch, SLOTS[FrameKind.STREAM])
+
+    def _write(self, platform: str, path: str, frame: Frame, epoch: int | None, slots: int = 0) -> bool:
         try:
             mirror = self._mirrors.get((platform, path))
             if mirror is None or mirror.kind is not frame.kind:
-                mirror = self._open(platform, path, frame)
+                mirror = self._open(platform, path, frame, slots)
             if not mirror.write(frame, epoch):
                 return False
         except SwarmError:
@@ -116,7 +128,8 @@ class MirrorWriter:
         self.written += 1
         return True
 
-    def _open(self, platform: str, path: str, frame: Frame) -> _Mirror:
+    def _open(self, platform: str, path: str, frame: Frame, slots: int) -> _Mirror:
+        """`slots`: 0: by the kind of the frame."""
         key = (names.check_computer(platform), names.check_path(path))
         kind = frame.kind
         if kind not in SLOTS:
@@ -126,14 +139,14 @@ class MirrorWriter:
         encode(frame)  # before a ring is made for it
         if key in self._mirrors:
             self._mirrors.pop(key).close(unlink=True)  # the resource has another kind now
-        slots, resumed = SLOTS[kind], None
+        slots, order = slots or SLOTS[kind], None
+        if slots > LARGE_SLOTS and len(frame.payload) > LARGE_BYTES:
+            slots = LARGE_SLOTS
         if kind is not FrameKind.BOARD:
-            if len(frame.payload) > LARGE_BYTES:
-                slots = LARGE_SLOTS
             # before the ring is claimed: one of other slots would be replaced by an empty one
-            resumed = self._newest(platform, path)
+            order = ArrivalOrder(self._newest(platform, path))
         publication = self._node.mirror_writer(platform, path, slots=slots)
-        mirror = self._mirrors[key] = _Mirror(kind, publication, resumed)
+        mirror = self._mirrors[key] = _Mirror(kind, publication, order)
         return mirror
 
     def _newest(self, platform: str, path: str) -> Position | None:
@@ -158,15 +171,16 @@ class MirrorWriter:
         if mirror is not None:
             mirror.close(unlink=False)
 
-    def prune(self, platform: str, paths: Collection[str]) -> None:
+    def prune(self, platform: str, kept_paths: Collection[str]) -> None:
         """Remove the mirrors of a platform except those of these paths, also those of a former start.
 
         A mirror that another process writes stays.
         """
-        self.keep_only([key for key in self._mirrors if key[0] != platform or key[1] in paths])
+        paths_kept = {*kept_paths, *map(paths.history, kept_paths)}
+        self.keep_only([key for key in self._mirrors if key[0] != platform or key[1] in paths_kept])
         folder = self._node.shm_dir / platform
         for ring in folder.glob(f"*{RING_SUFFIX}"):
-            if ring_path(ring) not in paths:
+            if ring_path(ring) not in paths_kept:
                 reap_ring(ring)
 
     def close(self) -> None:

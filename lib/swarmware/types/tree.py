@@ -487,8 +487,9 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     digest: int = 0
     structure: bytes = b""
     """As `StructureReply.data` in form 1."""
-    lane: Annotated[int, msgspec.Meta(ge=0, le=2)] = 0
-    """0: events, settings and the structure; 1: streams; 2: boards. Each counts its own serials."""
+    lane: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
+    """0: events, settings and the structure; 1: streams; 2: boards; 3: former values of boards. Each counts
+    its own serials."""
     first: Count = 0
     """Oldest serial of the lane that the owner still retransmits; 0: this one."""
     lapsed: bool = False

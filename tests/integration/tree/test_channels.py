@@ -145,3 +145,47 @@ async def test_what_cannot_be_limited_is_refused_and_the_refusal_is_recorded(tmp
         assert refused.by.endswith("@gcs")
         with pytest.raises(InvalidInput, match="JPEG is for values of type Image"):
             await ask(gcs, "set_channel", SetChannel("health/notes", ChannelSettings(compression="jpeg")))
+
+
+@on_uvloop
+async def test_a_board_with_a_buffer_hands_its_values_of_an_outage_later_and_never_goes_back(
+    tmp_path: Path,
+) -> None:
+    groups = (("broker",), ("tree", "register"))
+    async with platforms(tmp_path, "uav1", "gcs", services=groups) as (uav, gcs):
+        board = uav.probe.writer("power/fuel", Float)
+        fuel, history = (
+            gcs.probe.reader("/uav1/power/fuel", Float),
+            gcs.probe.history("/uav1/power/fuel", Float),
+        )
+        board.write(Float(0.0))
+        await until(fuel, partial(_is, 0.0))
+        await ask(gcs, "set_channel", SetChannel("power/*", ChannelSettings(buffer_s=60.0), link="gcs"))
+
+        async def waiting() -> int:
+            states = await uav.probe.request("sys/tree/channels", Empty(), ChannelStates, timeout_s=5)
+            return max((channel.waiting for channel in states.channels), default=0)
+
+        await gcs.end("broker")
+        written = 0.0
+        async with asyncio.timeout(PATIENCE_S):
+            async for _ in uav.probe.every(0.05):
+                written += 1
+                board.write(Float(written))
+                if await waiting() > 20:
+                    break
+        await gcs.start("broker")
+        arrived: list[float] = []
+        newest = 0.0
+        async with asyncio.timeout(PATIENCE_S):
+            while written not in arrived or len(arrived[arrived.index(written) + 1 :]) < 20:
+                arrived.append((await history.next()).value)
+                assert _value(fuel) >= newest, "the board does not go back"
+                newest = _value(fuel)
+        assert newest == written
+        assert len(arrived) == len(set(arrived)), "each once"
+        former = arrived[arrived.index(written) + 1 :]
+        assert sum(later > sooner for sooner, later in pairwise(former)) <= 1, (
+            "newest first but what was under way"
+        )
+        assert max(former) in former[:2]

@@ -48,6 +48,14 @@ def test_a_notification_is_counted_by_its_resources_and_their_values() -> None:
     assert values_in(frame) == 3
 
 
+def test_former_values_of_boards_are_counted_with_their_boards() -> None:
+    live = note(TreeItem("nav/goal", 1, FrameKind.BOARD, 1, 0, bytes(100)))
+    former = msgspec.structs.replace(live, kind=FrameKind.FILE)
+    assert shares(former, PATHS.get) == shares(live, PATHS.get)
+    assert shares(former, PATHS.get)[0] == ("nav/goal", 100)
+    assert values_in(former) == 1
+
+
 def test_each_item_of_a_container_counts_also_when_it_is_damaged() -> None:
     packed = pack(bytes(5000), Compression(Method.ZLIB, 6), items=26)
     kind, damaged = FrameKind.STREAM, b"\1\1\0\xff".ljust(30)

@@ -34,6 +34,7 @@ FILE = (
 )
 POSE = Resource(path="nav/pose", type="Pose", rate_hz=20.0)
 BATTERY = Resource(path="power/battery", type="Battery")
+GAIN = Resource(path="config/hal/gain", kind=Kind.SETTING, type="Float", default=1.0)
 PICTURE = Resource(path="sensor/camera/image", kind=Kind.STREAM, type="Image")
 CLOUD = Resource(path="sensor/lidar/packets", kind=Kind.STREAM, type="Blob")
 FAULTS = Resource(path="health/faults", kind=Kind.EVENT, type="Fault")
@@ -208,8 +209,9 @@ def test_the_number_of_rules_is_bounded(table: ChannelTable) -> None:
         (POSE, ChannelSettings(priority=ChannelPriority.HIGH), "", "waited longest"),
         (BATTERY, ChannelSettings(1.0, ChannelProtocol.UDP), "gcs", "beacons go to all neighbours"),
         (BATTERY, ChannelSettings(protocol=ChannelProtocol.ZMQ), "gcs", "holds for all links"),
-        (BATTERY, ChannelSettings(buffer_bytes=5), "", "only its newest value waits"),
-        (BATTERY, ChannelSettings(buffer_s=5.0), "", "only its newest value waits"),
+        (POSE, ChannelSettings(buffer_bytes=5), "", "with --protocol zmq a buffer keeps former ones"),
+        (POSE, ChannelSettings(buffer_s=5.0), "", "a beacon has only its newest value"),
+        (GAIN, ChannelSettings(buffer_s=5.0), "", "only its newest value waits"),
         (CLOUD, ChannelSettings(protocol=ChannelProtocol.UDP), "", "items of kind stream are acknowledged"),
         (FAULTS, ChannelSettings(protocol=ChannelProtocol.ZMQ), "", "items of kind event are acknowledged"),
         (CLOUD, ChannelSettings(compression="jpeg:80"), "", "JPEG is for values of type Image, not Blob"),
@@ -229,6 +231,8 @@ def test_what_cannot_hold_for_a_resource_is_refused_with_the_reason(
         (POSE, ChannelSettings(1.0, ChannelProtocol.ZMQ, "zlib:6"), ""),
         (BATTERY, ChannelSettings(1.0, compression="auto", priority=ChannelPriority.HIGH), "gcs"),
         (BATTERY, ChannelSettings(protocol=ChannelProtocol.UDP), ""),
+        (BATTERY, ChannelSettings(buffer_bytes=2_000_000, buffer_s=30.0), "gcs"),
+        (POSE, ChannelSettings(protocol=ChannelProtocol.ZMQ, buffer_s=30.0), ""),
         (CLOUD, ChannelSettings(5.0, None, "zstd:1", 2_000_000, 30.0, ChannelPriority.LOW), "gcs"),
         (FAULTS, ChannelSettings(5.0, None, "zlib:1", 10_000, 3.0), ""),
         (PICTURE, ChannelSettings(compression="jpeg:80"), "gcs"),
@@ -245,10 +249,10 @@ def test_a_board_that_a_rule_has_taken_out_of_the_beacons_has_links() -> None:
 
 
 def test_of_a_pattern_the_resources_that_it_can_hold_for_decide_and_commands_are_not_listed() -> None:
-    resources = [GOTO, POSE, CLOUD, FAULTS, BATTERY, MAP]
-    [pose, battery] = refusals(SetChannel("**", ChannelSettings(1.0, buffer_s=3.0)), resources)
-    assert (pose.path, battery.path) == ("nav/pose", "power/battery")
-    assert pose.reason == "only its newest value waits"
+    resources = [GOTO, POSE, CLOUD, FAULTS, BATTERY, MAP, GAIN]
+    [pose, gain] = refusals(SetChannel("**", ChannelSettings(1.0, buffer_s=3.0)), resources)
+    assert (pose.path, gain.path) == ("nav/pose", "config/hal/gain")
+    assert gain.reason == "only its newest value waits"
     assert refusals(SetChannel("future/**", ChannelSettings(1.0)), resources) == (), "it may come"
 
 

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from swarmware.errors import InvalidInput, WireError
+from swarmware.model import paths
 from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.node.follower import RingFollower
 from swarmware.node.mirror_writer import EPOCHS, LARGE_BYTES, ArrivalOrder, MirrorWriter
@@ -70,6 +71,40 @@ def test_of_a_board_each_value_counts_also_one_with_a_smaller_number(tmp_path: P
         assert newest is not None
         assert newest.sequence == 1
         follower.close()
+        writer.close()
+
+    with_node(tmp_path, test)
+
+
+def test_former_values_of_a_board_have_a_mirror_of_their_own_and_leave_the_newest(tmp_path: Path) -> None:
+    async def test(node: Node) -> None:
+        writer = MirrorWriter(node)
+        board, former = follow(node, "power/fuel"), follow(node, paths.history("power/fuel"))
+        writer.write("uav7", "power/fuel", item(9, 90, kind=FrameKind.BOARD), epoch=1)
+        for sequence in (8, 7, 3, 5):
+            late = item(sequence, 10 * sequence, kind=FrameKind.BOARD)
+            writer.write_late("uav7", "power/fuel", late, epoch=1)
+        assert taken(board) == [9]
+        assert taken(former) == [8, 7, 3, 5], "as they came"
+        writer.prune("uav7", ["power/fuel"])
+        writer.write_late("uav7", "power/fuel", item(2, 20, kind=FrameKind.BOARD), epoch=1)
+        assert taken(former) == [2], "it stays with its board"
+        writer.prune("uav7", ["power/other"])
+        assert not list((node.shm_dir / "uav7").glob("*.ring")), "and is removed with it"
+        board.close()
+        former.close()
+        writer.close()
+
+    with_node(tmp_path, test)
+
+
+def test_a_whole_outage_of_former_values_is_readable_at_once(tmp_path: Path) -> None:
+    async def test(node: Node) -> None:
+        writer, former = MirrorWriter(node), follow(node, paths.history(PATH))
+        for sequence in range(1000):
+            writer.write_late("uav7", PATH, item(sequence, sequence, kind=FrameKind.BOARD), epoch=1)
+        assert taken(former) == list(range(1000))
+        former.close()
         writer.close()
 
     with_node(tmp_path, test)

@@ -2,7 +2,8 @@
 
 import pytest
 
-from swarmd.tree.core.notification.feed import CATCH_UP, Feed
+from swarmd.tree.core.notification.feed import Feed
+from swarmd.tree.core.notification.feed_channel import CATCH_UP
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelProtocol, ChannelSettings

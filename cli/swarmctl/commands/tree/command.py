@@ -287,8 +287,14 @@ def lint(ctx: click.Context, pattern: str, templates: bool) -> None:
 @click.argument("path", shell_complete=completion.resources(VALUED, fields=True))
 @FIELDS
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="End after N values.")
+@click.option(
+    "--history",
+    is_flag=True,
+    help="Of boards also former values: those that a buffer (traffic set --buffer) kept during an outage "
+    "come after newer ones.",
+)
 @click.pass_context
-def watch(ctx: click.Context, path: str, names: tuple[str, ...], count: int | None) -> None:
+def watch(ctx: click.Context, path: str, names: tuple[str, ...], count: int | None, history: bool) -> None:
     """Print each new value of a resource, of fields of it, or of all that match, with its time (UTC, by the
     clock of this machine), its age at the arrival and the rate of the arrivals; Ctrl-C ends it.
 
@@ -297,7 +303,7 @@ def watch(ctx: click.Context, path: str, names: tuple[str, ...], count: int | No
     from swarmctl.commands.tree.watching import print_changes
     from swarmctl.session.session import run
 
-    run(settings(ctx), print_changes, path, count, names)
+    run(settings(ctx), print_changes, path, count, names, history)
 
 
 @cmd.command(name="type")

@@ -43,21 +43,24 @@ class WatchedValue(msgspec.Struct, frozen=True):
     """Roll, pitch and yaw in degrees of each quaternion, by the name before its components."""
 
 
-async def print_changes(session: Session, path: str, count: int | None, names: tuple[str, ...] = ()) -> None:
+async def print_changes(
+    session: Session, path: str, count: int | None, names: tuple[str, ...] = (), history: bool = False
+) -> None:
     """Prints each new value of the resources, or of fields of them; ends after `count`, when one is given.
+    `history`: of boards also former values, which arrive after an outage.
 
     Raises: Partial when values were overwritten before they were read.
     """
     name, fields = split_field(path)
     entries = await valued(session, name)
-    news = await ValueSubscription.open(session, entries)
+    news = await ValueSubscription.open(session, entries, history=history)
     meters = {e.path: RateMeter(WINDOW_S, numbered=is_numbered(session, e)) for e in entries}
     session.module.start(_count(session, entries, meters), "count at the owners")
     explained: set[str] = set()
     printed = 0
     async for new in news:
         meter = meters[new.path]
-        if new.arrived:
+        if new.arrived and not new.late:
             meter.add(new.observation)
         value = select(new.value, new.path, fields, names)
         shown = WatchedValue(

@@ -19,6 +19,8 @@ IP_UDP_BYTES: Final = 28
 """IPv4 and UDP headers of a datagram."""
 NOTIFY_ID: Final = data_id("sys/tree/notify", TreeNotify.__name__)
 NOTIFIES: Final = frozenset({FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.EVENT, FrameKind.BOARD})
+_BY_TREES: Final = NOTIFIES | {FrameKind.FILE}
+"""Kinds of the notifications of trees; those with former values of boards have that of files."""
 _NAMES: Final = {kind: kind.name.lower() for kind in FrameKind}
 _NAMED_BY_KIND: Final = frozenset({FrameKind.ACK, FrameKind.HELLO})
 CHANNEL_LIMIT: Final = 4096
@@ -136,7 +138,7 @@ class Counters:
 def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str, int]]:
     """Channels and payload bytes of a frame; those of a tree notification are counted by item."""
     size = len(frame.payload)
-    if frame.data_id == NOTIFY_ID and frame.kind in NOTIFIES:
+    if frame.data_id == NOTIFY_ID and frame.kind in _BY_TREES:
         try:
             note = registry.decode(TreeNotify, frame.payload, frame.codec)
         except WireError:
@@ -222,6 +224,6 @@ class FrameAccounts:
 
     def values(self, frame: Frame) -> int:
         """Number of notified values in a frame."""
-        if frame.kind not in NOTIFIES:
-            return 0
-        return len(self.channels(frame)) - 1 if frame.data_id == NOTIFY_ID else 1
+        if frame.data_id == NOTIFY_ID and frame.kind in _BY_TREES:
+            return len(self.channels(frame)) - 1
+        return int(frame.kind in NOTIFIES)

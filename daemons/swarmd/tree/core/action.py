@@ -12,7 +12,7 @@ from swarmware.model.names import MAIN, hardware_id
 from swarmware.model.resource import Resource
 from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
-_KINDS: Final = (FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.BOARD)
+_KINDS: Final = (FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.BOARD, FrameKind.FILE)
 """Kind of frame of each lane."""
 
 
@@ -82,6 +82,8 @@ class WriteMirror(msgspec.Struct, frozen=True, gc=False):
     """Of the tree that sent it: after a restart of its platform, numbers and stamps begin again."""
     unit: str = MAIN
     """Computer of the platform that sent it."""
+    late: bool = False
+    """A former value of a board, for the readers of its history."""
 
     @property
     def frame(self) -> Frame:

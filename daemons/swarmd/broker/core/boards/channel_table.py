@@ -247,6 +247,8 @@ def _reasons(
     if in_beacons:
         reasons["compression"] = "values in beacons are packed already"
         reasons["priority"] = "beacons take the values that have waited longest first"
+        text = "a beacon has only its newest value; with --protocol zmq a buffer keeps former ones"
+        reasons["buffer_bytes"] = reasons["buffer_s"] = text
     if settings.is_video:
         reasons["buffer_bytes"] = reasons["buffer_s"] = "what is late of a video is left out"
         reasons["priority"] = "packets of a video go after commands and before streams"
@@ -258,7 +260,7 @@ def _reasons(
         reasons["protocol"] = f"items of kind {kind} are acknowledged, which beacons are not"
     elif link:
         reasons["protocol"] = "the protocol holds for all links"
-    if kind in (Kind.BOARD, Kind.SETTING):
+    if kind is Kind.SETTING:
         reasons["buffer_bytes"] = reasons["buffer_s"] = "only its newest value waits"
     compression = Compression.parse(settings.compression or str(Method.NONE))
     if compression.method is Method.JPEG and resource.type != _IMAGE:

@@ -3,16 +3,13 @@
 from collections import deque
 from typing import Final
 
+from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.condition import INTERVAL_MAX_S, differs
-from swarmd.tree.core.notification.feed_channel import FeedChannel
+from swarmd.tree.core.notification.feed_channel import BURST_NS, FeedChannel
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelSettings
 from swarmware.types.tree import Rule, TreeItem
 
-CATCH_UP: Final = 2
-"""Rate at which a limited stream sends what waits, by the rate of its limit."""
-BURST_NS: Final = 20_000_000
-"""Items of this time may be sent together by a stream of a high rate."""
 IMAGE: Final = "Image"
 """Type of the items that may go as video instead."""
 LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
@@ -20,7 +17,8 @@ LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
 
 
 class Feed:
-    """Of a board: the newest value if it differs enough. Of events and streams: each item, in order."""
+    """Of a board: the newest value if it differs enough; with a buffer, former values follow in `history`.
+    Of events and streams: each item, in order."""
 
     __slots__ = (
         "_admit_ns",
@@ -29,6 +27,7 @@ class Feed:
         "_in_flight",
         "_interval_ns",
         "_limit_ns",
+        "_may_keep",
         "_newest",
         "_pending",
         "_queue",
@@ -38,6 +37,7 @@ class Feed:
         "_size",
         "dropped",
         "held_back",
+        "history",
         "latest_only",
         "resource",
         "rule",
@@ -60,6 +60,9 @@ class Feed:
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._each = over_wire and rule.deadband <= 0
         """Whether a value that equals the one sent last is sent, too."""
+        self._may_keep = resource.kind is Kind.BOARD and not over_wire
+        self.history: BoardHistory | None = None
+        """Of a board whose channel has a buffer: values that could not be sent."""
         self._limit_ns: int | None = 0
         """Minimum interval set by an operator; None: nothing is sent."""
         self._newest: TreeItem | None = None
@@ -88,7 +91,17 @@ class Feed:
     @property
     def waiting(self) -> tuple[int, int]:
         """Number and bytes of the items that wait."""
-        return (1, len(self._pending.data)) if self._pending is not None else (len(self._queue), self._size)
+        count, size = len(self._queue), self._size
+        if self.history is not None:
+            count, size = self.history.waiting
+        if self._pending is not None:
+            count, size = count + 1, size + len(self._pending.data)
+        return count, size
+
+    @property
+    def lost(self) -> int:
+        """Items that were dropped, with those of the history."""
+        return self.dropped if self.history is None else self.dropped + self.history.dropped
 
     @property
     def pending_ns(self) -> int | None:
@@ -106,11 +119,19 @@ class Feed:
         if is_limited:
             self._admit_ns = None
             self._thin()
-        self._limit_ns = channel.limit_ns
-        if self.resource.kind is Kind.STREAM and channel.limit_ns:
-            # what waits after an outage is sent faster than new items come: else it never ends
-            self._limit_ns = channel.limit_ns // CATCH_UP
+        self._limit_ns = channel.catch_up_ns if self.resource.kind is Kind.STREAM else channel.limit_ns
         self._shorten()
+        if self._may_keep:
+            self._set_history(channel)
+
+    def _set_history(self, channel: FeedChannel) -> None:
+        if not channel.is_buffered:
+            self.dropped = self.lost + (0 if self.history is None else self.history.waiting[0])
+            self.history = None
+            return
+        if self.history is None:
+            self.history = BoardHistory(self.resource, self.rule.deadband)
+        self.history.set_channel(channel, max(self._interval_ns, channel.limit_ns or 0))
 
     def offer(self, item: TreeItem) -> None:
         """Add a value of the resource."""
@@ -120,6 +141,8 @@ class Feed:
             else:
                 self.held_back += 1
             return
+        if self.history is not None and self._pending is not None:
+            self.history.on_superseded(self._pending, item.stamp_ns)
         self._newest = item
         changed = self._sent is None or self._each or differs(self._sent, item.data, self.rule.deadband)
         # else a value that is equal to the last sent one again is not sent
@@ -194,6 +217,8 @@ class Feed:
             self._pending = None
             self._in_flight = True
             self._sent, self._sent_ns = item.data, now_ns
+            if self.history is not None:
+                self.history.on_sent(item)
             return [item]
         self._drop_before(now_ns)
         if self._limit_ns:
@@ -216,6 +241,8 @@ class Feed:
         if self.latest_only:
             self._sent = None
             self._pending = self._newest
+            if self.history is not None:
+                self.history.requeue([item for item in items if item is not self._newest])
             return
         self._queue.extendleft(reversed(items))
         self._size += sum(len(item.data) for item in items)

@@ -13,6 +13,10 @@ QUEUE_BYTES: Final = 1024 * 1024
 """Maximum bytes of values in them; one item is always kept."""
 ITEM_BYTES: Final = 64
 """Smallest item for which a buffer of a set size has room: it bounds the number of items."""
+CATCH_UP: Final = 2
+"""Rate at which a limited channel sends what waits, by the rate of its limit."""
+BURST_NS: Final = 20_000_000
+"""Items of this time may be sent together by a channel of a high rate."""
 _PRIORITIES: Final = {ChannelPriority.HIGH: 1, ChannelPriority.LOW: -1}
 
 
@@ -28,6 +32,13 @@ class FeedChannel(msgspec.Struct, frozen=True):
     compression: Compression = Compression()
     priority: int = 0
     """Feeds of a higher one are served first."""
+    is_buffered: bool = False
+    """Whether a buffer is set: then a board keeps the values that it could not send."""
+
+    @property
+    def catch_up_ns(self) -> int | None:
+        """Minimum interval of what has waited: it is sent faster than new items come, else it never ends."""
+        return self.limit_ns and self.limit_ns // CATCH_UP
 
     @classmethod
     def of(cls, settings: ChannelSettings, *, may_be_video: bool = False) -> Self:
@@ -43,4 +54,5 @@ class FeedChannel(msgspec.Struct, frozen=True):
             None if settings.buffer_s is None else round(settings.buffer_s * 1e9),
             Compression.parse(settings.compression or "none"),
             0 if settings.priority is None else _PRIORITIES.get(settings.priority, 0),
+            size is not None or settings.buffer_s is not None,
         )

@@ -6,6 +6,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
 from swarmware.runtime.backoff import pause_after
@@ -35,9 +36,11 @@ class LaneNumber(IntEnum):
     """Events, settings, changes of the structure."""
     STREAMS = 1
     BOARDS = 2
+    BACKLOG = 3
+    """Former values of boards: below everything else."""
 
 
-Parts = list[tuple[Feed, list[TreeItem]]]
+Parts = list[tuple[Feed | BoardHistory, list[TreeItem]]]
 
 
 class UnacknowledgedNotification:
@@ -56,7 +59,8 @@ class UnacknowledgedNotification:
         """False: it failed and waits for its retransmission."""
 
     def failed(self) -> None:
-        """Remove its boards, whose newest values follow; the rest is retransmitted with the same serial.
+        """Remove its boards, whose newest values follow, and former values; the rest is retransmitted with
+        the same serial.
 
         A duplicate must contain all events of the first copy, so only boards are removed.
         """

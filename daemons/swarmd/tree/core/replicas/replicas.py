@@ -6,6 +6,7 @@ from enum import StrEnum
 from typing import Final
 
 from swarmd.tree.core.action import Action, RemoveMirrors, RequestStructure, RequestSubscription, WriteMirror
+from swarmd.tree.core.notification.lane import LaneNumber
 from swarmd.tree.core.replicas.platform_units import PlatformUnits
 from swarmd.tree.core.replicas.received_broadcasts import ReceivedBroadcasts
 from swarmd.tree.core.replicas.replica import Replica
@@ -306,7 +307,7 @@ class Replicas:
             replica.subscription.on_former(notify.epoch)
             self._request_subscription(replica)
         return [
-            WriteMirror(name, item, notify.epoch, replica.address.unit)
+            WriteMirror(name, item, notify.epoch, replica.address.unit, notify.lane == LaneNumber.BACKLOG)
             for item in notify.items
             for name in self.units.mirrors(replica, item.path)
         ]
@@ -486,13 +487,12 @@ class Replicas:
     def _retry(self, replica: Replica, due: _Due, now_ns: int) -> None:
         if replica.up:
             replica.failures += 1
-            pause_ns = pause_after(replica.failures, self._timeouts.retry_ns)
-            self._timers.set((replica.name, due), now_ns + pause_ns)
+            pauses_ns = self._timeouts.retry_ns
+            self._timers.set((replica.name, due), now_ns + pause_after(replica.failures, pauses_ns))
 
     def _on_index(self, replica: Replica, former: Index | None) -> None:
         """Its structure was replaced."""
-        index = replica.index
-        assert index is not None
+        index = replica.index or ()
         if former is None or any(item.resource.path not in index for item in former):
             for action in self.units.prune(replica):
                 self._emit(action)

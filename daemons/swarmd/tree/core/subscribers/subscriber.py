@@ -1,9 +1,10 @@
 """One platform with a subscription here: its lease, its feeds, and what it has to be notified of."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from swarmd.tree.core.action import Coding
+from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
@@ -21,15 +22,17 @@ BYTES_LIMIT: Final = 32 * 1024
 
 _LANES: Final = {Kind.STREAM: LaneNumber.STREAMS, Kind.BOARD: LaneNumber.BOARDS}
 """All other kinds are sent with the changes of the structure."""
+_IN_TURN: Final = (LaneNumber.STREAMS, LaneNumber.BACKLOG)
+"""Lanes without newest values."""
 
 
 class Subscriber:
     """State of one subscriber."""
 
     __slots__ = (
-        "_behind", "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits", "limits_ns",
-        "limits_sent", "over_wire", "plan", "platform", "reads", "sender", "structure", "structure_ns",
-        "subscription", "up",
+        "_behind", "_histories", "_turn", "epoch", "lanes", "lease_ns", "lease_span_ns", "limits",
+        "limits_ns", "limits_sent", "over_wire", "plan", "platform", "reads", "sender", "structure",
+        "structure_ns", "subscription", "up",
     )  # fmt: skip
 
     def __init__(self, platform: str, epoch: int, serial: int = 0, *, over_wire: bool = False) -> None:
@@ -61,6 +64,8 @@ class Subscriber:
         """When they are due to be sent; None: they have not changed."""
         self._behind: set[str] = set()
         """Boards of which nothing was sent since it is reachable again: the newest value goes first."""
+        self._histories: list[BoardHistory] = []
+        """Those of its boards whose channels have a buffer."""
         self._turn: dict[LaneNumber, str] = {}
         """Path of the feed that was served last in each lane, for round-robin order."""
 
@@ -73,6 +78,16 @@ class Subscriber:
     def serial(self) -> int:
         """Serial number of its newest notification."""
         return max(lane.serial for lane in self.lanes.values())
+
+    @property
+    def kept_ns(self) -> int:
+        """Time for which it may be unreachable: its lease, or longer for what waits in a buffer."""
+        buffers_ns = (feed.channel.buffer_ns or 0 for feed in self.feeds.values())
+        return max(self.lease_span_ns, *buffers_ns) if self.feeds else self.lease_span_ns
+
+    def on_channels(self) -> None:
+        """Its feeds, or the settings of their channels, have changed."""
+        self._histories = [feed.history for feed in self.feeds.values() if feed.history is not None]
 
     def on_reachable(self) -> None:
         """It is reachable: retry at once."""
@@ -119,8 +134,8 @@ class Subscriber:
         repeat_ns = lane.due_ns()
         if repeat_ns is not None:
             return repeat_ns  # retransmissions first, to keep the order
-        if not lane.has_room:
-            return None
+        if not lane.has_room or (lane and lane.number is LaneNumber.BACKLOG):
+            return None  # former values one after the other: at the next outage few old ones are under way
         dues = [feed.due_ns() for feed in self._feeds_of(lane.number)]
         if self.owes_structure(lane):
             dues.append(self.structure_ns)
@@ -160,32 +175,35 @@ class Subscriber:
                 count += len(taken)
                 size += sum(len(item.data) for item in taken)
                 self._turn[lane.number] = feed.resource.path
-                self._behind.discard(feed.resource.path)
+                if lane.number is not LaneNumber.BACKLOG:
+                    self._behind.discard(feed.resource.path)
         return parts
 
-    def _feeds_of(self, number: LaneNumber) -> list[Feed]:
+    def _feeds_of(self, number: LaneNumber) -> Sequence[Feed | BoardHistory]:
         """The feeds of a lane by priority, then in round-robin order."""
-        feeds = [
-            feed
-            for feed in self.feeds.values()
-            if _LANES.get(feed.resource.kind, LaneNumber.UPDATES) is number
-        ]
+        feeds: list[Feed | BoardHistory] = [*self._histories]
+        if number is not LaneNumber.BACKLOG:
+            feeds = [
+                feed
+                for feed in self.feeds.values()
+                if _LANES.get(feed.resource.kind, LaneNumber.UPDATES) is number
+            ]
         served = self._turn.get(number)
         for index, feed in enumerate(feeds):
             if feed.resource.path == served:
                 feeds = feeds[index + 1 :] + feeds[: index + 1]
                 break
-        if self._behind and number is not LaneNumber.STREAMS:
+        if self._behind and number not in _IN_TURN:
             feeds.sort(key=self._age)
         if any(feed.channel.priority for feed in feeds):
             feeds.sort(key=_priority)  # in turns within a priority
         return feeds
 
-    def _age(self, feed: Feed) -> tuple[bool, int]:
+    def _age(self, feed: Feed | BoardHistory) -> tuple[bool, int]:
         """Boards that are behind, the newest value first, before what has its turn."""
         stamp_ns = feed.pending_ns if feed.resource.path in self._behind else None
         return (True, 0) if stamp_ns is None else (False, -stamp_ns)
 
 
-def _priority(feed: Feed) -> int:
+def _priority(feed: Feed | BoardHistory) -> int:
     return -feed.channel.priority

@@ -81,8 +81,8 @@ class Subscribers:
         lost = self._watched.lost
         for one in self._subscribers.values():
             for path, feed in one.feeds.items():
-                if feed.dropped:
-                    lost[path, one.platform] += feed.dropped
+                if feed.lost:
+                    lost[path, one.platform] += feed.lost
         return lost
 
     @property
@@ -96,8 +96,8 @@ class Subscribers:
         for one in self._subscribers.values():
             for path, feed in one.feeds.items():
                 settings = self._planner.settings(path, one.platform)
-                if settings != NO_SETTINGS or feed.dropped or feed.held_back:
-                    lost = (feed.dropped, feed.held_back)
+                if settings != NO_SETTINGS or feed.lost or feed.held_back:
+                    lost = (feed.lost, feed.held_back)
                     found.append(ChannelState(path, one.platform, settings, *feed.waiting, *lost))
         return tuple(sorted(found, key=lambda state: (state.path, state.link)))
 
@@ -188,7 +188,7 @@ class Subscribers:
         one = self._subscribers.get(platform)
         if one is not None and one.up:
             one.up = False
-            one.lease_ns = now_ns + one.lease_span_ns
+            one.lease_ns = now_ns + one.kept_ns
             self._timers.set(platform, one.lease_ns)
 
     def on_notified(self, platform: str, notify: TreeNotify, delivered: bool, now_ns: int) -> None:
@@ -215,7 +215,9 @@ class Subscribers:
                     one.structure_ns = now_ns
         elif lane.failed(notify.serial, now_ns, self._intervals.retry_ns):
             self.failures += 1
-            if lane.failing_since_ns is not None and now_ns >= lane.failing_since_ns + one.lease_span_ns:
+            # what has the lowest priority fails on a busy link, too
+            failing_ns = None if lane.number is LaneNumber.BACKLOG else lane.failing_since_ns
+            if failing_ns is not None and now_ns >= failing_ns + one.kept_ns:
                 self._lapse(one)  # it has a route, but nothing is delivered
                 return
         self._flush(one, now_ns)
@@ -240,7 +242,7 @@ class Subscribers:
         """Rules of channels are in force; of each setting, the first that matches and has it applies."""
         self._planner.set_limits(limits)
         for one in self._subscribers.values():
-            one.set_limits(self._planner.limit(one.plan, one.platform), now_ns + self._intervals.coalesce_ns)
+            self._apply_limits(one, now_ns)
             self._flush(one, now_ns)
 
     def rule_of(self, path: str) -> Rule | None:
@@ -310,7 +312,12 @@ class Subscribers:
         before, one.plan = one.plan, plan
         self.plan_version += plan.beacon_boards != before.beacon_boards
         self._watched.replace(one, before.feeds, plan.feeds)
-        one.set_limits(self._planner.limit(plan, one.platform), now_ns + self._intervals.coalesce_ns)
+        self._apply_limits(one, now_ns)
+
+    def _apply_limits(self, one: Subscriber, now_ns: int) -> None:
+        limits = self._planner.limit(one.plan, one.platform)
+        one.set_limits(limits, now_ns + self._intervals.coalesce_ns)
+        one.on_channels()
 
     def _flush(self, one: Subscriber, now_ns: int) -> None:
         """Send what is due, and set the timer for the rest."""

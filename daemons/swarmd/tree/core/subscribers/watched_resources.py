@@ -45,7 +45,7 @@ class WatchedResources:
         """A subscriber has other feeds: watch exactly their resources."""
         for path, feed in before.items():
             if feeds.get(path) is not feed:
-                self._lost[path, one.platform] += feed.dropped
+                self._lost[path, one.platform] += feed.lost
             if path not in feeds:
                 self._remove(path, one)
         for path, feed in feeds.items():

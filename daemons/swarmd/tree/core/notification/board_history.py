@@ -1,0 +1,115 @@
+"""Former values of one board for one subscriber: what could not be sent, kept within bytes and seconds."""
+
+from bisect import insort
+from operator import attrgetter
+from typing import Final
+
+from swarmd.tree.core.notification.condition import differs
+from swarmd.tree.core.notification.feed_channel import BURST_NS, FeedChannel
+from swarmware.model.resource import Resource
+from swarmware.types.tree import TreeItem
+
+_STAMP: Final = attrgetter("stamp_ns")
+
+
+class BoardHistory:
+    """Keeps the values that an undisturbed link would have sent; the newest of them is sent first."""
+
+    __slots__ = (
+        "_interval_ns", "_items", "_kept_data", "_kept_ns", "_sent_ns", "_size", "channel", "deadband",
+        "dropped", "resource",
+    )  # fmt: skip
+
+    latest_only: Final = True
+    """The values of a notification that failed return: newer ones may go before them."""
+    pending_ns: Final = None
+    """No newest value waits here."""
+
+    def __init__(self, resource: Resource, deadband: float) -> None:
+        self.resource = resource
+        self.deadband = deadband
+        self.channel = FeedChannel()
+        self._interval_ns = 0
+        self._items: list[TreeItem] = []
+        """By stamp."""
+        self._size = 0
+        """Bytes of values in them."""
+        self._kept_data: bytes | None = None
+        self._kept_ns = -(1 << 62)
+        """Payload and instant of the value that was sent or kept last."""
+        self._sent_ns = -(1 << 62)
+        self.dropped = 0
+        """Values that were dropped from the full buffer, or became too old in it."""
+
+    @property
+    def waiting(self) -> tuple[int, int]:
+        """Number and bytes of the values that wait."""
+        return len(self._items), self._size
+
+    def set_channel(self, channel: FeedChannel, interval_ns: int) -> None:
+        """Set the buffer, the rate and the minimum interval of the values."""
+        self.channel, self._interval_ns = channel, interval_ns
+        self._shorten()
+
+    def on_sent(self, item: TreeItem) -> None:
+        """A newest value was sent."""
+        self._kept_data, self._kept_ns = item.data, max(self._kept_ns, item.stamp_ns)
+
+    def on_superseded(self, item: TreeItem, next_ns: int) -> None:
+        """A value that waited was replaced by one with the stamp `next_ns`.
+
+        It is kept if it was the newest at an instant at which one was due: a rate holds here, too.
+        """
+        due_ns = max(self._kept_ns + self._interval_ns, item.stamp_ns)
+        is_new = self._kept_data is None or differs(self._kept_data, item.data, self.deadband)
+        if next_ns > due_ns and is_new and self.channel.limit_ns is not None:
+            self._kept_data, self._kept_ns = item.data, due_ns
+            self.keep(item)
+
+    def keep(self, item: TreeItem) -> None:
+        """Add a value that was not delivered."""
+        insort(self._items, item, key=_STAMP)
+        self._size += len(item.data)
+        self._shorten()
+
+    def _shorten(self) -> None:
+        items, channel = self._items, self.channel
+        while len(items) > channel.buffer_items or (self._size > channel.buffer_bytes and len(items) > 1):
+            self._drop_first()
+        if items:
+            self._drop_before(items[-1].stamp_ns)
+
+    def _drop_before(self, now_ns: int) -> None:
+        age_ns = self.channel.buffer_ns
+        while age_ns is not None and self._items and now_ns - self._items[0].stamp_ns > age_ns:
+            self._drop_first()
+
+    def _drop_first(self) -> None:
+        self._size -= len(self._items.pop(0).data)
+        self.dropped += 1
+
+    def due_ns(self) -> int | None:
+        """When the next values are due; None: none wait, or nothing may be sent."""
+        pace_ns = self.channel.catch_up_ns
+        return None if not self._items or pace_ns is None else self._sent_ns + pace_ns
+
+    def take(self, now_ns: int, limit: int, room: int) -> list[TreeItem]:
+        """Take values to be sent, at most `limit` and about `room` bytes: the newest first."""
+        self._drop_before(now_ns)
+        if pace_ns := self.channel.catch_up_ns:
+            limit = min(limit, max(1, min(now_ns - self._sent_ns, BURST_NS) // pace_ns))
+        self._sent_ns = now_ns
+        taken: list[TreeItem] = []
+        while self._items and len(taken) < limit and (room > 0 or not taken):
+            taken.append(self._items.pop())
+            room -= len(taken[-1].data)
+        self._size -= sum(len(item.data) for item in taken)
+        return taken
+
+    def on_acknowledged(self) -> None:
+        """The values taken last were acknowledged."""
+
+    def requeue(self, items: list[TreeItem]) -> None:
+        """Return values that were not delivered."""
+        for item in items:
+            self.keep(item)

@@ -1,0 +1,286 @@
+"""Boards whose channel has a buffer: what an outage superseded follows the newest value, newest first."""
+
+import itertools
+from functools import partial
+
+import pytest
+from tests.unit.tree.pair import CONFIG, Pair, S, pair
+from tests.unit.tree.test_window import Owner
+
+from swarmd.tree.core.action import SendNotify, WriteMirror
+from swarmd.tree.core.notification.feed import Feed
+from swarmd.tree.core.notification.feed_channel import CATCH_UP
+from swarmd.tree.core.notification.lane import LaneNumber
+from swarmware.model.frame import FrameKind
+from swarmware.model.resource import Kind, Resource
+from swarmware.testing.virtual import VirtualSwarm
+from swarmware.types.channel import ChannelLimit, ChannelSettings
+from swarmware.types.tree import Rule, TreeItem, TreeNotify
+
+BATTERY = Resource(path="power/battery", type="Float", owner="hal")
+BUFFER = ChannelSettings(buffer_bytes=100_000, buffer_s=60.0)
+EVERYTHING = 10**9
+
+
+def value(sequence: int, stamp_ns: int, data: bytes | None = None) -> TreeItem:
+    text = b"%08d" % sequence if data is None else data
+    return TreeItem("power/battery", 7, FrameKind.BOARD, sequence, stamp_ns, text)
+
+
+def board(settings: ChannelSettings = BUFFER, *, deadband: float = 0.0) -> Feed:
+    feed = Feed(BATTERY, Rule("**", deadband), 0)
+    feed.set_channel(settings)
+    return feed
+
+
+def write(feed: Feed, first: int, last: int, rate_hz: int = 10) -> None:
+    for sequence in range(first, last + 1):
+        feed.offer(value(sequence, sequence * S // rate_hz))
+
+
+def drained(feed: Feed, now_ns: int, end_ns: int) -> list[tuple[int, int]]:
+    """Time and sequence of former values on a link that takes everything."""
+    assert feed.history is not None
+    sent = []
+    while (due_ns := feed.history.due_ns()) is not None and max(due_ns, now_ns) <= end_ns:
+        now_ns = max(due_ns, now_ns)
+        sent += [(now_ns, item.sequence) for item in feed.history.take(now_ns, 32, EVERYTHING)]
+    return sent
+
+
+def cut(feed: Feed) -> None:
+    """The first value is under way when the link is cut."""
+    write(feed, 0, 0)
+    assert [item.sequence for item in feed.take(0, 1, 0)] == [0]
+
+
+def test_after_an_outage_the_newest_value_is_the_board_and_former_ones_follow_newest_first() -> None:
+    feed = board()
+    cut(feed)
+    write(feed, 1, 50)
+    feed.requeue([value(0, 0)])
+    assert feed.waiting[0] == 51
+    assert [item.sequence for item in feed.take(5 * S, 1, EVERYTHING)] == [50]
+    assert [sequence for _, sequence in drained(feed, 5 * S, 5 * S)] == list(range(49, -1, -1))
+    assert feed.waiting == (0, 0)
+    assert feed.lost == 0
+
+
+def test_without_a_buffer_a_board_has_no_history() -> None:
+    for settings in (ChannelSettings(), ChannelSettings(5.0), ChannelSettings(compression="zlib:1")):
+        feed = board(settings)
+        cut(feed)
+        write(feed, 1, 50)
+        assert feed.history is None
+        assert feed.waiting[0] == 1
+
+
+def test_a_setting_and_another_computer_of_the_platform_have_no_history() -> None:
+    setting = Resource(path="config/hal/gain", kind=Kind.SETTING, type="Float", default=1.0)
+    for feed in (Feed(setting, Rule("**"), 0), Feed(BATTERY, Rule("**"), 0, over_wire=True)):
+        feed.set_channel(BUFFER)
+        assert feed.history is None
+
+
+def test_the_oldest_is_dropped_beyond_the_bytes_or_the_age_and_counted() -> None:
+    for settings, kept in ((ChannelSettings(buffer_bytes=80), 10), (ChannelSettings(buffer_s=1.0), 11)):
+        feed = board(settings)
+        cut(feed)
+        write(feed, 1, 50)
+        assert feed.waiting[0] == kept + 1
+        assert feed.lost == 49 - kept
+        now_ns = 49 * S // 10
+        assert [sequence for _, sequence in drained(feed, now_ns, now_ns)] == list(range(49, 49 - kept, -1))
+
+
+def test_what_became_too_old_before_the_return_is_dropped() -> None:
+    feed = board(ChannelSettings(buffer_s=2.0))
+    cut(feed)
+    write(feed, 1, 10)
+    assert drained(feed, 60 * S, 60 * S) == []
+    assert feed.lost == 9
+
+
+@pytest.mark.parametrize(("written_hz", "max_hz"), [(30, 5.0), (10, 10.0), (100, 20.0)])
+def test_a_limit_of_the_rate_holds_for_what_is_kept_and_it_is_sent_at_twice_that_rate(
+    written_hz: int, max_hz: float
+) -> None:
+    feed = board(ChannelSettings(max_hz, buffer_s=60.0))
+    cut(feed)
+    write(feed, 1, 20 * written_hz, written_hz)
+    assert feed.waiting[0] == pytest.approx(20 * max_hz, abs=2)
+    sent = drained(feed, 20 * S, 25 * S)
+    assert len(sent) == pytest.approx(5 * CATCH_UP * max_hz, abs=2)
+    written_s = [sequence / written_hz for _, sequence in sent]
+    steps = [later - sooner for later, sooner in itertools.pairwise(written_s)]
+    assert min(steps) > 0.6 / max_hz
+    assert max(steps) < 1.4 / max_hz
+
+
+def test_on_a_link_that_takes_everything_nothing_is_kept() -> None:
+    feed = board(ChannelSettings(5.0, buffer_s=60.0))
+    for sequence in range(300):
+        now_ns = sequence * S // 30
+        feed.offer(value(sequence, now_ns))
+        while (due_ns := feed.due_ns()) is not None and due_ns < now_ns + S // 30:
+            feed.take(max(due_ns, now_ns), 1, EVERYTHING)
+            feed.on_acknowledged()
+    assert feed.waiting[0] <= 1
+    assert feed.lost == 0
+
+
+def test_what_does_not_differ_is_not_kept() -> None:
+    feed = board(deadband=0.5)
+    feed.offer(value(0, 0, b"\x91\x00"))
+    feed.take(0, 1, EVERYTHING)
+    for sequence, number in enumerate((1, 1, 1, 2, 2, 3), 1):
+        feed.offer(value(sequence, sequence * S, bytes((0x91, number))))
+    assert feed.history is not None
+    assert [item.sequence for item in feed.history.take(9 * S, 32, EVERYTHING)] == [4, 1]
+
+
+def test_a_value_that_failed_is_kept_unless_it_is_still_the_newest() -> None:
+    feed = board()
+    first = value(1, S)
+    feed.offer(first)
+    feed.requeue(feed.take(S, 1, EVERYTHING))
+    assert feed.waiting == (1, 8)
+    feed.take(2 * S, 1, EVERYTHING)
+    feed.offer(value(2, 2 * S))
+    feed.requeue([first])
+    assert [item.sequence for item in feed.take(3 * S, 1, EVERYTHING)] == [2]
+    assert [sequence for _, sequence in drained(feed, 3 * S, 3 * S)] == [1]
+
+
+def test_without_its_buffer_a_board_drops_what_waits_and_counts_it() -> None:
+    feed = board()
+    cut(feed)
+    write(feed, 1, 50)
+    feed.set_channel(ChannelSettings())
+    assert feed.waiting[0] == 1
+    assert feed.lost == 49
+
+
+def test_a_rate_of_zero_sends_and_keeps_nothing() -> None:
+    feed = board(ChannelSettings(0.0, buffer_s=60.0))
+    write(feed, 0, 50)
+    assert feed.history is not None
+    assert feed.history.waiting == (0, 0)
+    write(feed := board(), 0, 50)
+    feed.set_channel(ChannelSettings(0.0, buffer_s=60.0))
+    assert feed.history is not None
+    assert feed.history.due_ns() is None, "what waits stays until something may be sent"
+
+
+# -- between two trees
+
+
+def buffered(**settings: float) -> Pair:
+    both = pair("/uav1/power/battery")
+    limit = ChannelLimit("power/*", ChannelSettings(**settings))  # type: ignore[arg-type]
+    both.trees["uav1"].on_limits((limit,), 0)
+    both.wait(1)
+    return both
+
+
+def away(both: Pair, seconds: int) -> None:
+    """The subscriber is out of reach while its owner writes ten values a second."""
+    uav = both.trees["uav1"]
+    uav.on_gone("gcs", both.now_ns)
+    begin_ns = both.now_ns
+    for sequence in range(1, 10 * seconds + 1):
+        both.now_ns = begin_ns + sequence * S // 10
+        uav.on_timer(both.now_ns)
+        uav.on_value(value(sequence, both.now_ns), both.now_ns)
+    assert not any(isinstance(action, SendNotify) for action in uav.drain())
+
+
+def test_the_newest_value_goes_first_and_the_former_ones_have_the_lowest_priority() -> None:
+    both = buffered(buffer_s=30.0)
+    away(both, 20)
+    both.meet()
+    both.wait(1)
+    sent = [action for _, action in both.log if isinstance(action, SendNotify) and action.notify.items]
+    assert [item.sequence for item in sent[0].notify.items] == [200]
+    assert (sent[0].notify.lane, sent[0].kind) == (LaneNumber.BOARDS, FrameKind.BOARD)
+    assert {(one.notify.lane, one.kind) for one in sent[1:]} == {(LaneNumber.BACKLOG, FrameKind.FILE)}
+    assert [item.sequence for one in sent[1:] for item in one.notify.items] == list(range(199, 0, -1))
+    assert both.trees["uav1"].subscribers.dropped == 0
+
+
+def test_the_receiver_keeps_former_values_apart_from_the_board() -> None:
+    both = buffered(buffer_s=30.0)
+    away(both, 2)
+    both.meet()
+    both.trees["gcs"].drain()
+    gcs = both.trees["gcs"].core
+    sent = [action.notify for action in both.trees["uav1"].drain() if isinstance(action, SendNotify)]
+    found = [action for notify in sent for action in gcs.on_notify(notify, both.now_ns)]
+    written = [action for action in found if isinstance(action, WriteMirror)]
+    assert [(one.item.sequence, one.late) for one in written[:2]] == [(20, False), (19, True)]
+    assert [one.late for one in written].count(False) == 1
+    assert len(written) == 20
+
+
+@pytest.mark.parametrize("buffer_s", [30.0, 600.0])
+def test_a_subscription_outlasts_its_lease_as_long_as_its_buffer(buffer_s: float) -> None:
+    assert CONFIG.lease_s == 60.0
+    both = buffered(buffer_s=buffer_s)
+    away(both, 100)
+    uav = both.trees["uav1"]
+    assert uav.subscribers.platforms() == (["gcs"] if buffer_s > 100 else [])
+    both.meet()
+    both.wait(10)
+    assert len(both.received["gcs"]) == (1000 if buffer_s > 100 else 0)
+
+
+def test_former_values_that_a_busy_link_does_not_carry_do_not_end_the_subscription() -> None:
+    both = buffered(buffer_s=600.0)
+    away(both, 2)
+    both.meet()
+    uav = both.trees["uav1"]
+    for _ in range(100):
+        for action in uav.drain():
+            if isinstance(action, SendNotify):
+                is_live = action.notify.lane != LaneNumber.BACKLOG
+                if is_live:
+                    both.hear("gcs", action.notify)
+                uav.on_notified("gcs", action.notify, is_live, both.now_ns)
+        both.now_ns += 2 * S
+        uav.on_timer(both.now_ns)
+    assert uav.subscribers.platforms() == ["gcs"]
+    both.wait(10)
+    assert sorted(item.sequence for item in both.received["gcs"]) == list(range(1, 21))
+
+
+class BoardOwner(Owner):
+    """An owner whose subscriber distinguishes what becomes the board's value."""
+
+    def __init__(self, net: VirtualSwarm[str]) -> None:
+        super().__init__(net)
+        self.newest: list[int] = []
+
+    def _arrive(self, notify: TreeNotify, done: list[bool]) -> None:
+        before = len(self.got.get(BATTERY.path, ()))
+        super()._arrive(notify, done)
+        if notify.lane == LaneNumber.BOARDS:
+            self.newest += self.got.get(BATTERY.path, [])[before:]
+
+
+@pytest.mark.parametrize(("seed", "loss"), [(1, 0.0), (2, 0.3)])
+def test_over_a_lossy_link_with_an_outage_each_value_arrives_and_the_board_never_goes_back(
+    seed: int, loss: float
+) -> None:
+    net: VirtualSwarm[str] = VirtualSwarm(seed, loss=loss, delay_s=(0.002, 0.03))
+    owner = BoardOwner(net)
+    owner.uav.on_limits((ChannelLimit("power/*", BUFFER),), 0)
+    for sequence in range(1, 401):
+        net.at(sequence * S // 10, partial(owner.write, value(sequence, sequence * S // 10)))
+    net.at(10 * S, lambda: setattr(net, "link", lambda a, b: False))
+    net.at(30 * S, lambda: setattr(net, "link", lambda a, b: True))
+    net.run_until(60 * S)
+    assert set(owner.got[BATTERY.path]) == set(range(1, 401))
+    assert owner.newest == sorted(set(owner.newest))
+    assert owner.newest[-1] == 400
+    assert len(owner.newest) < 250, "those of the outage are former values"
+    assert len(owner.got[BATTERY.path]) <= 400 * (1 + 2 * loss)
