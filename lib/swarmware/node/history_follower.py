@@ -11,8 +11,8 @@ from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
 
 REMEMBERED: Final = 4096
-"""Values that are recognised when they come again: one whose acknowledgement was lost counts as undelivered at
-its owner, which sends it with the former ones."""
+"""Values that are recognised when they come again: one whose acknowledgement was lost counts as undelivered
+at its owner, which sends it with the former ones."""
 
 
 class HistoryFollower:
