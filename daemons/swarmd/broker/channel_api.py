@@ -1,5 +1,6 @@
 """Requests of operators about channels: each is recorded with its requester, also a refused one."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
@@ -8,6 +9,7 @@ import msgspec
 
 from swarmd.broker.channel_store import ChannelStore
 from swarmd.broker.core.boards.channel_table import ChannelTable, refusals
+from swarmd.broker.core.boards.video_receivers import QUESTION, without_video
 from swarmware.errors import SwarmError
 from swarmware.model import names, template
 from swarmware.model.resource import Kind, Resource
@@ -16,10 +18,14 @@ from swarmware.module.module import Module
 from swarmware.module.requester import requester
 from swarmware.module.writer import BoardWriter
 from swarmware.types.channel import ChannelLimits, ClearChannels, SetChannel, UndoChannel
-from swarmware.types.tree import TreeChange
+from swarmware.types.tree import TreeChange, TreeListing
 
 PATH: Final = "net/limits"
 """The board that changes, in the record."""
+TREE_S: Final = 0.5
+"""For the answer of this node's tree: a change is effective within a second."""
+
+log = logging.getLogger("swarm.broker")
 
 
 class ChannelApi:
@@ -42,13 +48,23 @@ class ChannelApi:
         serve("sys/broker/undo_channel", UndoChannel, self._serve_undo, reply=ChannelLimits)
         serve("sys/broker/clear_channels", ClearChannels, self._serve_clear, reply=ChannelLimits)
 
-    def _serve_set(self, request: SetChannel, meta: Meta) -> ChannelLimits:
+    async def _serve_set(self, request: SetChannel, meta: Meta) -> ChannelLimits:
+        listing = await self._video_listing() if request.settings.is_video else TreeListing(())
         with self._recorded(meta, str(request)):
             present = self._table.limits(self._module.now_ns()).limits
             refused = refusals(request, self._resources(), present)
+            refused += without_video(request, self._module.platform, listing)
             self._table.set(request, self._module.now_ns())
             self._store.keep()
         return ChannelLimits(self._write().limits, refused)
+
+    async def _video_listing(self) -> TreeListing:
+        """Platforms with the service `video`, as the tree of this node knows them."""
+        try:
+            return await self._module.request("sys/tree/list", QUESTION, TreeListing, timeout_s=TREE_S)
+        except SwarmError as error:
+            log.info("receivers of video are not known: %s", error)
+            return TreeListing(())
 
     def _serve_undo(self, _request: UndoChannel, meta: Meta) -> ChannelLimits:
         with self._recorded(meta, "undo"):

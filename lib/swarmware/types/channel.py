@@ -162,9 +162,11 @@ class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     def matches(self, path: str, link: str) -> bool:
         """Whether it holds for a resource on the way to a platform; `link` empty: to all at once."""
-        return _pattern(self.pattern).matches(path) and (
-            not self.link or (bool(link) and _names(self.link).matches(link))
-        )
+        return _pattern(self.pattern).matches(path) and self.is_to(link)
+
+    def is_to(self, link: str) -> bool:
+        """Whether it holds for what goes to a platform."""
+        return not self.link or (bool(link) and _names(self.link).matches(link))
 
 
 @register
