@@ -19,7 +19,7 @@ THIN_LINES = 40
 THIN = {
     "cli/swarmctl/commands/doctor/outages.py": "outages of links, without the checks of this computer",
     "cli/swarmctl/commands/file/listing.py": "a list, without the library of transfers",
-    "daemons/swarmd/broker/core/boards/video_receivers.py": "what the tree knows of receivers, beside the rules of channels",
+    "daemons/swarmd/broker/core/boards/video_receivers.py": "of receivers, by what the tree knows",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
