@@ -9,9 +9,7 @@ from swarmware.types.tree import Quality, TreeList, TreeListing
 
 QUESTION: Final = TreeList("/*/sys/video/open")
 """Asks the tree of this node which platforms have the address at which they agree to receive video."""
-_REASON: Final = (
-    "the service `video` does not run there: nothing of the channel arrives; expected it in node.toml"
-)
+_REASON: Final = "the service `video` does not run there: no value arrives; expected it in node.toml"
 
 
 def without_video(request: SetChannel, own: str, listing: TreeListing) -> tuple[ChannelRefusal, ...]:
