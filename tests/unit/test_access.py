@@ -9,7 +9,13 @@ from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind
 from swarmware.transport.delivery.answer import with_lifetime
-from swarmware.transport.delivery.sender import Caller, arrival_ns, sender_of, with_caller, with_sender
+from swarmware.transport.delivery.sender import (
+    Caller,
+    sender_and_arrival_ns,
+    sender_of,
+    with_caller,
+    with_sender,
+)
 from swarmware.transport.security.roster import Roster, RosterMember
 
 GCS = Sender("gcs", Role.OPERATOR)
@@ -84,22 +90,20 @@ def test_the_sender_in_an_extension_replaces_whatever_stood_there() -> None:
 def test_the_arrival_in_an_extension_replaces_whatever_stood_there_and_stands_beside_the_sender() -> None:
     lifetime = with_lifetime(2.0)
     forged = with_sender(lifetime, GCS, 5)
-    assert (arrival_ns(forged), sender_of(forged)) == (5, GCS)
-    assert arrival_ns(with_sender(forged, None, -7)) == -7
-    assert arrival_ns(lifetime) is None
+    assert sender_and_arrival_ns(forged) == (GCS, 5)
+    assert sender_and_arrival_ns(with_sender(forged, None, -7))[1] == -7
+    assert sender_and_arrival_ns(lifetime)[1] is None
     assert with_sender(forged, None) == lifetime
 
 
 @given(st.binary(max_size=255))
 def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extension: bytes) -> None:
-    sender_of(extension)
-    arrival_ns(extension)
+    sender_and_arrival_ns(extension)
     try:
         written = with_sender(extension, GCS, 2**62)
     except WireError:
         return
-    assert sender_of(written) == GCS
-    assert arrival_ns(written) == 2**62
+    assert sender_and_arrival_ns(written) == (GCS, 2**62)
     assert sender_of(with_sender(written, None)) is None
 
 
@@ -144,10 +148,10 @@ def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
     for keys in (gate(), AccessFilter("uav9", None, Access())):
         asked = question(extension=with_sender(b"", None, 1))
         keys.check(asked, "uav2", "plan/share", 1000)
-        assert arrival_ns(asked.extension) == 1000
+        assert sender_and_arrival_ns(asked.extension)[1] == 1000
         answered = question(FrameKind.REPLY, with_sender(b"", None, 1))
         keys.check(answered, "uav2", None, 1000)
-        assert arrival_ns(answered.extension) is None
+        assert sender_and_arrival_ns(answered.extension)[1] is None
 
 
 def test_a_user_has_the_lower_one_of_its_role_and_that_of_its_platform() -> None:

@@ -84,7 +84,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     unicast_port: Port = 0
     """UDP port of this node alone; set it where others name this node as a seed. 0: any."""
     tcp_port: Port = 0
-    """ZeroMQ port, and UDP port for urgent frames; neighbours learn both from the beacon. 0: any."""
+    """ZeroMQ port, and UDP port for small frames; neighbours learn both from the beacon. 0: any."""
     seeds: tuple[Seed, ...] = ()
     """Nodes that get beacons by unicast where multicast does not work, as host:port."""
     hear_only: tuple[Platform, ...] = ()

@@ -11,6 +11,7 @@ from swarmd.broker.core.admission.roster_exchange import RosterAction, SendRoste
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.forwarding.end_to_end import EndToEnd
 from swarmd.broker.core.forwarding.forwarder import ForwardDecision, ForwardStep
+from swarmd.broker.core.forwarding.frame_datagram import may_begin
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.forwarding.waiting_answers import WaitingAnswers
 from swarmd.broker.core.topology.link_targets import LinkTarget
@@ -331,7 +332,11 @@ class FrameGateway:
                     if not self.links.send_unrepeated(peer, frame):
                         self._dropped(peer, LinkTransport.UDP, frame)
                     return
-                if rerouted or not frame.is_urgent or not self._send_datagram(peer, frame, decision.first):
+                if (
+                    rerouted
+                    or not may_begin(frame)
+                    or not self._send_datagram(peer, frame, data, decision.first)
+                ):
                     self._send(peer, frame, data)
                 return
         refused = self._counters.refused
@@ -356,12 +361,11 @@ class FrameGateway:
             self._refuse(frame, str(error))
             return None
 
-    def _send_datagram(self, peer: LinkPeer, frame: Frame, first: bool) -> bool:
-        """Sends the first transmission of an urgent frame as a datagram; retransmissions take the
-        connection."""
+    def _send_datagram(self, peer: LinkPeer, frame: Frame, data: bytes | None, first: bool) -> bool:
+        """Sends the first transmission of a frame as a datagram; retransmissions take the connection."""
         if first:
-            return self.links.send_once(peer, frame)
-        self.links.on_repeated(peer.hw)
+            return self.links.send_once(peer, frame, data)
+        self.links.on_repeated(peer.hw, frame)
         return False
 
     def _sent_datagram(self, peer: LinkPeer, frame: Frame) -> None:

@@ -4,7 +4,7 @@ import msgspec
 
 from swarmware.model.access import Sender
 from swarmware.model.frame import Frame
-from swarmware.transport.delivery.sender import arrival_ns, sender_of
+from swarmware.transport.delivery.sender import sender_and_arrival_ns
 
 
 class Meta(msgspec.Struct, frozen=True, gc=False):
@@ -24,11 +24,5 @@ class Meta(msgspec.Struct, frozen=True, gc=False):
     @classmethod
     def of(cls, frame: Frame) -> "Meta":
         """The metadata of a frame."""
-        return cls(
-            frame.sender_hw,
-            frame.sender_app,
-            frame.sequence,
-            frame.stamp_ns,
-            sender_of(frame.extension) if frame.extension else None,
-            arrival_ns(frame.extension) if frame.extension else None,
-        )
+        sender, arrived_ns = sender_and_arrival_ns(frame.extension) if frame.extension else (None, None)
+        return cls(frame.sender_hw, frame.sender_app, frame.sequence, frame.stamp_ns, sender, arrived_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
@@ -25,6 +26,8 @@ class UnitDirectory:
 
     def __init__(self, node: Node) -> None:
         self._node = node
+        self._ring = ring_file(node.shm_dir, PATH)
+        self._ring_name = str(self._ring)
         self._follower: RingFollower | None = None  # opened by the first message: many modules send none
         self._units: dict[str, list[PartnerUnit]] = {}
         """Units of the platforms that have several, except this computer; reachable ones and `main` first."""
@@ -50,13 +53,12 @@ class UnitDirectory:
     def _refresh(self) -> None:
         follower = self._follower
         if follower is None:
-            ring = ring_file(self._node.shm_dir, PATH)
-            if not ring.exists():
+            if not os.access(self._ring_name, os.F_OK):  # for each message: no Path object
                 return  # no register has run here
             from swarmware.node.follower import RingFollower
 
             follower = self._follower = RingFollower(
-                ring,
+                self._ring,
                 name=f"board {PATH}",
                 data_id=names.data_id(PATH, "PartnerTable"),
             )

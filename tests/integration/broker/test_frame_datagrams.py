@@ -12,6 +12,7 @@ from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.beacon.hello_schedule import HelloSchedule, Moment
 from swarmd.broker.core.forwarding.frame_datagram import FRAME, encode_header
 from swarmd.broker.core.media.medium_table import Use
+from swarmd.broker.core.reliable.reliable_links import ReliableLinks
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.errors import Denied, NotFound
@@ -96,7 +97,33 @@ async def test_an_urgent_request_and_its_answer_take_a_datagram_each_and_no_conn
 
 
 @on_uvloop
-async def test_other_frames_and_large_ones_take_the_connection(tmp_path: Path, wire: Wire) -> None:
+async def test_a_request_that_is_not_urgent_and_its_answer_take_datagrams_where_the_link_is_clean(
+    tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ReliableLinks, "is_clean", lambda *_: True)
+    async with swarm(tmp_path, "gcs", "uav1") as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        taken = await serve(pair["uav1"])
+        with monkeypatch.context() as patch:
+            patch.setattr(ZmqLinks, "send", lambda *_: [])  # what takes a connection is lost
+            await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=10)
+            assert taken == ["calm"]
+            assert len(wire.to("uav1")) == len(wire.to("gcs")) == 1
+        large = NOISE.randbytes(1500).hex()
+        await pair["gcs"].app.request(f"/uav1/{PATH}", Text(large), Text, timeout_s=10)
+        assert len(wire.to("uav1")) == 1, "it does not fit a datagram"
+        wire.lossy = frozenset({"uav1"})
+        await pair["gcs"].app.request(f"/uav1/{PATH}", Text("lost"), Text, timeout_s=10)
+        assert taken == ["calm", large, "lost"], "it was repeated over the connection"
+        assert len(wire.to("uav1")) == 2
+
+
+@on_uvloop
+async def test_other_frames_and_large_ones_take_the_connection(
+    tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ReliableLinks, "is_clean", lambda *_: False)
     async with swarm(tmp_path, "gcs", "uav1") as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")

@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmd.broker.core.forwarding.frame_datagram import (
+    BURST,
+    BURST_NS,
     FRAME,
     FRAME_MAX,
     HEADER_BYTES,
@@ -17,11 +19,12 @@ from swarmd.broker.core.forwarding.frame_datagram import (
     DatagramPaths,
     decode_header,
     encode_header,
+    may_begin,
     pack,
 )
 from swarmd.broker.links.pair_seal import PAIR_WINDOW, PairEnd, PairSeal
 from swarmware.errors import WireError
-from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode
+from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode, encode
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.seal import Opened, Refusal
 from swarmware.transport.sodium import TAG_BYTES
@@ -55,15 +58,35 @@ def test_a_larger_one_is_compressed_and_says_so() -> None:
 @pytest.mark.parametrize(
     "frame",
     [
-        request("land", flags=0),
-        request("land", flags=Flag.WANTS_ACK),
         request(Random(1).randbytes(FRAME_MAX).hex()),
         request("x" * 1_000_000),
+        request("go " * 1000, flags=0),
     ],
-    ids=["not urgent", "only acknowledged", "too large", "too large to try"],
+    ids=["too large", "too large to try", "to be compressed, and not urgent"],
 )
-def test_other_frames_take_the_connection(frame: Frame) -> None:
+def test_large_frames_take_the_connection(frame: Frame) -> None:
     assert pack(frame) is None
+
+
+def test_a_frame_that_is_not_urgent_is_packed_as_another_process_encoded_it_unless_it_has_changed() -> None:
+    frame = request("land", flags=0)
+    data = encode(frame)
+    assert pack(frame, data) is data
+    frame.hops_left -= 1
+    again = pack(frame, data)
+    assert again is not None
+    assert decode(again) == frame
+
+
+@pytest.mark.parametrize("kind", FrameKind)
+def test_what_its_sender_repeats_may_begin_as_a_datagram_and_so_may_all_that_is_urgent(
+    kind: FrameKind,
+) -> None:
+    questions = {FrameKind.MESSAGE, FrameKind.REQUEST, FrameKind.ACK, FrameKind.REPLY}
+    assert may_begin(Frame(kind, 7, flags=Flag.URGENT))
+    assert may_begin(Frame(kind, 7, flags=Flag.WANTS_ACK)) is (kind in questions)
+    assert not may_begin(Frame(kind, 7, flags=Flag.BULK))
+    assert not may_begin(Frame(kind, 7, payload=bytes(FRAME_MAX + 1)))
 
 
 def test_a_datagram_is_never_longer_than_a_beacon() -> None:
@@ -166,7 +189,7 @@ def test_a_key_that_is_none_is_refused() -> None:
 
 
 def lose(paths: DatagramPaths, hw: int, now_ns: int) -> None:
-    paths.on_sent(hw)
+    paths.on_sent(hw, now_ns)
     paths.on_repeated(hw, now_ns)
     paths.on_repeated(hw, now_ns)
 
@@ -184,7 +207,7 @@ def test_a_datagram_that_was_answered_in_time_keeps_the_path_open() -> None:
     paths = DatagramPaths()
     for _ in range(MISSES + 2):
         lose(paths, 1, 0)
-        paths.on_sent(1)
+        paths.on_sent(1, 0)
         assert paths.may_send(1, 0)
 
 
@@ -203,3 +226,23 @@ def test_a_closed_path_is_tried_again_later() -> None:
     assert paths.may_send(1, S + RETRY_NS)
     lose(paths, 1, S + RETRY_NS)
     assert paths.may_send(1, S + RETRY_NS), "it is counted from the beginning"
+
+
+def test_a_burst_to_one_neighbour_is_limited_until_its_time_is_over() -> None:
+    paths = DatagramPaths(BURST)
+    for _ in range(BURST):
+        assert paths.may_send(1, S)
+        paths.on_sent(1, S)
+    assert not paths.may_send(1, S)
+    assert not paths.may_send(1, S + BURST_NS - 1)
+    assert paths.may_send(2, S), "other neighbours have their own"
+    assert paths.may_send(1, S + BURST_NS)
+    paths.on_sent(1, S + BURST_NS)
+    assert paths.may_send(1, S + BURST_NS), "it is counted from the beginning"
+
+
+def test_paths_of_urgent_frames_have_no_limit_of_a_burst() -> None:
+    paths = DatagramPaths()
+    for _ in range(2 * BURST):
+        paths.on_sent(1, S)
+    assert paths.may_send(1, S)

@@ -9,8 +9,8 @@ from swarmware.model.access import Role, Sender
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.sender import (
     Caller,
-    arrival_ns,
     caller_of,
+    sender_and_arrival_ns,
     sender_of,
     with_caller,
     with_sender,
@@ -27,14 +27,14 @@ def test_what_is_stated_is_read_and_other_elements_stay(
     sender: Sender | None, arrived_ns: int | None, before: bytes
 ) -> None:
     extension = with_sender(before, sender, arrived_ns)
-    assert (sender_of(extension), arrival_ns(extension)) == (sender, arrived_ns)
+    assert sender_and_arrival_ns(extension) == (sender, arrived_ns)
     assert extension.startswith(before)
 
 
 def test_what_a_frame_stated_before_is_taken_out() -> None:
     false = with_sender(OTHER, Sender("gcs", Role.OPERATOR), 1)
     extension = with_sender(false, FAR, 2)
-    assert (sender_of(extension), arrival_ns(extension)) == (FAR, 2)
+    assert sender_and_arrival_ns(extension) == (FAR, 2)
     assert b"gcs" not in extension
     assert with_sender(extension, None) == OTHER
 
@@ -50,14 +50,14 @@ def test_an_extension_that_cannot_take_it_is_refused(extension: bytes, message: 
 
 @given(st.binary(max_size=255))
 def test_any_extension_has_a_sender_or_none(extension: bytes) -> None:
-    found, came_ns = sender_of(extension), arrival_ns(extension)
+    found, came_ns = sender_and_arrival_ns(extension)
     assert found is None or isinstance(found.role, Role)
     assert came_ns is None or isinstance(came_ns, int)
     try:
         stated = with_sender(extension, FAR, 7)
     except WireError:
         return
-    assert (sender_of(stated), arrival_ns(stated)) == (FAR, 7)
+    assert sender_and_arrival_ns(stated) == (FAR, 7)
 
 
 @pytest.mark.parametrize("via", [(), ("uav2",), ("uav2", "uav3")])

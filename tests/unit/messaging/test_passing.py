@@ -11,12 +11,15 @@ from typing import Any, Final
 import pytest
 
 from swarmware.model import names
-from swarmware.model.frame import HOPS, Frame, FrameKind, encode
-from swarmware.model.names import ANY
+from swarmware.model.frame import HOPS, Flag, Frame, FrameKind, encode
+from swarmware.model.names import ANY, data_id
 from swarmware.module.module import Module
 from swarmware.node.node import Node
-from swarmware.testing.tmpnode import tmp_node
+from swarmware.testing.tmpnode import make_node, tmp_node
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.messaging.ipc_transport import IpcConnection, IpcTransport
+from swarmware.types import registry
 from swarmware.types.scalar import Blob
 
 THERE: Final = names.hardware_id("uav7")
@@ -118,3 +121,61 @@ async def test_a_message_to_another_platform_costs_its_sender_a_few_dozen_calls(
             sending.close()
         assert len(relay.own) == 2
         assert len(calls.names) <= SENDING_CALLS, calls.names
+
+
+class CountedTable(AppTable):
+    """A table of applications that counts how often their folder is looked at."""
+
+    looks = 0
+
+    def refresh(self, *, probe: bool = False) -> None:
+        self.looks += 1
+        super().refresh(probe=probe)
+
+
+async def test_applications_are_looked_for_only_until_a_connection_to_the_receiver_stands(
+    tmp_path: Path,
+) -> None:
+    config_dir = make_node(tmp_path)
+    sender = names.hardware_id("uav1")
+
+    async def takes(endpoint: MessageEndpoint, sequence: int) -> None:
+        frame = Frame(
+            FrameKind.MESSAGE,
+            data_id("cmd/note", "Blob"),
+            sender,
+            5,
+            sender,
+            ANY,
+            sequence,
+            flags=Flag.WANTS_ACK,
+        )
+        frame.payload = registry.encode(Blob(b"note"))
+        outcome = await endpoint.send(frame, 10.0)
+        assert outcome.delivered, outcome
+
+    node = Node.attach(config_dir)
+    table = CountedTable(node.run_dir)
+    endpoint = MessageEndpoint(
+        platform="uav1", hardware=sender, clock=node.clock, socket_path=tmp_path / "sender", table=table
+    )
+    endpoint.add_application(5)
+    try:
+        async with Module("first", node=node) as module:
+            module.inbox("cmd/note", Blob)
+            await takes(endpoint, 1)
+            looks = table.looks
+            assert looks
+            for sequence in (2, 3, 4):
+                await takes(endpoint, sequence)
+            assert table.looks == looks
+        node.close()
+        node = Node.attach(config_dir)
+        async with Module("second", node=node) as module:
+            box = module.inbox("cmd/note", Blob)
+            await takes(endpoint, 5)
+            assert table.looks > looks, "the connection has ended: the receiver may be another one"
+            assert box.take() == Blob(b"note")
+    finally:
+        endpoint.close()
+        node.close()

@@ -119,10 +119,12 @@ def only(actions: list[Action]) -> Action:
     ],
 )
 def test_where_a_frame_goes(frame: Frame, expected: object) -> None:
-    decision = make_router().route(frame)
+    router = make_router()
+    decision = router.route(frame)
     match decision:
         case ToProcess(address, sent):
             assert (address, sent) == (expected, frame)
+            assert router.process_of(frame) == address
         case Refuse(refused, status, _):
             assert (status, refused) == (expected, frame)
         case Drop(counter):

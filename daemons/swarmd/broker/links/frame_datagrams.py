@@ -1,4 +1,4 @@
-"""Sealed UDP datagrams to neighbours: urgent frames, without a thread of libzmq, and packets."""
+"""Sealed UDP datagrams to neighbours: small frames, without a thread of libzmq, and packets."""
 
 import asyncio
 import contextlib
@@ -91,7 +91,9 @@ class FrameDatagrams:
         self._seals: dict[int, PairSeal] = {}
         self._sequence = 0
         """Of all datagrams of this session: no nonce of a pair is used twice."""
-        self._paths = DatagramPaths()
+        self._urgent_paths = DatagramPaths()
+        self._other_paths = DatagramPaths(frame_datagram.BURST)
+        """Of the frames that are not urgent: their receivers are slow more often, which looks like loss."""
         self._held: list[tuple[LinkPeer, Frame, bytes]] | None = None
         """Datagrams that wait for the end of `batch`; None: they are sent at once."""
         self._limiter = DatagramLimiter(member_ids(keys.roster))
@@ -111,13 +113,14 @@ class FrameDatagrams:
         if peer.frame_port:
             self._seal_of(peer)
 
-    def send(self, peer: LinkPeer, frame: Frame) -> bool:
-        """Sends the first transmission of a frame; False when it must take the connection."""
+    def send(self, peer: LinkPeer, frame: Frame, encoded: bytes | None) -> bool:
+        """Sends the first transmission of a frame; False when it must take the connection. `encoded`: as
+        another process encoded it."""
         if not peer.frame_port or self._sequence >= frame_datagram.SEQUENCE_MAX:
             return False
-        if not self._paths.may_send(peer.hw, self._clock.now_ns()) and peer.host:
+        if not self._paths(frame).may_send(peer.hw, self._clock.now_ns()) and peer.host:
             return False
-        data = frame_datagram.pack(frame)
+        data = frame_datagram.pack(frame, encoded)
         seal = None if data is None else self._seal_of(peer)
         if data is None or seal is None:
             return False
@@ -178,12 +181,15 @@ class FrameDatagrams:
                     self._count(peer, frame)
 
     def _count(self, peer: LinkPeer, frame: Frame) -> None:
-        self._paths.on_sent(peer.hw)
+        self._paths(frame).on_sent(peer.hw, self._clock.now_ns())
         self._on_sent(peer, frame)
 
-    def on_repeated(self, hw: int) -> None:
-        """An urgent frame is repeated to a neighbour, over the connection."""
-        self._paths.on_repeated(hw, self._clock.now_ns())
+    def on_repeated(self, hw: int, frame: Frame) -> None:
+        """A frame is repeated to a neighbour, over the connection."""
+        self._paths(frame).on_repeated(hw, self._clock.now_ns())
+
+    def _paths(self, frame: Frame) -> DatagramPaths:
+        return self._urgent_paths if frame.is_urgent else self._other_paths
 
     def _put(self, peer: LinkPeer, datagram: bytes, use: Use) -> bool:
         """Sends a datagram by the media for this use; False when none took it."""

@@ -130,11 +130,19 @@ class FrameLinks:
         self._datagrams.on_roster()
         self._connections.drop_revoked()
 
-    def send_once(self, peer: LinkPeer, frame: Frame) -> bool:
-        """Sends the first transmission of an urgent frame in a datagram of its own; False: use `send`."""
-        if self._core.uses_datagrams(peer.hw) and not self._has_several(peer):
+    def send_once(self, peer: LinkPeer, frame: Frame, data: bytes | None) -> bool:
+        """Sends the first transmission of a frame in a datagram of its own; False: use `send`.
+
+        `data`: the frame as it was encoded. One that is not urgent goes so only where nearly nothing is lost,
+        by one medium, and before no other frame.
+        """
+        if not frame.is_urgent:
+            is_clean = self._ways is None and self._core.is_clean(peer.hw)
+            if not is_clean or self._connections.waiting(peer.hw)[0]:
+                return False
+        elif self._core.uses_datagrams(peer.hw) and not self._has_several(peer):
             return False  # its reliable link sends it at once, and again if it is lost
-        if not self._datagrams.send(peer, frame):
+        if not self._datagrams.send(peer, frame, data):
             return False
         self._counters.link(peer.platform, LinkTransport.UDP).offered_frames += 1
         return True
@@ -143,9 +151,9 @@ class FrameLinks:
         """Sends a frame in a datagram of its own, whatever the link; False: it cannot be sent so."""
         return self._datagrams.send_unrepeated(peer, frame)
 
-    def on_repeated(self, hw: int) -> None:
-        """An urgent frame is repeated to a neighbour."""
-        self._datagrams.on_repeated(hw)
+    def on_repeated(self, hw: int, frame: Frame) -> None:
+        """A frame that may begin as a datagram is repeated to a neighbour."""
+        self._datagrams.on_repeated(hw, frame)
 
     def _send_encoded(self, peer: LinkPeer, frame: Frame) -> None:
         self.send(peer, encode(frame), frame)

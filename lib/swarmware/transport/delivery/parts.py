@@ -51,6 +51,8 @@ def part_header(extension: bytes) -> PartHeader | None:
 
     Raises: WireError for a part that cannot be.
     """
+    if _TAG not in extension:
+        return None  # most frames: the search costs less than the loop
     at = 0
     while at + 2 <= len(extension):
         tag, length = extension[at], extension[at + 1]

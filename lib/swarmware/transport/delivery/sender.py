@@ -63,6 +63,7 @@ def with_caller(extension: bytes, caller: Caller | None) -> bytes:
     return kept + element
 
 
+@lru_cache(maxsize=256)
 def _without(extension: bytes) -> bytes:
     kept = b""
     at = 0
@@ -108,13 +109,25 @@ def _elements(extension: bytes) -> dict[int, bytes]:
 
 def sender_of(extension: bytes) -> Sender | None:
     """The sender in an extension; None: this platform itself, or a swarm without keys."""
+    return _sender_in(_elements(extension))
+
+
+def sender_and_arrival_ns(extension: bytes) -> tuple[Sender | None, int | None]:
+    """The sender as `sender_of`, and when this platform's broker received the frame from a link, on the own
+    clock; None: from no link."""
     found = _elements(extension)
+    arrival = found.get(_ARRIVAL_TAG, b"")
+    return _sender_in(found), int.from_bytes(arrival, "little", signed=True) if len(arrival) == 8 else None
+
+
+def _sender_in(found: dict[int, bytes]) -> Sender | None:
     sender = found.get(_SENDER_TAG, b"")
     if not sender or sender[0] not in _ROLES:
         return None
     return _sender(sender, found.get(_CALLER_TAG, b"")[1:], found.get(_VIA_TAG, b""))
 
 
+@lru_cache(maxsize=256)
 def caller_of(extension: bytes) -> Caller | None:
     """The caller in an extension; None: the platform of the sender itself."""
     content = _elements(extension).get(_CALLER_TAG, b"")
@@ -132,13 +145,3 @@ def _sender(content: bytes, caller: bytes, via: bytes) -> Sender:
 def _printable(name: bytes) -> str:
     text = name.decode("ascii", "replace")
     return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def arrival_ns(extension: bytes) -> int | None:
-    """When this platform's broker received the frame from a link, on the own clock; None: from no link."""
-    at, size = 0, len(extension)
-    while at + 2 <= size:
-        if extension[at] == _ARRIVAL_TAG and extension[at + 1] == 8 and at + 10 <= size:
-            return int(_ARRIVAL.unpack_from(extension, at)[2])
-        at += 2 + extension[at + 1]
-    return None

@@ -66,6 +66,11 @@ def split(extension: bytes) -> RelayExtension:
     return RelayExtension(extension[start:end], path, signature)
 
 
+def is_relayed(extension: bytes) -> bool:
+    """Whether the extension has a path or a signature."""
+    return (len(extension) >= 2 and extension[0] == _PATH_TAG) or is_signed(extension)
+
+
 def is_signed(extension: bytes) -> bool:
     """Whether the extension ends with a signature."""
     at = len(extension) - SIGNATURE_ELEMENT_BYTES

@@ -327,8 +327,18 @@ class MessageEndpoint:
         self._router.count_malformed()
 
     def _refresh_for(self, frame: Frame) -> None:
-        if self._router.needs_applications(frame):
-            self._refresh()
+        """Look for changed applications, if the route of the frame depends on them.
+
+        Not where it leads to a process with which a connection stands: one that no longer serves the address
+        passes the frame on or refuses it, and a retransmission looks again.
+        """
+        if not self._router.needs_applications(frame):
+            return
+        if self._table.version == self._table_version:
+            address = self._router.process_of(frame)
+            if address is not None and self._transport.is_connected(address):
+                return
+        self._refresh()
 
     def _refresh(self, *, probe: bool = False) -> None:
         """Report the applications of the node to the router when they have changed."""

@@ -121,6 +121,11 @@ class IpcConnection:
         return self._zmtp.is_ready
 
     @property
+    def stands(self) -> bool:
+        """Whether messages go to the other process at once, as far as this one knows."""
+        return self._zmtp.is_ready and not self.is_closed and not self._is_broken
+
+    @property
     def waits(self) -> bool:
         """Whether bytes or messages wait to be sent and the peer still reads."""
         return not self.is_closed and not self._is_broken and bool(self._rest or self._queue.waiting)
@@ -356,6 +361,11 @@ class IpcTransport:
             return True
         self.dropped += 1
         return False
+
+    def is_connected(self, address: str) -> bool:
+        """Whether a connection to the process at this address stands."""
+        peer = self._peers.get(address)
+        return peer is not None and peer.connection is not None and peer.connection.stands
 
     def keep_only(self, addresses: Collection[str]) -> None:
         """Make no new connections to other addresses; connections to ended processes close by themselves."""

@@ -256,33 +256,32 @@ class MessageRouter:
         if frame.kind in ANSWERS:
             if frame.receiver_app in self._own_apps:
                 return Settle(frame)
-            address = self._by_application.get(frame.receiver_app)
-            return self._to(address, frame) or Drop("unclaimed_answers")  # it left before the answer
+            return self._to_process(frame) or Drop("unclaimed_answers")  # it left before the answer
         if not answerable(frame) and frame.kind is not FrameKind.RTP:
             return Drop("unanswerable")  # every other frame of this process requests an answer
         served = self._served.get(frame.data_id)
         if served is not None and frame.receiver_app in (ANY, served.app_id):
             return Deliver(frame)
-        if frame.receiver_app == ANY:
-            address = self._by_data_id.get(frame.data_id)
-        else:
-            address = self._by_application.get(frame.receiver_app)
         absent = Drop("unclaimed_datagrams") if frame.kind is FrameKind.RTP else None
-        return self._to(address, frame) or absent or Refuse(frame, Status.ABSENT, ABSENT)
+        return self._to_process(frame) or absent or Refuse(frame, Status.ABSENT, ABSENT)
 
     def _route_away(self, frame: Frame) -> Decision:
         if self.has_gateway:
             return ToGateway(frame)
-        onward = self._to(self._broker, frame)
-        if onward is not None:
-            return onward
         if answerable(frame):
-            return Refuse(frame, Status.UNREACHABLE, "no broker runs here")
-        return Drop("unclaimed_answers")
+            return self._to_process(frame) or Refuse(frame, Status.UNREACHABLE, "no broker runs here")
+        return self._to_process(frame) or Drop("unclaimed_answers")
 
-    def _to(self, address: str | None, frame: Frame) -> ToProcess | None:
-        """Address of the receiver; None also for the own address, because this process does not serve the
-        data id."""
+    def process_of(self, frame: Frame) -> str | None:
+        """Address of the process that takes a frame instead of this one, as far as it is known now."""
+        if frame.receiver_hw not in (self._hardware, ANY):
+            return self._broker
+        if frame.receiver_app == ANY and frame.kind not in ANSWERS:
+            return self._by_data_id.get(frame.data_id)
+        return self._by_application.get(frame.receiver_app)
+
+    def _to_process(self, frame: Frame) -> ToProcess | None:
+        address = self.process_of(frame)  # the own one: this process does not serve the data id
         return None if address is None or address == self._address else ToProcess(address, frame)
 
     # -- own messages and requests

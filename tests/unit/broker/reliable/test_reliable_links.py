@@ -55,6 +55,20 @@ def test_a_clean_link_and_a_single_loss_stay_with_the_connection() -> None:
     assert not any(chosen(ReliableLinks(Config()), [0.0, 0.0625, 0.0, 0.0, 0.0625, 0.0]))
 
 
+def test_a_link_is_clean_once_it_was_measured_and_while_nearly_nothing_is_lost_or_late() -> None:
+    links = ReliableLinks(Config())
+    assert not links.is_clean(UAV1), "nothing is known of it"
+    found: list[bool] = []
+    for loss, rtt_ms in [(0.0, 20), (0.1, 20), *[(0.0, 20)] * 5, (0.0, 120)]:
+        links.on_quality(UAV1, LinkQuality(loss, rtt_ms * 1_000_000), 0)
+        found.append(links.is_clean(UAV1))
+    assert found == [True, *[False] * 3, *[True] * 3, False]
+    for carrier in (FrameCarrier.TCP, FrameCarrier.UDP):
+        fixed = ReliableLinks(Config(frames=carrier))
+        fixed.on_quality(UAV1, LinkQuality(0.0), 0)
+        assert not fixed.is_clean(UAV1), "the configuration has chosen"
+
+
 def seconds_with(links: ReliableLinks, round_trips_ms: list[int], first_s: int = 0) -> list[bool]:
     """Whether datagrams are used after each second with these round trips, without loss."""
     found: list[bool] = []

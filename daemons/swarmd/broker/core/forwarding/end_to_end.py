@@ -81,6 +81,9 @@ class EndToEnd:
     def on_frame(self, frame: Frame, link_hw: int | None, first: bool, now_ns: int) -> Incoming:
         """Take a frame for this node; `link_hw`: the authenticated end of the link that it came over, None
         without keys."""
+        is_direct = self._keys.is_open or (link_hw == frame.sender_hw and frame.kind is not FrameKind.HELLO)
+        if is_direct and frame.kind is not FrameKind.HELLO and not signature.is_relayed(frame.extension):
+            return Incoming((AuthenticatedFrame(frame, (), now_ns, first),))  # most frames
         try:
             parts = signature.split(frame.extension)
         except WireError:
@@ -88,7 +91,7 @@ class EndToEnd:
             return Incoming()
         frame.extension = parts.extension
         arrival = AuthenticatedFrame(frame, parts.path, now_ns, first)
-        if self._keys.is_open or (link_hw == frame.sender_hw and frame.kind is not FrameKind.HELLO):
+        if is_direct:
             return Incoming() if frame.kind is FrameKind.HELLO else Incoming((arrival,))
         if link_hw not in (None, frame.sender_hw) and (not parts.path or parts.path[-1] != link_hw):
             # this one is certain; each states itself and could invent those before it

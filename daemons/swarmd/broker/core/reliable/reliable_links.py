@@ -100,6 +100,18 @@ class ReliableLinks:
         choice = self._choices.get(hw)
         return choice is not None and choice.by_datagram
 
+    def is_clean(self, hw: int) -> bool:
+        """Whether frames for a neighbour travel over a connection of whose beacons nearly none is lost or
+        late."""
+        choice = self._choices.get(hw)
+        return (
+            choice is not None
+            and self._carrier is FrameCarrier.AUTO
+            and not choice.by_datagram
+            and choice.loss <= CLEAN
+            and not choice.queued
+        )
+
     def link(self, hw: int) -> "ReliableLink | None":
         """The reliable link of a neighbour, if there is one."""
         return self._links.get(hw)
