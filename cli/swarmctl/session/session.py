@@ -19,6 +19,7 @@ from swarmware.model import names
 from swarmware.model.config import CONFIG_VARIABLE, DEFAULT_DIR, load_node
 from swarmware.module.client import Client
 from swarmware.transport.appfile.table import populated
+from swarmware.transport.delivery.outcome import ABSENT
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeList, TreeListing
@@ -28,6 +29,8 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 NAME: Final = "swarmctl"
+OPTIONAL_SERVICES: Final = frozenset({"files", "video"})
+"""Services that a node runs only where its node.toml has them, by the name in their addresses."""
 
 
 class Session:
@@ -132,6 +135,12 @@ class Session:
             return await self.module.request(full, value, reply, timeout_s=wait_s)
         except NoAnswer as error:
             raise NoAnswer(f"{about or full}: {platform} does not answer ({error})") from error
+        except NotFound as error:
+            service = names.split(full)[1].removeprefix("sys/").partition("/")[0]
+            if ABSENT not in str(error) or service not in OPTIONAL_SERVICES:
+                raise
+            text = f"{platform}: the service `{service}` does not run there; expected it in node.toml"
+            raise NotFound(f"{text} ({error})") from error
 
     def age_s(self, platform: str, stamp_ns: int) -> float | None:
         """Age of a stamp of a platform's clock; None: that clock is not known at the joined node."""

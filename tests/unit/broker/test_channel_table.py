@@ -7,6 +7,7 @@ import pytest
 
 from swarmd.broker.channel_store import ChannelStore
 from swarmd.broker.core.boards.channel_table import (
+    NO_RESOURCE,
     RULES_LIMIT,
     UNDO_LIMIT,
     ChannelTable,
@@ -22,6 +23,7 @@ from swarmware.types.channel import (
     ChannelLimit,
     ChannelPriority,
     ChannelProtocol,
+    ChannelRefusal,
     ChannelSettings,
     SetChannel,
     settings_of,
@@ -253,7 +255,14 @@ def test_of_a_pattern_the_resources_that_it_can_hold_for_decide_and_commands_are
     [pose, gain] = refusals(SetChannel("**", ChannelSettings(1.0, buffer_s=3.0)), resources)
     assert (pose.path, gain.path) == ("nav/pose", "config/hal/gain")
     assert gain.reason == "only its newest value waits"
-    assert refusals(SetChannel("future/**", ChannelSettings(1.0)), resources) == (), "it may come"
+
+
+def test_a_rule_for_what_may_come_is_accepted_and_says_that_no_resource_matches() -> None:
+    assert refusals(SetChannel("future/**", ChannelSettings(1.0)), [POSE]) == (
+        ChannelRefusal("future/**", NO_RESOURCE),
+    )
+    assert refusals(SetChannel("future/**", unset=("max_hz",)), [POSE]) == (), "it takes a rule back"
+    assert refusals(SetChannel("lens", RTP, link="gcs"), [VIDEO]) == (), "a source of video"
 
 
 def test_the_board_is_the_resource_where_an_inbox_has_its_path() -> None:

@@ -97,9 +97,24 @@ def test_between_two_notifications_passes_the_least_interval_and_the_newest_valu
     assert take(one, S // 2, 9) == [item(3.0, 3)]
 
 
-def test_a_rate_is_a_least_interval_and_a_rule_overrides_it() -> None:
+def test_a_value_of_a_board_does_not_stay_late_because_the_one_before_was() -> None:
+    one = feed(Resource(path="power/battery", type="Float", rate_hz=1.0, link="notify"))
+    one.offer(item(0.0))
+    take(one, 9 * S // 10, 9)  # the first one was late: it waited for a subscription
+    delays_ns = []
+    for second in range(1, 5):
+        one.offer(item(float(second), second))
+        due_ns = one.due_ns()
+        assert due_ns is not None
+        sent_ns = max(due_ns, second * S)
+        take(one, sent_ns, 9)
+        delays_ns.append(sent_ns - second * S)
+    assert delays_ns == [S * 4 // 10, 0, 0, 0]
+
+
+def test_half_of_the_period_is_the_least_interval_and_a_rule_overrides_it() -> None:
     fast = Resource(path="power/battery", type="Float", rate_hz=4.0, link="notify")
-    for one, expected in ((feed(fast), S // 4), (feed(fast, min_interval_s=2.0), 2 * S)):
+    for one, expected in ((feed(fast), S // 8), (feed(fast, min_interval_s=2.0), 2 * S)):
         one.offer(item(1.0))
         take(one, 0, 9)
         one.offer(item(2.0, 2))

@@ -30,6 +30,7 @@ RULES_LIMIT: Final = 200
 _IMAGE: Final = "Image"
 _VIDEO: Final = "sys/video/start"
 """Command of the service that sends video."""
+NO_RESOURCE: Final = "no resource here matches it at present; the rule holds for those that come"
 _UNLIMITED: Final = {
     Kind.COMMAND: "each message is delivered",
     Kind.FILE: "files take what all other channels leave",
@@ -212,6 +213,8 @@ def refusals(
     # an application may have an inbox at the path of its board: the board is the resource
     ordered = sorted(resources, key=lambda one: one.kind is not Kind.COMMAND)
     matching = {one.path: one for one in ordered if rule.matches(one.path, "")}
+    if given and not matching and not request.settings.is_video:  # it may be a source of video
+        return (ChannelRefusal(request.pattern, NO_RESOURCE),)
     found, applies = [], not matching or not given
     if request.settings.is_video and not request.link:
         raise InvalidInput(f"pattern {request.pattern!r}: video goes to platforms; expected --link")

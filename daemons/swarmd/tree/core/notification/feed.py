@@ -47,15 +47,15 @@ class Feed:
         self, resource: Resource, rule: Rule, default_interval_ns: int, *, over_wire: bool = False
     ) -> None:
         """`over_wire`: for another computer of this platform, each value, also one that equals the last, as
-        its readers judge by its age; at up to twice the board's rate: a value does not wait because the one
-        before was late."""
+        its readers judge by its age."""
         self.resource = resource
         self.rule = rule
         self.latest_only = resource.kind in LATEST_ONLY
         wanted_ns = _ns(rule.min_interval_s)
         if not wanted_ns and self.latest_only:
             period_ns = round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0
-            wanted_ns = period_ns // 2 if over_wire else max(default_interval_ns, period_ns)
+            # up to twice the board's rate: a value does not wait because the one before was late
+            wanted_ns = max(0 if over_wire else default_interval_ns, period_ns // 2)
         self._interval_ns = wanted_ns
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._each = over_wire and rule.deadband <= 0
