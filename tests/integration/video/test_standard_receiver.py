@@ -1,6 +1,8 @@
-"""A standard receiver, FFmpeg's program and its library, shows what the daemon sends as RTP."""
+"""Standard receivers, the programs of FFmpeg and GStreamer, show what the daemon sends as RTP."""
 
 import asyncio
+import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -8,6 +10,7 @@ from tests.integration.broker.swarm import on_uvloop, swarm
 from tests.integration.video.cameras import SIZE, sessions, video
 from tests.ports import free_port
 
+from swarmctl.commands.video.sessions import receivers
 from swarmware.types.video import VideoSession, VideoStart
 
 PICTURES = 30
@@ -45,3 +48,30 @@ async def test_ffmpeg_decodes_the_video_by_its_session_description(tmp_path: Pat
         (session,) = await sessions(nodes["uav1"])
         assert session.pictures > PICTURES
         assert session.refused == 0
+
+
+@on_uvloop
+async def test_gstreamer_decodes_the_video_by_the_printed_command(tmp_path: Path) -> None:
+    program = shutil.which("gst-launch-1.0")
+    if program is None:
+        pytest.skip("no gst-launch-1.0 here (Debian: gstreamer1.0-tools, -plugins-good, -libav)")
+    frames = tmp_path / "frames.rgb"
+    shown = (
+        f"identity eos-after={PICTURES} ! videoconvert ! video/x-raw,format=RGB ! filesink location={frames}"
+    )
+    async with swarm(tmp_path, "uav1") as nodes, video(nodes["uav1"]):
+        start = VideoStart("camera", f"127.0.0.1:{free_port()}", max_bit_s=1_000_000)
+        sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=10)
+        [printed] = [line for line in receivers(sent, tmp_path) if line.startswith("gst-launch-1.0")]
+        words = shlex.split(printed.replace("autovideosink", shown))[1:]
+        receiver = await asyncio.create_subprocess_exec(
+            program, *words, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        )
+        try:
+            said, _ = await asyncio.wait_for(receiver.communicate(), 60)
+        finally:
+            if receiver.returncode is None:
+                receiver.kill()
+        assert receiver.returncode == 0, said.decode()
+        got = len(frames.read_bytes()) / (SIZE[0] * SIZE[1] * 3)
+        assert got in (PICTURES - 1, PICTURES), said.decode()
