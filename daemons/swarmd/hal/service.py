@@ -41,6 +41,9 @@ work; shorter ones have a timer of their own."""
 _FAILED: Final = {DriverState.FAILED: "failed", DriverState.WAITING: "unplugged"}
 """State of the health check of a driver, by that of the driver."""
 
+_FAILSAFE: Final = {"ok": "ok", "warn": "failsafe", "error": "lost"}
+"""State of the health check of an actuator in fail-safe, by its level."""
+
 log = logging.getLogger("swarm.hal")
 
 
@@ -215,16 +218,17 @@ class Hal(Service):
     def _watch(self, actuator: Actuator, schedule: Schedule, now_ns: int) -> None:
         """Publishes and reports when the watchdog of an actuator takes over, and when it ends."""
         reason = actuator.failsafe(now_ns)
-        if bool(reason) == (schedule.state is DriverState.FAILSAFE):
+        level = schedule.safe(reason, now_ns)
+        if level is None:
             return
-        schedule.safe(reason)
         if reason:
-            log.warning("driver %s: fail-safe: %s", actuator.name, reason)
+            log.warning("driver %s: fail-safe (%s): %s", actuator.name, level, reason)
         else:
             log.info("driver %s: set-points arrive again", actuator.name)
         self.health.report(
             f"failsafe/{_check_name(actuator)}",
-            "failsafe" if reason else "ok",
+            _FAILSAFE[level],
+            level=level,
             detail=reason,
             description=f"Set-points for {actuator.name} arrive",
         )

@@ -42,7 +42,7 @@ class Navigator(Service):
             self._sensors.feed(navigator, now_ns)
             self._state.feed(navigator)
             self._guidance.feed(navigator, now_ns)
-            step = navigator.step(now_ns)
+            step = navigator.step(now_ns, ticker.late_ns)
             self._writers.write(step.setpoint, step.status, now_ns)
             if step.pose is not None:
                 self._poses.write(step.pose, now_ns)

@@ -60,6 +60,8 @@ class Ticker:
         self._count = 0
         self.missed = 0
         """Ticks that were skipped because the work of the previous one took too long."""
+        self.late_ns = 0
+        """Lateness of the newest tick."""
 
     def __aiter__(self) -> "Ticker":
         return self
@@ -74,8 +76,9 @@ class Ticker:
             self.missed += skipped
         due_ns = self._start_ns + self._count * self._period_ns
         await until(self._clock, due_ns, self._stage)
+        self.late_ns = self._clock.now_ns() - due_ns
         if self._lateness is not None:
-            self._lateness.note(self._clock.now_ns() - due_ns)
+            self._lateness.note(self.late_ns)
         return self._count
 
     def retime(self, period_s: float) -> None:

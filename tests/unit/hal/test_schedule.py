@@ -87,3 +87,25 @@ def test_a_changed_period_begins_at_the_next_of_its_instants() -> None:
         schedule.retime(0.05)
         assert schedule.due_ns == (250 + phase_ms) * MS
         assert schedule.report(300 * MS).asked_hz == 20.0
+
+
+def test_a_fail_safe_that_passes_is_a_warning_and_one_that_lasts_an_error() -> None:
+    schedule = Schedule("sim.chassis", 0.05, 0, actuator=True)
+    schedule.opened(0)
+    assert schedule.safe("", 0) is None
+    assert schedule.safe("no set-point", 500 * MS) == "warn"
+    assert schedule.safe("no set-point", 3400 * MS) is None, "what has not changed is not reported again"
+    assert schedule.report(3400 * MS).state == "failsafe"
+    assert schedule.safe("no set-point", 3500 * MS) == "error"
+    assert schedule.safe("", 3600 * MS) == "ok"
+    assert schedule.report(3600 * MS).state == "running"
+    assert schedule.safe("no set-point", 9000 * MS) == "warn", "its time begins again"
+
+
+def test_a_fail_safe_ends_with_a_device_that_was_opened_again() -> None:
+    schedule = Schedule("sim.chassis", 0.05, 0, actuator=True)
+    schedule.opened(0)
+    schedule.safe("no set-point", 0)
+    schedule.closed(DriverState.WAITING, "unplugged")
+    schedule.opened(1000 * MS)
+    assert schedule.safe("", 1000 * MS) == "ok", "otherwise the fault would stay"

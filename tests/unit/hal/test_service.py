@@ -147,6 +147,9 @@ async def test_the_fail_safe_of_an_actuator_is_shown_and_reported(tmp_path: Path
         assert (await status(board, "valve", state="failsafe")).note == "no set-point"
         checks = other.reader("health/checks/hal", CheckReports)
         assert await state_of(checks, "hal/failsafe/valve", "failsafe")
+        shown = checks.value
+        assert shown is not None
+        assert next(r.level for r in shown.reports if r.check == "hal/failsafe/valve") == "warn"
         valve.starved = False
         assert (await status(board, "valve", state="running")).note == ""
         assert await state_of(checks, "hal/failsafe/valve", "ok")

@@ -44,6 +44,7 @@ def test_a_late_ticker_goes_on_at_the_next_instant(
         for instant_ms in instants_ms:
             clock.at_ns = round(instant_ms * PERIOD_NS)
             seen.append(await anext(ticker))
+            assert ticker.late_ns == clock.at_ns - seen[-1] * PERIOD_NS
         assert seen == ticks
         assert ticker.missed == missed
         assert 0 <= lateness.take_s() < 0.001

@@ -123,6 +123,15 @@ def test_the_pose_is_gone_when_a_sensor_is_silent_too_long(sensor: str, limit_ms
     assert estimator.pose() is None
 
 
+def test_the_delay_of_a_step_is_no_silence_of_the_sensors() -> None:
+    estimator = fed(2000, imu=True)
+    estimator.predict(2600 * MS)
+    assert estimator.pose() is None, "for a step in time the inertial unit has been silent for too long"
+    assert estimator.pose(400 * MS) is not None
+    estimator.predict(4000 * MS)
+    assert estimator.pose(2000 * MS) is None, "a second at most is put down to the processor"
+
+
 def test_an_old_fix_changes_nothing() -> None:
     estimator = fed(1000)
     before = estimator.pose()

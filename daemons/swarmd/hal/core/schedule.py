@@ -2,11 +2,14 @@
 
 from typing import Final
 
+from swarmware.types.health import Level
 from swarmware.types.vehicle import DriverState, DriverStatus
 
 _NS: Final = 1_000_000_000
 _HUNG_NS: Final = 2 * _NS
 """Time without the next call after which the status says that the device does not answer."""
+_LASTING_NS: Final = 3 * _NS
+"""Time of fail-safe after which it is an error, as for the age of a resource."""
 
 
 class Schedule:
@@ -29,6 +32,8 @@ class Schedule:
         "_period_ns",
         "_phase_ns",
         "_reads",
+        "_safe_level",
+        "_safe_since_ns",
         "_since_ns",
         "_since_reads",
         "state",
@@ -51,6 +56,8 @@ class Schedule:
         self.state = DriverState.WAITING
         """State of the driver."""
         self._note = ""
+        self._safe_level: Level = "ok"
+        self._safe_since_ns = 0
 
     def opened(self, now_ns: int) -> None:
         """Takes that the device is open; the first read is due at once, others at multiples of the period.
@@ -64,10 +71,21 @@ class Schedule:
         """Takes that the device is closed: `waiting` or `failed`, with the reason."""
         self.state, self._note = state, note
 
-    def safe(self, reason: str) -> None:
-        """Takes that the watchdog of an actuator took over, or with an empty reason that it ended."""
-        self.state = DriverState.FAILSAFE if reason else DriverState.RUNNING
-        self._note = reason
+    def safe(self, reason: str, now_ns: int) -> Level | None:
+        """Takes why the watchdog of an actuator is in control, or empty; a new level of its check.
+
+        A short time is a warning: a service that is restarted, or a processor that is overloaded, is back
+        before the mission need be given up.
+        """
+        if bool(reason) != (self.state is DriverState.FAILSAFE):
+            self.state = DriverState.FAILSAFE if reason else DriverState.RUNNING
+            self._note, self._safe_since_ns = reason, now_ns
+        lasts = now_ns - self._safe_since_ns >= _LASTING_NS
+        level: Level = "ok" if not reason else "error" if lasts else "warn"
+        if level == self._safe_level:
+            return None
+        self._safe_level = level
+        return level
 
     @property
     def due_ns(self) -> int:

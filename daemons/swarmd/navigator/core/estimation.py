@@ -51,8 +51,8 @@ class PoseEstimation:
         """Whether the vehicle is disarmed and on the ground."""
         return self._vehicle is not None and self._vehicle.resting
 
-    def step(self, now_ns: int) -> Pose | None:
-        """The pose now; None while it is not valid."""
+    def step(self, now_ns: int, late_ns: int = 0) -> Pose | None:
+        """The pose now; None while it is not valid. `late_ns`: delay of this step by the processor."""
         vehicle, estimator = self._vehicle, self._estimator
         landed = vehicle is not None and vehicle.landed
         armed = vehicle is not None and vehicle.armed
@@ -60,4 +60,4 @@ class PoseEstimation:
         estimator.predict(now_ns)
         if landed and armed and self._hovers:
             estimator.on_landed()
-        return estimator.pose()
+        return estimator.pose(late_ns)

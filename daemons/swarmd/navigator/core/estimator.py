@@ -12,6 +12,8 @@ from swarmware.types.vehicle import GnssFix, Imu, Pose
 
 _PREDICTION_MAX_S: Final = 0.5
 """Longest prediction in one step."""
+_LATE_MAX_NS: Final = 1_000_000_000
+"""Maximum delay of a step that is not counted in the age of measurements."""
 _SLOW_M_S: Final = 0.15
 """Speed of the fixes above which a vehicle moves: the inertial unit does not measure steady motion."""
 _REFERENCE_MIN_S: Final = 0.8
@@ -257,11 +259,14 @@ class Estimator:
         """Time from a stamp to the instant of the last `predict`."""
         return min(max((self._now_ns - stamp_ns) / 1e9, 0.0), _PREDICTION_MAX_S)
 
-    def pose(self) -> Pose | None:
-        """The estimate at the instant of the last `predict`; None when it is not valid."""
+    def pose(self, late_ns: int = 0) -> Pose | None:
+        """The estimate at the instant of the last `predict`; None when it is not valid.
+
+        A delay of this step is not a silence of the sensors: their drivers were delayed, too.
+        """
         if self._axes is None or self._yaw is None:
             return None
-        config, now_ns = self._config, self._now_ns
+        config, now_ns = self._config, self._now_ns - min(late_ns, _LATE_MAX_NS)
         if (
             now_ns - self._fix_ns > config.gnss_timeout_s * 1e9
             or now_ns - self._imu_ns > config.imu_timeout_s * 1e9

@@ -78,9 +78,9 @@ class NavigatorCore:
         """Time from one control step to the next: longer for a vehicle that is disarmed and on the ground."""
         return self._config.period_s(resting=self.resting)
 
-    def step(self, now_ns: int) -> NavigatorOutput:
-        """Computes pose, set-point and status for this instant."""
+    def step(self, now_ns: int, late_ns: int = 0) -> NavigatorOutput:
+        """Computes pose, set-point and status for this instant; `late_ns`: as of the estimation."""
         self._estimation.on_setpoint(self._guidance.setpoint)
-        pose = self._estimation.step(now_ns)
+        pose = self._estimation.step(now_ns, late_ns)
         output = self._guidance.step(pose, now_ns)
         return NavigatorOutput(pose, output.setpoint, output.status)
