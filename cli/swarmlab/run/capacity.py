@@ -16,8 +16,10 @@ FIRST: Final = 8
 CERTAIN_PER_CORE: Final = 8
 """Nodes per core up to which no measurement is needed; sixteen used about 1.5 of two cores."""
 SAMPLE_S: Final = 2.0
+SAMPLES: Final = 5
+"""Samples until nodes at rest fit: in the first seconds, when they meet, they take twice as much."""
 FULL: Final = 0.93
-"""Share of all cores that the nodes may take: above it their event loops are late and links fall."""
+"""Share of all cores above which the event loops of nodes are late, and their beacons slow down."""
 
 
 def needs_measurement(nodes: int, cores: int) -> bool:
@@ -32,22 +34,30 @@ def refusal(nodes: int, measured: HostInfo, first: int) -> str:
     """
     assert measured.nodes_percent is not None
     per_node = measured.nodes_percent / first
-    limit = FULL * measured.cores * 100
+    limit = measured.cores * 100
     if nodes * per_node <= limit:
         return ""
     carried = max(1, int(limit / per_node))
     return (
-        f"{nodes} nodes are too many for this computer: the {'first ' if first < nodes else ''}{first} use "
-        f"{per_node:.1f} % of a core each, {measured.summary()}; "
+        f"{nodes} nodes are too many for this computer: the first {first} use "
+        f"{per_node:.1f} % of a core each at rest, {measured.summary()}; "
         f"expected at most {carried} nodes, or more cores"
     )
 
 
-class Capacity:
-    """Measures the nodes of a lab that is being started.
+def shortage(nodes: int, measured: HostInfo) -> str:
+    """Warning when all nodes run and the processor is short for them; empty when it is not."""
+    assert measured.nodes_percent is not None
+    if measured.nodes_percent <= FULL * measured.cores * 100:
+        return ""
+    return (
+        f"the processor is short for {nodes} nodes, {measured.summary()}: beacons slow down, and vehicles "
+        "steer less often; figures of time are those of this computer"
+    )
 
-    Raises: SwarmError when the processor is too slow for all of them.
-    """
+
+class Capacity:
+    """Measures the nodes of a lab that is being started."""
 
     def __init__(self, nodes: int) -> None:
         self._nodes = nodes
@@ -62,18 +72,27 @@ class Capacity:
         """Present load of the computer, for errors that it may have caused."""
         return f"{self._before.summary()}, {os.getloadavg()[0]:.1f} now"
 
-    async def measure(self, lab: LabState, started: int) -> None:
-        """Measures the running nodes for two seconds, unless that is not needed.
+    async def check_first(self, lab: LabState) -> None:
+        """Measures the first nodes at rest, before the others are started.
 
         Raises: SwarmError with their use and the possible number of nodes.
         """
+        reason = ""
+        for _ in range(SAMPLES):
+            if not (reason := refusal(self._nodes, await self._sample(lab), self.first)):
+                return
+        raise SwarmError(f"lab {lab.name}: {reason}")
+
+    async def check_all(self, lab: LabState) -> str:
+        """Measures all nodes, unless that is not needed; a warning when the processor is short for them."""
         if not needs_measurement(self._nodes, self._before.cores):
-            return
+            return ""
+        return shortage(self._nodes, await self._sample(lab))
+
+    async def _sample(self, lab: LabState) -> HostInfo:
         busy, used = host.busy(), load.usage(lab)
         await asyncio.sleep(SAMPLE_S)  # the sampling interval
-        found = host.shares(self._before, busy, host.busy(), _percents(used, load.usage(lab)))
-        if reason := refusal(self._nodes, found, started):
-            raise SwarmError(f"lab {lab.name}: {reason}")
+        return host.shares(self._before, busy, host.busy(), _percents(used, load.usage(lab)))
 
 
 def _percents(before: Mapping[str, Usage], after: Mapping[str, Usage]) -> list[float]:

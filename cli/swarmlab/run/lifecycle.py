@@ -101,7 +101,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
         capacity = Capacity(len(order))
         await running.start(order[: capacity.first], UP_S)
         if rest := order[capacity.first :]:
-            await capacity.measure(running.state, capacity.first)
+            await capacity.check_first(running.state)
             await running.start(rest, UP_S)
     names = (node.platform for node in lab.nodes if node.kind != PlatformKind.GCS)
     vehicles = list(dict.fromkeys(map(platform_of, names)))
@@ -112,7 +112,8 @@ async def bring_up(running: RunningLab, out: Output) -> float:
                 await running.attended(watch.until_known(vehicles, UP_S, bar.at))
             except NoAnswer as error:
                 raise NoAnswer(f"{error}; {capacity.describe()}") from error
-    await capacity.measure(running.state, len(order))
+    if short := await capacity.check_all(running.state):
+        out.warn(short)
     ready_s = running.save_ready()
     out.say(f"{len(lab.nodes)} nodes ready after {ready_s:.1f} s")
     return ready_s

@@ -1,9 +1,15 @@
-"""Too many nodes for the processor: said from what the first ones use, before the others are started."""
+"""Too many nodes for the processor: refused by what the first ones use at rest, before the others start."""
+
+import os
 
 import pytest
 
+from swarmctl.session.labs import LabState
+from swarmctl.session.processes import identity
+from swarmlab.measure import host, load
 from swarmlab.measure.host import HostInfo
 from swarmlab.run import capacity
+from swarmware.errors import SwarmError
 
 
 def measured(nodes_percent: float, cores: int = 2) -> HostInfo:
@@ -19,16 +25,45 @@ def test_a_lab_is_measured_where_it_is_not_certain_that_it_fits(nodes: int, core
 
 
 def test_what_the_first_nodes_use_must_fit_for_all_of_them() -> None:
-    assert capacity.refusal(32, measured(8 * 5.5), 8) == ""
+    assert capacity.refusal(32, measured(8 * 6.2), 8) == ""
     reason = capacity.refusal(32, measured(8 * 12.0), 8)
-    for figure in ("32 nodes are too many", "first 8 use 12.0 %", "2 cores (Some CPU)", "at most 15 nodes"):
+    for figure in ("32 nodes are too many", "first 8 use 12.0 %", "2 cores (Some CPU)", "at most 16 nodes"):
         assert figure in reason
 
 
-def test_when_all_are_up_what_they_use_together_counts() -> None:
-    assert capacity.refusal(32, measured(180.0), 32) == ""
-    assert "the 32 use 6.1 % of a core each" in capacity.refusal(32, measured(195.2), 32)
-    assert capacity.refusal(32, measured(195.2, cores=4), 32) == ""
+def test_nodes_that_run_and_take_the_whole_processor_are_a_warning() -> None:
+    assert capacity.shortage(32, measured(180.0)) == ""
+    assert "short for 32 nodes, 2 cores (Some CPU)" in capacity.shortage(32, measured(195.2))
+    assert capacity.shortage(32, measured(195.2, cores=4)) == ""
+
+
+@pytest.mark.parametrize(("shares", "fits"), [([12.0, 9.0, 6.0], True), ([9.0] * capacity.SAMPLES, False)])
+async def test_what_nodes_use_while_they_meet_is_no_reason_to_refuse(
+    monkeypatch: pytest.MonkeyPatch, shares: list[float], fits: bool
+) -> None:
+    left = iter(shares)
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
+    monkeypatch.setattr(capacity, "SAMPLE_S", 0.0)
+    monkeypatch.setattr(load, "usage", lambda _: {})
+    monkeypatch.setattr(host, "shares", lambda *_: measured(8 * next(left)))
+    lab = LabState(
+        name="large",
+        experiment="formation",
+        net="loopback",
+        seed=1,
+        folder="/",
+        created_utc_ns=0,
+        starter=identity(os.getpid()),
+        multicast_group="",
+        udp_port=0,
+        nodes=(),
+    )
+    if fits:
+        await capacity.Capacity(32).check_first(lab)
+    else:
+        with pytest.raises(SwarmError, match="lab large: 32 nodes are too many"):
+            await capacity.Capacity(32).check_first(lab)
+    assert next(left, None) is None, "as many samples as it takes"
 
 
 def test_only_a_lab_that_may_not_fit_is_started_in_two_steps(monkeypatch: pytest.MonkeyPatch) -> None:
