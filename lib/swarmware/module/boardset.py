@@ -1,7 +1,8 @@
 """The same board of many platforms, as a mapping that grows with their mirrors."""
 
-import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import Generic, TypeVar
 
 import msgspec
@@ -34,21 +35,21 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
         self._node = node
         self._open = open_reader
         self._readers: dict[str, BoardReader[T]] = {}
-        self._folder = str(node.shm_dir)
-        self._folder_ns = -1
+        self._seen = -1
+        """Mirrors of the node that were read last, see `Node.mirrors`."""
         self._listening = False
         self._wakeup = Wakeup()
         self._given: dict[str, int] = {}
 
     def _refresh(self) -> None:
-        try:
-            folder_ns = os.stat(self._folder).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
-        except FileNotFoundError:
+        if self._node.mirrors == self._seen:
             return
-        if folder_ns == self._folder_ns:
-            return
-        self._folder_ns = folder_ns
-        for folder in self._node.shm_dir.iterdir():
+        self._seen = self._node.mirrors
+        with suppress(FileNotFoundError):
+            self._search(self._node.shm_dir.iterdir())
+
+    def _search(self, folders: Iterable[Path]) -> None:
+        for folder in folders:
             name = folder.name
             own = name in {self._node.platform, self._node.address.path}
             if name in self._readers or own or not self._platforms.matches(name):
@@ -77,6 +78,8 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
 
     def poll(self) -> None:
         """The doorbell has rung: wake the waiting tasks if a board has changed."""
+        if self._node.doorbell.frames_only:
+            return  # no mirror has changed
         if self._wakeup.awaited and self._has_news():
             self._wakeup.notify()
 
