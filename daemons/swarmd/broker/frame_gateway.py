@@ -27,7 +27,7 @@ from swarmware.model.clock import Clock
 from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.appfile.table import AppTable
-from swarmware.transport.delivery.answer import answerable
+from swarmware.transport.delivery.answer import ANSWERS, answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.messaging.endpoint import MessageEndpoint
@@ -90,6 +90,8 @@ class FrameGateway:
         self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
         """Connection targets of neighbours that got frames, by hardware id; replaced when a target
         changes."""
+        self._asked_by_datagram: set[int] = set()
+        """Neighbours whose last question came in a datagram."""
         self._answers = WaitingAnswers()
         self._visits: dict[int, int] = {}
         """Nodes that are not neighbours and got the roster, and when their connection is closed."""
@@ -150,6 +152,7 @@ class FrameGateway:
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
         self._peers.pop(hw, None)
+        self._asked_by_datagram.discard(hw)
         if hw in self._visits:
             return
         for item in self.links.disconnect(hw):
@@ -176,7 +179,9 @@ class FrameGateway:
         if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
             self._take_proof(frame, user)
         else:
-            self._take(frame, data, user, arrived_ns)
+            if frame.kind not in ANSWERS:
+                self._asked_by_datagram.discard(frame.sender_hw)
+            self._take(frame, user, arrived_ns)
         # counted when it was sent
         name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
         link = self._counters.link(name, LinkTransport.TCP)
@@ -263,7 +268,9 @@ class FrameGateway:
             # only from a neighbour without a connection; the seal of the pair has authenticated it
             self._roster_from_connection(data, "" if self._keys.is_open else peer.platform, peer.host)
             return
-        self._take(frame, data, "" if self._keys.is_open else peer.platform, arrived_ns)
+        if frame.kind not in ANSWERS:
+            self._asked_by_datagram.add(peer.hw)
+        self._take(frame, "" if self._keys.is_open else peer.platform, arrived_ns)
 
     def _decoded(self, data: bytes, user: str) -> Frame | None:
         self._counters.received_frames += 1
@@ -274,7 +281,7 @@ class FrameGateway:
             log.debug("frame from %s: %s", user or "loopback", error)
             return None
 
-    def _take(self, frame: Frame, data: bytes, user: str, now_ns: int) -> None:
+    def _take(self, frame: Frame, user: str, now_ns: int) -> None:
         """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
         counters = self._counters
         if self._excludes(frame.sender_hw):
@@ -364,6 +371,8 @@ class FrameGateway:
     def _send_datagram(self, peer: LinkPeer, frame: Frame, data: bytes | None, first: bool) -> bool:
         """Sends the first transmission of a frame as a datagram; retransmissions take the connection."""
         if first:
+            if not frame.is_urgent and frame.kind in ANSWERS and peer.hw not in self._asked_by_datagram:
+                return False  # the way that the question took is at work
             return self.links.send_once(peer, frame, data)
         self.links.on_repeated(peer.hw, frame)
         return False

@@ -26,7 +26,9 @@ def connections(port: int) -> int:
 @on_uvloop
 async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path: Path) -> None:
     port = free_port()
-    async with swarm(tmp_path, "uav1", "uav2", settings={"uav2": {"tcp_port": port}}) as pair:
+    # a command over a link that was measured meanwhile would be a datagram
+    settings: dict[str, dict[str, object]] = {"uav1": {"frames": "tcp"}, "uav2": {"tcp_port": port}}
+    async with swarm(tmp_path, "uav1", "uav2", settings=settings) as pair:
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")
         pair["uav1"].app.inbox("plan/share", Text)  # its path is known here, so it is counted by it

@@ -104,7 +104,9 @@ async def test_a_member_speaks_for_no_other_and_repeats_nothing(
 
     monkeypatch.setattr(ZmqLinks, "send", record)
     port = free_port()
-    async with swarm(tmp_path, *NAMES, hear=LINE, settings={"uav1": {"tcp_port": port}}) as line:
+    # the relay sends what is recorded over its connection, also when its link was measured meanwhile
+    settings: dict[str, dict[str, object]] = {"uav1": {"tcp_port": port}, "uav2": {"frames": "tcp"}}
+    async with swarm(tmp_path, *NAMES, hear=LINE, settings=settings) as line:
         owner, far = line["uav1"], line["uav3"]
         box = owner.app.inbox(PATH, Text)
         denials = owner.app.stream_reader("net/denials", Denial)
