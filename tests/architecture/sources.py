@@ -18,11 +18,17 @@ def parsed(path: Path) -> ast.Module:
     try:
         return ast.parse(text)
     finally:
+        gc.freeze()  # and no later collection traverses them
         if collects:
             gc.enable()
 
 
 @cache
+def walked(tree: ast.Module) -> tuple[ast.AST, ...]:
+    """All nodes of a tree that `parsed` gave, as `ast.walk` gives them."""
+    return tuple(ast.walk(tree))
+
+
 def nodes(path: Path) -> tuple[ast.AST, ...]:
-    """All nodes of a file, as `ast.walk` gives them."""
-    return tuple(ast.walk(parsed(path)))
+    """All nodes of a file."""
+    return walked(parsed(path))

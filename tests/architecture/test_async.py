@@ -4,7 +4,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.architecture.sources import nodes, parsed
+from tests.architecture.sources import nodes, parsed, walked
 
 ROOT = Path(__file__).parents[2]
 WAITING = {
@@ -40,7 +40,7 @@ def waits(function: ast.AsyncFunctionDef) -> bool:
 
 def idle(tree: ast.AST, bases: dict[str, set[str]]) -> Iterator[tuple[int, str]]:
     """Line and name of each `async def` that never waits."""
-    for node in ast.walk(tree):
+    for node in walked(tree):
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.AsyncFunctionDef) and not waits(child):
                 kin = ancestors(node.name, bases) if isinstance(node, ast.ClassDef) else set()
@@ -59,7 +59,7 @@ def last_word(node: ast.expr) -> str:
 def bases_of(trees: list[ast.Module]) -> dict[str, set[str]]:
     """Bases of each class; of classes with one name, as those of the scaffolds, the bases of all."""
     found: dict[str, set[str]] = {}
-    for node in (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+    for node in (node for tree in trees for node in walked(tree) if isinstance(node, ast.ClassDef)):
         found.setdefault(node.name, set()).update({last_word(base) for base in node.bases} - {node.name})
     return found
 

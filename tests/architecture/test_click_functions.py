@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 
 import pytest
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT = Path(__file__).parents[2]
 NESTED = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda, ast.ClassDef)
@@ -15,7 +15,7 @@ def click_functions(path: Path) -> list[ast.FunctionDef]:
     tree = parsed(path)
     return [
         node
-        for node in ast.walk(tree)
+        for node in walked(tree)
         if isinstance(node, ast.FunctionDef)
         and any(
             ast.unparse(decorator).partition("(")[0].endswith(".command") for decorator in node.decorator_list

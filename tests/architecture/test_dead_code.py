@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("lib", "daemons", "cli")
@@ -54,7 +54,7 @@ def is_registered(node: Definition) -> bool:
 
 def definitions(tree: ast.Module) -> Iterator[tuple[str, int]]:
     """Functions, methods, classes and constants of a module, but for special names."""
-    for node in ast.walk(tree):
+    for node in walked(tree):
         if isinstance(node, Definition) and not is_registered(node) and not node.name.startswith("__"):
             yield node.name, node.lineno
     for statement in tree.body:
@@ -66,7 +66,7 @@ def definitions(tree: ast.Module) -> Iterator[tuple[str, int]]:
 
 def uses(tree: ast.AST) -> Iterator[str]:
     """Names that code reads; an import alone is no use, nor is the definition."""
-    for node in ast.walk(tree):
+    for node in walked(tree):
         match node:
             case ast.Name(id=name, ctx=ast.Load()) | ast.Attribute(attr=name):
                 yield name
@@ -103,7 +103,7 @@ def test_what_lib_daemons_and_cli_define_is_used_there_or_documented() -> None:
 
 
 def test_every_exception_is_defined() -> None:
-    defined = {name for _, tree in trees() for node in ast.walk(tree) for name in _names(node)}
+    defined = {name for _, tree in trees() for node in walked(tree) for name in _names(node)}
     assert OVERRIDES.keys() <= defined
 
 

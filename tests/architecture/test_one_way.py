@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT: Final = Path(__file__).parents[2]
 TREES: Final = {
@@ -53,7 +53,7 @@ CALLS: Final = {
 
 def calls(tree: ast.Module) -> Iterator[str]:
     """Each called name, such as `os.replace`."""
-    for node in ast.walk(tree):
+    for node in walked(tree):
         if isinstance(node, ast.Call):
             yield ast.unparse(node.func)
 
@@ -93,5 +93,5 @@ BACKOFF: Final = {
 
 
 def test_there_is_one_back_off() -> None:
-    found = {path for path, tree in TREES.items() if any(is_own_backoff(node) for node in ast.walk(tree))}
+    found = {path for path, tree in TREES.items() if any(is_own_backoff(node) for node in walked(tree))}
     assert found == set(BACKOFF), "expected swarmware.runtime.backoff.pause_after, or a reason here"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT: Final = Path(__file__).parents[2]
 HOME: Final = {"lib/swarmware/model/paths.py", "lib/swarmware/model/names.py"}
@@ -35,7 +35,7 @@ def composed() -> Iterator[tuple[str, str, int]]:
         for path in sorted((ROOT / folder).rglob("*.py")):
             name = str(path.relative_to(ROOT))
             tree = parsed(path)
-            for node in ast.walk(tree) if name not in HOME else ():
+            for node in walked(tree) if name not in HOME else ():
                 if isinstance(node, ast.JoinedStr):
                     parts = [str(part.value) for part in node.values if isinstance(part, ast.Constant)]
                     if not any(" " in part for part in parts) and any(map(DERIVED.search, parts)):

@@ -4,7 +4,7 @@ import ast
 from pathlib import Path
 from typing import Final
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT: Final = Path(__file__).parents[2]
 BY_NUMBER: Final = {"kill", "killpg", "pidfd_open", "pidfd_send_signal"}
@@ -42,7 +42,7 @@ def test_a_process_is_signalled_by_its_handle_only() -> None:
         f"{path}:{node.lineno} {ast.unparse(node.func)}; expected a ProcessHandle"
         for path, tree in sources()
         if path != HANDLE
-        for node in ast.walk(tree)
+        for node in walked(tree)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Attribute)
         and isinstance(node.func.value, ast.Name)
@@ -56,7 +56,7 @@ def test_proc_is_read_where_psutil_does_not_serve() -> None:
     found = {
         path
         for path, tree in sources()
-        for node in ast.walk(tree)
+        for node in walked(tree)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("/proc")
     }
     assert found == set(PROC), "expected psutil, or the reason against it in this list"

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 TESTS: Final = Path(__file__).parents[1]
 GENERATORS: Final = {"random.Random", "Random", "np.random.default_rng"}
@@ -16,9 +16,9 @@ UNSEEDED: Final = {"os.urandom", "uuid.uuid4"}
 def unseeded(tree: ast.AST) -> Iterator[str]:
     """Calls whose results differ between two runs."""
     imported = {
-        alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+        alias.name for node in walked(tree) if isinstance(node, ast.Import) for alias in node.names
     }  # elsewhere `random` is the name of a generator
-    for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+    for call in (node for node in walked(tree) if isinstance(node, ast.Call)):
         name = ast.unparse(call.func)
         module = name.rpartition(".")[0]
         if name in GENERATORS:

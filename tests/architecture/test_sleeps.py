@@ -35,12 +35,12 @@ MEANT: Final = {
 
 
 def is_sleep(call: ast.Call) -> bool:
-    return "sleep" in ast.unparse(call.func).rsplit(".", 1)[-1]
+    return "sleep" in getattr(call.func, "attr", getattr(call.func, "id", ""))
 
 
 def is_yield(call: ast.Call) -> bool:
     """`sleep(0)` gives other tasks one turn and waits for nothing."""
-    return ast.unparse(call) == "asyncio.sleep(0)"
+    return is_sleep(call) and ast.unparse(call) == "asyncio.sleep(0)"
 
 
 def pauses(node: ast.AST, place: str) -> set[str]:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT: Final = Path(__file__).parents[2]
 TREES: Final = {
@@ -69,7 +69,7 @@ def checked() -> dict[str, frozenset[str]]:
     }
     found: dict[str, frozenset[str]] = {}
     for tree in TREES.values():
-        for node in ast.walk(tree):
+        for node in walked(tree):
             if isinstance(node, ast.AnnAssign):
                 name, kind = last_name(node.target), node.annotation
             elif isinstance(node, ast.arg) and node.annotation is not None:
@@ -91,7 +91,7 @@ def last_name(node: ast.AST) -> str:
 
 def compared(tree: ast.Module, known: dict[str, frozenset[str]]) -> Iterator[tuple[int, str]]:
     """Comparisons of a state with a word that no type checker knows."""
-    for node in ast.walk(tree):
+    for node in walked(tree):
         if isinstance(node, ast.Compare):
             sides = [node.left, *node.comparators]
             named = {name for side in sides if (name := last_name(side)) in STATES}
@@ -107,7 +107,7 @@ def compared(tree: ast.Module, known: dict[str, frozenset[str]]) -> Iterator[tup
 
 def taken_apart(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Questions to the text of a state or of a message: `startswith`, `"away" in state`."""
-    for node in ast.walk(tree):
+    for node in walked(tree):
         match node:
             case ast.Call(func=ast.Attribute(attr=verb, value=asked)) if verb in TAKEN_APART:
                 pass

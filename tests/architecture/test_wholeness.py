@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import parsed, walked
 
 ROOT = Path(__file__).parents[2]
 LEFT = Path(__file__).with_name("wholeness.toml")
@@ -107,7 +107,7 @@ def facts(node: ast.ClassDef, where: str) -> ClassFacts:
 def classes(trees: dict[str, ast.Module]) -> dict[str, list[ClassFacts]]:
     out: dict[str, list[ClassFacts]] = {}
     for where, tree in trees.items():
-        for node in ast.walk(tree):
+        for node in walked(tree):
             if isinstance(node, ast.ClassDef):
                 out.setdefault(node.name, []).append(facts(node, where))
     return out
@@ -164,7 +164,7 @@ def test_nothing_looks_whether_it_has_an_attribute() -> None:
     found = [
         f"{where}:{node.lineno} {ast.unparse(node)}"
         for where, tree in sources().items()
-        for node in ast.walk(tree)
+        for node in walked(tree)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
         and node.func.id in {"getattr", "hasattr"}
