@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Final
 
 from tests.integration.broker.lines import Line
-from tests.integration.broker.swarm import PATIENCE_S, Station, swarm
+from tests.integration.broker.swarm import Station, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.types.scalar import Text
 

@@ -14,6 +14,7 @@ from typing import Final
 
 import uvloop
 from tests.integration.broker.swarm import Station, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.model.frame import FrameKind
 from swarmware.module.inbox import Inbox
@@ -48,7 +49,7 @@ async def send_all(
 
     async def one(number: int) -> None:
         start_s = loop.time()
-        outcome = await station.app.send(path, Text(f"{number} {text}"), kind=kind, timeout_s=10)
+        outcome = await station.app.send(path, Text(f"{number} {text}"), kind=kind, timeout_s=PATIENCE_S)
         times_s.append(loop.time() - start_s if outcome else float("inf"))
 
     first_s = loop.time()

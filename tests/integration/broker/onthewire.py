@@ -19,6 +19,7 @@ from typing import Final
 
 import uvloop
 from tests.integration.broker.swarm import Station, swarm
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.core.traffic import EVERYBODY
@@ -156,7 +157,7 @@ async def exchange(pair: dict[str, Station], steps: int) -> None:
         size = 20_000 if step % 10 == 0 else 50
         await first.request("/uav2/cmd/echo", Blob(bytes(size)), Blob, timeout_s=60)
         await pair["uav2"].app.send("/uav1/cmd/none", Text("x"), timeout_s=0.05)
-        await first.send("/uav2/plan/share", Text("y" * 500), kind=FrameKind.STREAM, timeout_s=10)
+        await first.send("/uav2/plan/share", Text("y" * 500), kind=FrameKind.STREAM, timeout_s=PATIENCE_S)
 
 
 async def measure(root: Path, steps: int, carrier: str) -> dict[str, tuple[int, int]]:

@@ -15,6 +15,7 @@ from typing import Final
 
 import uvloop
 from tests.integration.broker.swarm import Station, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.model.frame import FrameKind
@@ -69,7 +70,7 @@ async def commands_ms(station: Station, seconds: float) -> list[float]:
 
     async def one() -> None:
         start_s = loop.time()
-        outcome = await station.app.send("/uav2/cmd/order", Text("go"), timeout_s=5.0)
+        outcome = await station.app.send("/uav2/cmd/order", Text("go"), timeout_s=PATIENCE_S)
         times.append(1000 * (loop.time() - start_s) if outcome else float("inf"))
 
     ends_s = loop.time() + seconds

@@ -9,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.config import Config
@@ -31,9 +32,6 @@ from swarmware.types.scalar import Text
 
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")
-
-PATIENCE_S = 15.0
-"""For an event that a busy machine may delay."""
 
 
 def on_uvloop(test: Callable[P, Coroutine[Any, Any, None]]) -> Callable[P, None]:
@@ -138,7 +136,7 @@ class Station:
         return {} if table is None else {report.check: report.state for report in table.reports}
 
     async def traffic(self) -> Traffic:
-        return await self.app.request("sys/broker/traffic", Empty(), Traffic)
+        return await self.app.request("sys/broker/traffic", Empty(), Traffic, timeout_s=PATIENCE_S)
 
     def states(self) -> dict[str, str]:
         table = self.neighbours.value

@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import LINE, PATIENCE_S, Recorder, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import LINE, Recorder, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.patience import PATIENCE_S
 
 from swarmd.tree.change_log import ChangeLog
 from swarmd.tree.denial_log import DenialLog
@@ -144,7 +145,7 @@ async def test_a_user_without_a_role_commands_neither_the_own_platform_nor_anoth
         assert (await far.traffic()).refused.denied == TRIES // 2
         denial = await denials.next(PATIENCE_S)
         assert (denial.platform, denial.path) == ("gcs", PATH)
-        assert await own.app.send("/uav1/cmd/note", Text("of the platform"), timeout_s=10)
+        assert await own.app.send("/uav1/cmd/note", Text("of the platform"), timeout_s=PATIENCE_S)
 
 
 @on_uvloop

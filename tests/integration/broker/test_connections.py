@@ -7,6 +7,7 @@ from typing import Final
 import pytest
 from tests.integration.broker.namespace import figures_of
 from tests.integration.broker.swarm import on_uvloop, swarm
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmware.model.frame import FrameKind
@@ -36,21 +37,23 @@ async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path
         pair["uav1"].node.table.refresh()
         box = pair["uav2"].app.inbox("plan/share", Text)
         send = pair["uav1"].app.send
-        assert await send("/uav2/plan/share", Text("command"), timeout_s=10)
+        assert await send("/uav2/plan/share", Text("command"), timeout_s=PATIENCE_S)
         assert connections(port) == 1
         for number in range(3):
-            assert await send("/uav2/plan/share", Text(str(number)), kind=FrameKind.NOTIFY, timeout_s=10)
+            assert await send(
+                "/uav2/plan/share", Text(str(number)), kind=FrameKind.NOTIFY, timeout_s=PATIENCE_S
+            )
         assert connections(port) == 2
-        assert await send("/uav2/plan/share", Text("file"), kind=FrameKind.FILE, timeout_s=10)
+        assert await send("/uav2/plan/share", Text("file"), kind=FrameKind.FILE, timeout_s=PATIENCE_S)
         assert connections(port) == 2
         assert len(box) == 5
-        links = await pair["uav1"].app.request("sys/broker/links", Empty(), Neighbours)
+        links = await pair["uav1"].app.request("sys/broker/links", Empty(), Neighbours, timeout_s=PATIENCE_S)
         assert [one.transport for one in links.neighbours] == ["tcp"]
         [counted] = [one for one in (await pair["uav1"].traffic()).channels if one.channel == "plan/share"]
         assert counted.sent_frames >= 5
         await pair["uav2"].stop()
         await pair["uav1"].until(lambda: pair["uav1"].states()["uav2"] != "up", pair["uav1"].neighbours)
-        links = await pair["uav1"].app.request("sys/broker/links", Empty(), Neighbours)
+        links = await pair["uav1"].app.request("sys/broker/links", Empty(), Neighbours, timeout_s=PATIENCE_S)
         assert [one.transport for one in links.neighbours] == ["idle"]
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Final
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.core import broker as broker_core

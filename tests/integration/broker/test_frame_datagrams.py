@@ -6,7 +6,8 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.beacon.hello_schedule import HelloSchedule, Moment
@@ -131,7 +132,7 @@ async def test_other_frames_and_large_ones_take_the_connection(
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         await serve(pair["uav1"])
-        await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=10)
+        await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=PATIENCE_S)
         assert await ask(pair["gcs"], "uav1", NOISE.randbytes(1500).hex()), "too large even when compressed"
         assert wire.sent == [] or all(name == "gcs" for name, _, _ in wire.sent)
 

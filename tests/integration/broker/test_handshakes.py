@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import pytest
 import zmq
-from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
@@ -127,5 +128,5 @@ async def test_a_stranger_proves_no_key_however_often_it_tries(
         assert source.text.startswith("unknown@127.0.0.1: connect: ")
         assert "swarmctl keys invite" in source.advice
 
-        assert await pair["gcs"].app.send("/uav1/cmd/note", Text("member"), timeout_s=15)
+        assert await pair["gcs"].app.send("/uav1/cmd/note", Text("member"), timeout_s=PATIENCE_S)
         assert len(box) == 1

@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 import pytest
 import zmq
-from tests.integration.broker.swarm import LINE, PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.core.media.medium_table import Use
@@ -164,7 +165,7 @@ async def test_a_member_speaks_for_no_other_and_repeats_nothing(
         await owner.until_counted(lambda traffic: traffic.refused.replayed >= TRIES)
         assert " replayed" in (await found_by_doctor(owner, REFUSED)).text
         assert denied_lines(caplog, "frame of uav3: made long ago; a replay, or delayed")
-        assert await far.app.send("/uav1/cmd/note", Text("next"), timeout_s=10)
+        assert await far.app.send("/uav1/cmd/note", Text("next"), timeout_s=PATIENCE_S)
         assert (await box.next(PATIENCE_S)).value == "next"
 
 
@@ -196,7 +197,7 @@ async def test_an_expired_command_and_an_observer_that_sets_are_refused(
         denied = (order("uav2", n, now_ns, life_s=60.0) for n in range(TRIES))
         assert (await send_all(keys, port, map(encode, denied), owner, "denied")).denied == TRIES
         assert len(box) == 0
-        assert await cell["gcs"].app.send("/uav1/cmd/note", Text("genuine"), timeout_s=10)
+        assert await cell["gcs"].app.send("/uav1/cmd/note", Text("genuine"), timeout_s=PATIENCE_S)
 
 
 @on_uvloop
@@ -218,7 +219,7 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
         box = owner.app.inbox(PATH, Text)
         await gcs.until_up("uav1")
         await owner.until_up("gcs")
-        assert await gcs.app.send("/uav1/cmd/note", Text("genuine"), timeout_s=10, urgent=True)
+        assert await gcs.app.send("/uav1/cmd/note", Text("genuine"), timeout_s=PATIENCE_S, urgent=True)
         assert (await box.next(PATIENCE_S)).value == "genuine"
         peer, datagram = next(one for one in recorded if one[0].platform == "uav1")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from tests.integration.broker.swarm import on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import OutOfRange
 from swarmware.transport.delivery.parts import VALUE_LIMIT
@@ -33,7 +34,7 @@ async def test_a_value_of_64_mib_arrives_whole_and_one_byte_more_is_refused(tmp_
         times: list[float] = []
         while not sending.done():
             began_s = loop.time()
-            assert await app.send("/uav2/cmd/order", Text("go"), timeout_s=10)
+            assert await app.send("/uav2/cmd/order", Text("go"), timeout_s=PATIENCE_S)
             times.append(loop.time() - began_s)
             orders.take()
             await asyncio.sleep(0.02)

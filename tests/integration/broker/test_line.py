@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
@@ -33,7 +34,7 @@ async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_pat
         await line["uav3"].until_reaches(uav1="uav2")
         assert line["uav1"].states() == {"uav2": "up"}
         for text in ("hello", "again"):
-            answer = await line["uav1"].app.request("/uav3/cmd/echo", Text(text), Text, timeout_s=10)
+            answer = await line["uav1"].app.request("/uav3/cmd/echo", Text(text), Text, timeout_s=PATIENCE_S)
             assert answer == Text(f"uav3: {text}")
         first, middle = await line["uav1"].traffic(), await line["uav2"].traffic()
         assert first.requests == 2
@@ -49,10 +50,13 @@ async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: 
         await pair["uav1"].until_up("uav2")
         serve_echo(pair["uav2"])
         app = pair["uav1"].app
-        await app.request("/uav2/cmd/echo", Text("connected"), Text)
+        await app.request("/uav2/cmd/echo", Text("connected"), Text, timeout_s=PATIENCE_S)
         before = (await pair["uav1"].traffic()).sent_frames
         with app.node.messaging.batch(), app.node.messaging.batch():
-            asked = [app.request("/uav2/cmd/echo", Text(f"{number}"), Text) for number in range(3)]
+            asked = [
+                app.request("/uav2/cmd/echo", Text(f"{number}"), Text, timeout_s=PATIENCE_S)
+                for number in range(3)
+            ]
             assert (await pair["uav1"].traffic()).sent_frames == before
         assert [text.value for text in await asyncio.gather(*asked)] == [
             "uav2: 0",
@@ -69,7 +73,9 @@ async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(t
         await pair["uav1"].until_up("uav2")
         send = pair["uav1"].app.send
         for number in range(10):
-            assert await send("/uav2/plan/share", Text(str(number)), timeout_s=10, kind=FrameKind.NOTIFY)
+            assert await send(
+                "/uav2/plan/share", Text(str(number)), timeout_s=PATIENCE_S, kind=FrameKind.NOTIFY
+            )
         before = await pair["uav1"].traffic()
         assert not await send("/uav9/plan/share", Text(""), timeout_s=0.5)
         here, there = await pair["uav1"].traffic(), await pair["uav2"].traffic()
@@ -93,7 +99,7 @@ async def test_a_message_over_two_hops_is_acknowledged_once_it_is_there(tmp_path
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav3"].until_reaches(uav1="uav2")
         for number in range(20):
-            outcome = await line["uav1"].app.send("/uav3/cmd/note", Text(str(number)), timeout_s=10)
+            outcome = await line["uav1"].app.send("/uav3/cmd/note", Text(str(number)), timeout_s=PATIENCE_S)
             assert outcome.status is Status.DELIVERED, outcome
         assert [(await anext(box)).value for _ in range(20)] == [str(number) for number in range(20)]
 
@@ -130,14 +136,14 @@ async def test_what_stops_two_hops_away_is_reported_with_that_hop(tmp_path: Path
         app = line["uav1"].app
         box = line["uav3"].app.inbox("cmd/order", Text, limit=1)
         await line["uav1"].until_reaches(uav3="uav2")
-        delivered = await app.send("/uav3/cmd/order", Text("first"), timeout_s=10)
+        delivered = await app.send("/uav3/cmd/order", Text("first"), timeout_s=PATIENCE_S)
         assert (delivered.status, delivered.where) == (Status.DELIVERED, "uav3:app#1")
         full = await app.send("/uav3/cmd/order", Text("second"), timeout_s=1.0)
         assert (full.status, full.where, full.detail) == (Status.EXPIRED, "uav3", FULL)
         absent = await app.send("/uav3/cmd/none", Text("?"), timeout_s=4.0)
         assert (absent.status, absent.where, absent.detail) == (Status.REFUSED, "uav3", ABSENT)
         assert box.take() == Text("first")
-        assert await app.send("/uav3/cmd/order", Text("third"), timeout_s=10)
+        assert await app.send("/uav3/cmd/order", Text("third"), timeout_s=PATIENCE_S)
 
 
 @on_uvloop
@@ -150,7 +156,7 @@ async def test_a_middle_that_comes_back_is_used_again(tmp_path: Path) -> None:
         await line["uav2"].start()
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav3"].until_reaches(uav1="uav2")
-        answer = await line["uav1"].app.request("/uav3/cmd/echo", Text("again"), Text, timeout_s=10)
+        answer = await line["uav1"].app.request("/uav3/cmd/echo", Text("again"), Text, timeout_s=PATIENCE_S)
         assert answer == Text("uav3: again")
 
 
@@ -159,12 +165,12 @@ async def test_a_broker_that_restarts_at_once_is_a_neighbour_again(tmp_path: Pat
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         serve_echo(pair["uav2"])
         await pair["uav1"].until_up("uav2")
-        await pair["uav1"].app.request("/uav2/cmd/echo", Text("1"), Text, timeout_s=10)
+        await pair["uav1"].app.request("/uav2/cmd/echo", Text("1"), Text, timeout_s=PATIENCE_S)
         await pair["uav2"].stop()
         await pair["uav2"].start()
         await pair["uav2"].until_up("uav1")
         await pair["uav1"].until_up("uav2")
-        answer = await pair["uav1"].app.request("/uav2/cmd/echo", Text("2"), Text, timeout_s=10)
+        answer = await pair["uav1"].app.request("/uav2/cmd/echo", Text("2"), Text, timeout_s=PATIENCE_S)
         assert answer == Text("uav2: 2")
         assert (await pair["uav1"].traffic()).refused.old_session == 0
 
@@ -182,7 +188,7 @@ async def test_boards_travel_over_the_middle_to_those_who_want_them(tmp_path: Pa
         assert first.yaw_rad == pytest.approx(0.5, abs=1e-3)
         for step in range(10):
             pose.write(Pose.planar(10.0 + step, 0.0))
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while (await mirror.changed()).x_m != 19.0:
                 pass
         assert mirror.stamp_ns is not None
@@ -226,7 +232,10 @@ async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: P
         level = pair["uav1"].app.writer("power/level", Float)
         pair["uav1"].plan(offers=[("power/level", Float)])
         limits = await pair["uav1"].app.request(
-            "sys/broker/set_channel", SetChannel("power/*", ChannelSettings(0.0)), ChannelLimits
+            "sys/broker/set_channel",
+            SetChannel("power/*", ChannelSettings(0.0)),
+            ChannelLimits,
+            timeout_s=PATIENCE_S,
         )
         assert [limit.pattern for limit in limits.limits] == ["power/*"]
         level.write(Float(1.0))
@@ -241,7 +250,9 @@ async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: P
         assert [c.sent_frames for c in traffic.channels if c.channel == "power/level"] == [0]
         reader = pair["uav2"].app.reader("/uav1/power/level", Float)
         pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
-        await pair["uav1"].app.request("sys/broker/set_channel", SetChannel("power/*"), ChannelLimits)
+        await pair["uav1"].app.request(
+            "sys/broker/set_channel", SetChannel("power/*"), ChannelLimits, timeout_s=PATIENCE_S
+        )
         assert (await reader.changed(10)).value == 1.0
 
 
@@ -278,7 +289,7 @@ async def test_names_and_trees_are_known_over_two_hops(tmp_path: Path) -> None:
 async def test_clock_differences_are_told_for_each_datagram(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         timing = pair["uav1"].app.stream_reader("net/timing", TimingBatch)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             async for batch in timing:
                 sample = batch.samples[0]
                 if sample.upper_ns is not None:
@@ -308,7 +319,7 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
 
         await pair["uav1"].until(perfect, pair["uav1"].neighbours)
         pair["uav2"].app.inbox("cmd/note", Text)
-        await pair["uav1"].app.send(join("uav2", "cmd/note"), Text(""), timeout_s=10)
+        await pair["uav1"].app.send(join("uav2", "cmd/note"), Text(""), timeout_s=PATIENCE_S)
 
         def connected() -> bool:
             table = pair["uav1"].neighbours.value

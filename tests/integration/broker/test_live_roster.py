@@ -8,9 +8,10 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.integration.broker.test_hostile_frames import PATH, TRIES, dealer, order
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmctl.commands.doctor.checks import examine
@@ -42,7 +43,9 @@ async def members(
 
 
 async def hand_over(station: Station, text: bytes) -> RosterState:
-    return await station.app.request("sys/broker/roster", SignedRoster(text), RosterState)
+    return await station.app.request(
+        "sys/broker/roster", SignedRoster(text), RosterState, timeout_s=PATIENCE_S
+    )
 
 
 async def until_has(board: BoardReader[RosterState], version: int) -> RosterState:
@@ -94,7 +97,7 @@ async def test_a_rotation_loses_no_message_and_no_beacon(tmp_path: Path) -> None
                     assert (await until_has(board, 1 + epoch)).key_epoch == epoch
                 for _ in range(40):
                     sent += 1
-                    outcome = await one.app.send("/uav2/cmd/note", Text(str(sent)), timeout_s=5.0)
+                    outcome = await one.app.send("/uav2/cmd/note", Text(str(sent)), timeout_s=PATIENCE_S)
                     assert outcome.delivered, outcome
                     await mirror.changed(timeout_s=2.0)
             assert received == [str(number) for number in range(1, sent + 1)]
@@ -116,7 +119,7 @@ async def test_a_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Pat
     async with members(tmp_path) as (root, stations, boards):
         one, other, revoked = (stations[name] for name in NAMES)
         box, other_box = one.app.inbox("cmd/note", Text), other.app.inbox("cmd/note", Text)
-        assert (await revoked.app.send("/uav1/cmd/note", Text("before"), timeout_s=5.0)).delivered
+        assert (await revoked.app.send("/uav1/cmd/note", Text("before"), timeout_s=PATIENCE_S)).delivered
         await hand_over(other, root.revoke("uav3"))
         for name in ("uav1", "uav2"):
             state = await until_has(boards[name], 2)
@@ -131,7 +134,7 @@ async def test_a_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Pat
             await station.until_counted(lambda traffic: traffic.refused.revoked > 0)
             await station.until_lost("uav3")
             assert "uav3" not in station.states() or station.states()["uav3"] == "down"
-        assert (await one.app.send("/uav2/cmd/note", Text("among us"), timeout_s=5.0)).delivered
+        assert (await one.app.send("/uav2/cmd/note", Text("among us"), timeout_s=PATIENCE_S)).delivered
         assert (await anext(other_box)).value == "among us"
         assert (await anext(box)).value == "before"
         assert len(box) == 0
@@ -262,6 +265,6 @@ async def test_nothing_that_a_revoked_member_sends_is_taken(
         assert any("refused input: " in line and " revoked" in line for line in caplog.messages)
         assert len([line for line in caplog.messages if "uav3" in line]) < TRIES / 10
         await until_has(pair["uav2"].app.reader("net/roster", RosterState), 2)
-        assert (await pair["uav2"].app.send("/uav1/" + PATH, Text("member"), timeout_s=10.0)).delivered
+        assert (await pair["uav2"].app.send("/uav1/" + PATH, Text("member"), timeout_s=PATIENCE_S)).delivered
         assert (await anext(box)).value == "member", "the orders of the revoked one are not there"
         assert len(box) == 0

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 from tests.integration.broker.swarm import on_uvloop, swarm
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.links.metrics_server import CONNECTIONS_MAX
@@ -67,7 +68,7 @@ async def test_silent_connections_do_not_stop_the_broker_and_get_no_page(tmp_pat
             for _ in range(CONNECTIONS_MAX):
                 silent.enter_context(socket.create_connection(("127.0.0.1", port)))
             assert (await get(port, PAGE + b"\r\n")).startswith(b"HTTP/1.1 503 ")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while not (await get(port, PAGE + b"\r\n")).startswith(b"HTTP/1.1 200 "):
                 await one["uav1"].counters.changed()
         assert (await one["uav1"].traffic()).refused.scrapes >= 1

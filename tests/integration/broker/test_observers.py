@@ -5,9 +5,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Recorder, on_uvloop, swarm
+from tests.integration.broker.swarm import Recorder, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import counted, found_by_doctor
 from tests.integration.broker.test_hostile_frames import dealer
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.tree.change_log import ChangeLog
@@ -125,7 +126,7 @@ async def test_an_observer_changes_nothing_by_any_verb(
             assert (await counted(owner, "denied", refused)).denied == refused
             assert len(ADDRESSED) + 1 == refused // len(VERBS) - TRIES
             assert called == []
-        assert await owner.app.send("plan/upload", Text("own"), timeout_s=15, kind=FrameKind.FILE)
+        assert await owner.app.send("plan/upload", Text("own"), timeout_s=PATIENCE_S, kind=FrameKind.FILE)
         assert called == ["plan/upload"]
         audit.cancel()
 

@@ -4,13 +4,14 @@ import asyncio
 from pathlib import Path
 
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.types.outage import NodeLinks, OutageTable
 from swarmware.types.rpc import Empty
 
 
 async def outages(station: Station) -> OutageTable:
-    return await station.app.request("sys/broker/outages", Empty(), OutageTable)
+    return await station.app.request("sys/broker/outages", Empty(), OutageTable, timeout_s=PATIENCE_S)
 
 
 @on_uvloop

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, on_uvloop, swarm
+from tests.integration.broker.swarm import on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import Denied
 from swarmware.model.access import Role, Sender
@@ -24,7 +25,7 @@ async def test_a_node_commands_no_other_platform_and_an_operator_does(tmp_path: 
         for name in ("uav2", "gcs"):
             await cell[name].until_up("uav1")
 
-        refused = await cell["uav2"].app.send("/uav1/cmd/goto", Text("north"), timeout_s=10)
+        refused = await cell["uav2"].app.send("/uav1/cmd/goto", Text("north"), timeout_s=PATIENCE_S)
         assert refused.status is Status.REFUSED
         assert "cmd/goto: node@uav2 may not call it; expected role operator" in refused.detail
         with pytest.raises(Denied, match="sys/vehicle/arm: node@uav2 may not call it"):
@@ -36,21 +37,21 @@ async def test_a_node_commands_no_other_platform_and_an_operator_does(tmp_path: 
         }
         assert (await owner.traffic()).refused.denied >= 2
 
-        shared = await cell["uav2"].app.request("/uav1/plan/share", Text(""), Text, timeout_s=10)
+        shared = await cell["uav2"].app.request("/uav1/plan/share", Text(""), Text, timeout_s=PATIENCE_S)
         assert shared.value == "node@uav2"
         for user, role, allowed in (("bob", Role.OBSERVER, False), ("anna", Role.MAINTAINER, True)):
             outcome = await cell["gcs"].app.send(
-                "/uav1/cmd/goto", Text(user), timeout_s=10, on_behalf_of=Sender("gcs", role, user)
+                "/uav1/cmd/goto", Text(user), timeout_s=PATIENCE_S, on_behalf_of=Sender("gcs", role, user)
             )
             assert bool(outcome) is allowed
             assert allowed or "bob@gcs (observer) may not call it" in outcome.detail
         assert (await box.next(PATIENCE_S)).value == "anna"
         assert box.meta is not None
         assert box.meta.sender == Sender("gcs", Role.OPERATOR, "anna"), "no more than its platform"
-        assert await cell["gcs"].app.send("/uav1/cmd/goto", Text("south"), timeout_s=10)
+        assert await cell["gcs"].app.send("/uav1/cmd/goto", Text("south"), timeout_s=PATIENCE_S)
         assert (await box.next(PATIENCE_S)).value == "south"
         assert box.meta is not None
         assert box.meta.sender == Sender("gcs", Role.OPERATOR)
-        assert await owner.app.send("cmd/goto", Text("own"), timeout_s=10)
+        assert await owner.app.send("cmd/goto", Text("own"), timeout_s=PATIENCE_S)
         assert (await box.next(PATIENCE_S)).value == "own"
         assert box.meta.sender is None

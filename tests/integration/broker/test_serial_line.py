@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from tests.integration.broker.lines import Line
-from tests.integration.broker.swarm import PATIENCE_S, Recorder, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import Recorder, Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.model.frame import FrameKind
 from swarmware.types.net import NeighbourState

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header
@@ -43,7 +44,7 @@ async def listener(port: int) -> AsyncIterator[socket.socket]:
 async def record(sock: socket.socket, hw: int, count: int) -> list[bytes]:
     loop = asyncio.get_running_loop()
     tape: list[bytes] = []
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(PATIENCE_S):
         while len(tape) < count:
             data = await loop.sock_recv(sock, 2048)
             if codec.sender_of(data) == hw:
@@ -153,7 +154,7 @@ async def test_two_computers_with_one_name_notice_and_the_one_that_stays_is_back
         pair["uav1"].plan(wants=[("uav2", "nav/pose", Pose)])
         mirror = pair["uav1"].app.reader("/uav2/nav/pose", Pose)
         writing = asyncio.create_task(write(writer))
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             await mirror.changed()
         writing.cancel()
         for station in pair.values():

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.integration.broker.lines import Line
-from tests.integration.broker.swarm import PATIENCE_S, Station, on_uvloop, swarm
+from tests.integration.broker.swarm import Station, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmware.types.net import LinkStatus, MediumState, MediumUse

@@ -10,6 +10,7 @@ import pytest
 import zmq
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
 from tests.integration.broker.test_handshakes import found_by_doctor
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmctl.commands.doctor.checks import foreign
@@ -200,7 +201,9 @@ def test_500_connections_without_a_key_are_limited_and_counted_and_a_member_come
                     await loop.sock_connect(sock, ("127.0.0.1", port))
                     sock.send(sent)
                 for number in range(3):
-                    outcome = await pair["uav2"].app.send("/uav1/cmd/note", Text(str(number)), timeout_s=15)
+                    outcome = await pair["uav2"].app.send(
+                        "/uav1/cmd/note", Text(str(number)), timeout_s=PATIENCE_S
+                    )
                     assert outcome, outcome
                 traffic = await pair["uav1"].until_counted(
                     lambda traffic: traffic.refused.denied_connections >= denied
@@ -257,6 +260,6 @@ async def test_seeds_join_where_there_is_no_multicast(tmp_path: Path) -> None:
         assert table is not None
         assert [(n.platform, n.multicast) for n in table.neighbours] == [("uav1", False)]
         box = star["uav3"].app.inbox("cmd/note", Text)
-        outcome = await star["uav2"].app.send("/uav3/cmd/note", Text("over the seed"), timeout_s=10)
+        outcome = await star["uav2"].app.send("/uav3/cmd/note", Text("over the seed"), timeout_s=PATIENCE_S)
         assert outcome.delivered
         assert (await anext(box)).value == "over the seed"

@@ -18,13 +18,13 @@ from typing import Any, Final, NamedTuple
 import jsonschema
 import pytest
 from tests.integration.cli.terminal import Terminal
+from tests.patience import PATIENCE_S
 
 from swarmctl import main as swarmctl
 from swarmctl.session import processes
 from swarmctl.terminal import documents
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
-PATIENCE_S = 30.0
 
 
 class Done(NamedTuple):

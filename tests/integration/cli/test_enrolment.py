@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmware.module.board import BoardReader
@@ -18,8 +19,6 @@ from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import Root
 from swarmware.types.net import Routes
 from swarmware.types.tree import TreeList, TreeListing
-
-PATIENCE_S = 30.0
 
 
 class Operator:
@@ -81,7 +80,7 @@ async def until_computers(routes: BoardReader[Routes], *names: str) -> None:
 
 async def known(probe: Module) -> set[str]:
     """Platforms that the tree of the ground station knows."""
-    found = await probe.request("sys/tree/list", TreeList("/gcs/none", 1), TreeListing, timeout_s=5)
+    found = await probe.request("sys/tree/list", TreeList("/gcs/none", 1), TreeListing, timeout_s=PATIENCE_S)
     return {one.platform for one in found.platforms}
 
 

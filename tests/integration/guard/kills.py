@@ -20,6 +20,8 @@ from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from tests.patience import PATIENCE_S
+
 from swarmware.errors import NoAnswer, NotFound, WireError
 from swarmware.module.module import Module
 from swarmware.service.fork import FOLDER, SOCKET
@@ -36,7 +38,6 @@ SERVICES: Final = (
     *("hal", "sim", "control", "navigator"),
 )
 LIMIT_S: Final = 5.0
-PATIENCE_S: Final = 60.0
 LOOK_S: Final = 0.01
 BEAT_S: Final = 1.2
 """Every daemon looks at everything that it shares at least once in this time."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module.module import Module
@@ -31,7 +32,6 @@ from swarmware.types.health import (
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
 
-PATIENCE_S = 30.0
 SERVICES: dict[str, Any] = {"register": {}, "timesync": {}, "health": {}, "guard": {}, "hal": {}, "sim": {}}
 
 
@@ -167,7 +167,9 @@ async def test_a_restart_on_request_is_a_new_process_and_an_unknown_service_an_e
         await asked(module, "sys/guard/restart", RestartOrder("timesync"), GuardStatus)
         await back(run_dir, "timesync", old)
         with pytest.raises(NotFound, match="nosuch"):
-            await module.request("sys/guard/restart", RestartOrder("nosuch"), GuardStatus)
+            await module.request(
+                "sys/guard/restart", RestartOrder("nosuch"), GuardStatus, timeout_s=PATIENCE_S
+            )
 
 
 async def test_a_second_guard_refuses_to_run_beside_the_first(tmp_path: Path) -> None:

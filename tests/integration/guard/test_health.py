@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput, NoAnswer, SwarmError
 from swarmware.health.criterion import Above
@@ -22,7 +23,6 @@ from swarmware.types.health import Fault, FaultList, FaultQuery, HealthReport, H
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Float
 
-PATIENCE_S = 20.0
 STILL_S = 4.0
 """Longer than three periods of the reports."""
 
@@ -144,7 +144,7 @@ async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fau
             first = await fault(faults, "motor/heat", Phase.CONFIRMED)
             await health.kill()
         async with spawn(config, "health"):
-            list_ = await module.request("sys/health/faults", FaultQuery(), FaultList)
+            list_ = await module.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=PATIENCE_S)
             (again,) = [one for one in list_.faults if one.check == "motor/heat"]
             assert (again.first_ns, again.count) == (first.first_ns, 1)
             assert (await known(module, "motor/heat")).frequency_hz == 50.0

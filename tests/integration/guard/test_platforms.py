@@ -3,6 +3,7 @@
 import asyncio
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmware.module.board import BoardReader
@@ -14,8 +15,6 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.security.root import make_swarm
 from swarmware.types.health import Fault, HealthState, Phase
 from swarmware.types.net import Routes
-
-PATIENCE_S = 20.0
 
 
 async def until_reached(routes: BoardReader[Routes], platform: str) -> None:

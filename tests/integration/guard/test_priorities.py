@@ -8,12 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.guard.core.priorities import DEMOTED
 from swarmd.guard.priorities import ProcessPriorities, lowest_nice
 from swarmware.types.system import AppState, AppStatus
-
-PATIENCE_S = 60.0
 
 
 @contextmanager

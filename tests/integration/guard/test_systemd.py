@@ -3,6 +3,8 @@
 import asyncio
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
+
 from swarmd.guard.process_supervisor import SystemdSupervisor
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.starting import spawn, starting_pid
@@ -17,7 +19,7 @@ def written(log: Path) -> str:
 
 async def said(log: Path) -> str:
     """What systemctl was asked, when it has ended."""
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(PATIENCE_S):
         await asyncio.gather(*(task for task in asyncio.all_tasks() if "systemctl" in task.get_name()))
     return written(log)
 

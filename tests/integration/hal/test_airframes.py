@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.navigator.config import Config as NavigatorConfig
@@ -50,8 +51,10 @@ def test_it_takes_off_goes_to_a_place_and_holds_there(
             goals = m.writer("nav/goal", Goal)
             status = m.reader("nav/status", NavStatus)
             truth = m.reader("sim/truth", Pose)
-            await m.reader("nav/pose", Pose).changed(timeout_s=10.0)
-            assert (await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState)).armed
+            await m.reader("nav/pose", Pose).changed(timeout_s=PATIENCE_S)
+            assert (
+                await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
+            ).armed
             goals.write(Goal(1, GoalKind.TAKEOFF, z_m=height_m, speed_m_s=3.0 if circles else 1.5))
             await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
             goals.write(Goal(2, GoalKind.GOTO, *place, height_m, speed_m_s=20.0 if circles else 2.0))
@@ -71,7 +74,9 @@ def test_it_takes_off_goes_to_a_place_and_holds_there(
             assert math.dist((here.x_m, here.y_m), place) < 1.5
             goals.write(Goal(4, GoalKind.LAND, speed_m_s=1.0))
             await until(status, lambda s: s.goal_seq == 4 and s.state == "arrived")
-            assert (await m.request("sys/vehicle/arm", ArmRequest(False), VehicleState)).landed
+            assert (
+                await m.request("sys/vehicle/arm", ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)
+            ).landed
 
     with no_leaks(tmp_path):
         asyncio.run(fly())

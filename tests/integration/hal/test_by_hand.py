@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import msgspec
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import Denied
 from swarmware.module.board import BoardReader
@@ -33,21 +34,21 @@ DRIVE = "sys/vehicle/drive"
 
 
 async def until(board: BoardReader[T], right: Callable[[T], bool]) -> T:
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(PATIENCE_S):
         while board.value is None or not right(board.value):
             await board.changed()
     return board.value
 
 
 async def ask(m: Module, event: DriveEvent, *, take: bool = False) -> ControlState:
-    return await m.request(DRIVE, DriveRequest(event, take), ControlState)
+    return await m.request(DRIVE, DriveRequest(event, take), ControlState, timeout_s=PATIENCE_S)
 
 
 async def send_until(
     m: Module, setpoint: Setpoint, board: BoardReader[T], right: Callable[[T], bool]
 ) -> None:
     """Sends a manual set-point at 10 Hz until the vehicle is seen to do it."""
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(PATIENCE_S):
         async for _ in m.every(0.1):
             assert (await m.send("cmd/manual", setpoint, timeout_s=0.3)).delivered
             if board.value is not None and right(board.value):
@@ -72,7 +73,7 @@ def test_a_vehicle_is_driven_by_one_hand_at_a_time_and_killed_without_its_driver
 
             # a set-point without the stick moves nothing; the stick holds the mission
             up = ManoeuvreRequest("takeoff", {"altitude_m": 30.0, "speed_m_s": 2.0})
-            await anna.request("sys/mission/manoeuvre", up, MissionStatus)
+            await anna.request("sys/mission/manoeuvre", up, MissionStatus, timeout_s=PATIENCE_S)
             await until(truth, lambda pose: pose.z_m > 1.5)
             assert (await ask(anna, DriveEvent.DRIVE)).mode is DriveMode.MANUAL
             held = await until(mission, lambda state: state.held_by != "")
@@ -93,18 +94,24 @@ def test_a_vehicle_is_driven_by_one_hand_at_a_time_and_killed_without_its_driver
             assert mission.value is not None and mission.value.held_by.startswith("bert")
 
             # the safety pilot takes the vehicle from everybody, and the mission continues afterwards
-            await anna.request("sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch)
+            await anna.request(
+                "sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch, timeout_s=PATIENCE_S
+            )
             await until(control, lambda state: state.mode is DriveMode.PILOT)
             with pytest.raises(Denied, match="the safety pilot drives"):
                 await ask(anna, DriveEvent.DRIVE, take=True)
             height_m = truth.value.z_m if truth.value else 0.0
-            await anna.request("sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch)
+            await anna.request(
+                "sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch, timeout_s=PATIENCE_S
+            )
             await until(mission, lambda state: state.held_by == "")
             await until(truth, lambda pose: pose.z_m > height_m + 0.5)
 
             # navigator, mission, health and control die at once; the kill needs none of them
             await drivers.kill()
-            killed = await anna.request("sys/vehicle/kill", KillRequest("uav1", "test"), VehicleState)
+            killed = await anna.request(
+                "sys/vehicle/kill", KillRequest("uav1", "test"), VehicleState, timeout_s=PATIENCE_S
+            )
             assert not killed.armed
             await until(truth, lambda pose: pose.vz_m_s < -3.0)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.sim.config import Config as SimConfig
@@ -59,19 +60,28 @@ def test_a_quadrotor_takes_off_holds_and_lands_and_falls_when_it_is_killed(tmp_p
             truth = m.reader("sim/truth", Pose)
             drivers = m.reader("hal/drivers", DriverTable)
             state = m.reader("vehicle/state", VehicleState)
-            await m.reader("nav/pose", Pose).changed(timeout_s=10.0)
-            assert (await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState)).armed
+            await m.reader("nav/pose", Pose).changed(timeout_s=PATIENCE_S)
+            assert (
+                await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
+            ).armed
             goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
             await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
             goals.write(Goal(2, GoalKind.HOLD))
-            await m.request("sys/vehicle/gains", GainsRequest({"velocity_kp_1_s": 1.6}), VehicleState)
+            await m.request(
+                "sys/vehicle/gains",
+                GainsRequest({"velocity_kp_1_s": 1.6}),
+                VehicleState,
+                timeout_s=PATIENCE_S,
+            )
             with pytest.raises(Denied, match="gain 'p': unknown to this airframe; expected one of rate_kp"):
-                await m.request("sys/vehicle/gains", GainsRequest({"p": 1.0}), VehicleState)
+                await m.request(
+                    "sys/vehicle/gains", GainsRequest({"p": 1.0}), VehicleState, timeout_s=PATIENCE_S
+                )
             await until(status, lambda s: s.goal_seq == 2 and s.state == "holding")
             imu = m.reader("sensor/imu", Imu)
-            assert (await imu.changed(timeout_s=5.0)).roll_rad is not None
-            await drivers.changed(timeout_s=5.0)
-            table = await drivers.changed(timeout_s=5.0)
+            assert (await imu.changed(timeout_s=PATIENCE_S)).roll_rad is not None
+            await drivers.changed(timeout_s=PATIENCE_S)
+            table = await drivers.changed(timeout_s=PATIENCE_S)
             (found,) = (driver for driver in table.drivers if driver.name == "sim.flight")
             assert (found.state, found.asked_hz, found.actuator) == ("running", 100.0, True)
             assert found.real_hz > 50.0
@@ -81,14 +91,20 @@ def test_a_quadrotor_takes_off_holds_and_lands_and_falls_when_it_is_killed(tmp_p
             assert max(map(abs, to_euler((here.qx, here.qy, here.qz, here.qw))[:2])) < 0.2
             goals.write(Goal(3, GoalKind.LAND))
             await until(status, lambda s: s.goal_seq == 3 and s.state == "arrived")
-            assert (await m.request("sys/vehicle/arm", ArmRequest(False), VehicleState)).landed
+            assert (
+                await m.request("sys/vehicle/arm", ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)
+            ).landed
 
-            assert (await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState)).armed
+            assert (
+                await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
+            ).armed
             goals.write(Goal(4, GoalKind.TAKEOFF, z_m=4.0, speed_m_s=2.0))
             await until(status, lambda s: s.goal_seq == 4 and s.state == "arrived")
-            dead = await m.request("sys/vehicle/kill", KillRequest("uav1", "test"), VehicleState)
+            dead = await m.request(
+                "sys/vehicle/kill", KillRequest("uav1", "test"), VehicleState, timeout_s=PATIENCE_S
+            )
             assert (dead.armed, dead.landed) == (False, False)
-            async with asyncio.timeout(10.0):
+            async with asyncio.timeout(PATIENCE_S):
                 while state.value is None or not state.value.landed:
                     await state.changed()
 

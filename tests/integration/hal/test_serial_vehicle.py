@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import msgspec
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.hal.config import (
@@ -53,7 +54,7 @@ DRIVERS = ("nmea", "vectornav", "sonar", "crsf", "serial_chassis")
 
 
 async def until(board: BoardReader[T], right: Callable[[T], bool]) -> T:
-    async with asyncio.timeout(40.0):
+    async with asyncio.timeout(PATIENCE_S):
         while board.value is None or not right(board.value):
             await board.changed()
     return board.value
@@ -92,14 +93,14 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
             await until(m.reader("power/battery", BatteryState), lambda battery: battery.voltage_v > 20.0)
             start = await until(pose, lambda _: True)
 
-            assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+            assert (await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)).armed
             goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
             await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
             assert (await until(m.reader("sensor/height", Float), lambda _: True)).value == pytest.approx(
                 3.0, abs=0.5
             )
             with pytest.raises(Denied, match="in the air"):
-                await m.request(ARM, ArmRequest(False), VehicleState)
+                await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)
             goals.write(Goal(2, GoalKind.GOTO, start.x_m + 4.0, start.y_m + 3.0, 3.0, speed_m_s=2.0))
             await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
             here = truth.value
@@ -111,16 +112,20 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
                 m.reader("vehicle/switch", SafetySwitch),
                 m.reader("control/state", ControlState),
             )
-            await m.request("sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch)
+            await m.request(
+                "sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch, timeout_s=PATIENCE_S
+            )
             await until(control, lambda state: state.mode is DriveMode.PILOT)
             assert switch.value == SafetySwitch(VehicleMode.MANUAL)
             await until(vehicle, lambda state: state.mode is VehicleMode.MANUAL)
-            await m.request("sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch)
+            await m.request(
+                "sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch, timeout_s=PATIENCE_S
+            )
             await until(vehicle, lambda state: state.mode is VehicleMode.AUTO)
 
             goals.write(Goal(3, GoalKind.LAND))
             await until(status, lambda s: s.goal_seq == 3 and s.state == "arrived")
-            assert (await m.request(ARM, ArmRequest(False), VehicleState)).landed
+            assert (await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)).landed
 
     with no_leaks(tmp_path):
         asyncio.run(fly())
@@ -152,10 +157,10 @@ def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_mot
             goals, status = m.writer("nav/goal", Goal), m.reader("nav/status", NavStatus)
             truth, vehicle = m.reader("sim/truth", Pose), m.reader("vehicle/state", VehicleState)
             await until(m.reader("nav/pose", Pose), lambda _: True)
-            async with asyncio.timeout(40.0):
+            async with asyncio.timeout(PATIENCE_S):
                 while vehicle.value is None or not vehicle.value.armed:
                     with suppress(Denied):  # until the attitude is known
-                        await m.request(ARM, ArmRequest(True), VehicleState)
+                        await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
             goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
             await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
             await until(vehicle, lambda state: not state.landed)
@@ -166,8 +171,8 @@ def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_mot
             await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
             await until(truth, lambda pose: pose.z_m < 0.05)
             await until(vehicle, lambda state: state.landed)
-            assert not (await m.request(ARM, ArmRequest(False), VehicleState)).armed
-            async with asyncio.timeout(10.0):
+            assert not (await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)).armed
+            async with asyncio.timeout(PATIENCE_S):
                 while (lines / "pwmchip0/pwm0/duty_cycle").read_text() != "1000000\n":
                     await truth.changed()
 
@@ -186,7 +191,7 @@ def test_devices_that_are_unplugged_are_waited_for_and_the_vehicle_is_armed_agai
                 async with spawn(config_dir, "sim"):
                     await until(drivers, lambda table: all(one.state == "running" for one in table.drivers))
                     await until(m.reader("vehicle/state", VehicleState), lambda state: state.landed)
-                    assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+                    assert (await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)).armed
                 await until(drivers, lambda table: all(one.state == "waiting" for one in table.drivers))
 
     with no_leaks(tmp_path):
@@ -202,14 +207,16 @@ def test_a_device_that_is_plugged_in_gets_its_driver_and_its_branch_of_the_tree(
         async with spawn(config_dir, "tree", "hal"), Module("test", config_dir=config_dir) as m:
 
             async def entries() -> list[TreeEntry]:
-                found = await m.request("sys/tree/list", TreeList("sensor/gnss_left"), TreeListing)
+                found = await m.request(
+                    "sys/tree/list", TreeList("sensor/gnss_left"), TreeListing, timeout_s=PATIENCE_S
+                )
                 return list(found.entries)
 
             await m.reader("hal/drivers", DriverTable).changed(20.0)
             assert await entries() == []
             line = PseudoTerminal(folder / "gnss0", lambda data: None)
             fixes = m.reader("sensor/gnss_left", GnssFix)
-            async with asyncio.timeout(40.0):
+            async with asyncio.timeout(PATIENCE_S):
                 while fixes.value is None or not await entries():
                     line.write(fix_sentences(GnssFix(48.0, 11.0, 500.0, 0.02, 12), 3600.0))
                     with suppress(NoAnswer):

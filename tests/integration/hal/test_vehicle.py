@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.sim.config import BatteryConfig
@@ -61,26 +62,26 @@ def test_a_multirotor_takes_off_and_lands(tmp_path: Path) -> None:
             status = m.reader("nav/status", NavStatus)
             truth = m.reader("sim/truth", Pose)
             pose = m.reader("nav/pose", Pose)
-            await m.reader("sensor/gnss", GnssFix).changed(timeout_s=10.0)
-            await m.reader("sensor/imu", Imu).changed(timeout_s=10.0)
-            await m.reader("sensor/range", Range).changed(timeout_s=10.0)
-            await m.reader("sensor/height", Float).changed(timeout_s=10.0)
-            await m.reader("power/battery", BatteryState).changed(timeout_s=10.0)
-            await m.reader("system/load", SystemLoad).changed(timeout_s=10.0)
-            await m.reader("hal/drivers", DriverTable).changed(timeout_s=10.0)
-            await pose.changed(timeout_s=10.0)
+            await m.reader("sensor/gnss", GnssFix).changed(timeout_s=PATIENCE_S)
+            await m.reader("sensor/imu", Imu).changed(timeout_s=PATIENCE_S)
+            await m.reader("sensor/range", Range).changed(timeout_s=PATIENCE_S)
+            await m.reader("sensor/height", Float).changed(timeout_s=PATIENCE_S)
+            await m.reader("power/battery", BatteryState).changed(timeout_s=PATIENCE_S)
+            await m.reader("system/load", SystemLoad).changed(timeout_s=PATIENCE_S)
+            await m.reader("hal/drivers", DriverTable).changed(timeout_s=PATIENCE_S)
+            await pose.changed(timeout_s=PATIENCE_S)
             with pytest.raises(Denied, match="in the air"):
-                assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+                assert (await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)).armed
                 goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
                 await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
-                await m.request(ARM, ArmRequest(False), VehicleState)
+                await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)
             assert truth.value is not None
             assert pose.value is not None
             assert truth.value.z_m == pytest.approx(3.0, abs=0.5)
             assert pose.value.x_m == pytest.approx(truth.value.x_m, abs=0.2)
             goals.write(Goal(2, GoalKind.LAND))
             await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
-            assert (await m.request(ARM, ArmRequest(False), VehicleState)).landed
+            assert (await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)).landed
 
     with no_leaks(tmp_path):
         asyncio.run(fly())
@@ -93,8 +94,8 @@ def test_a_surface_vessel_goes_where_it_is_sent(tmp_path: Path) -> None:
             goals = m.writer("nav/goal", Goal)
             status = m.reader("nav/status", NavStatus)
             truth = m.reader("sim/truth", Pose)
-            start = await truth.changed(timeout_s=10.0)
-            assert (await m.request(ARM, ArmRequest(True), VehicleState)).armed
+            start = await truth.changed(timeout_s=PATIENCE_S)
+            assert (await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)).armed
             goals.write(Goal(1, GoalKind.GOTO, x_m=start.x_m + 6.0, y_m=start.y_m + 2.0, speed_m_s=2.0))
             await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
             here = truth.value
@@ -124,9 +125,9 @@ def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path)
     async def ask() -> None:
         config_dir = node(tmp_path, "ugv1", SimConfig(battery=BatteryConfig(start_ratio=0.05)))
         async with spawn(config_dir, "sim", "hal"), Module("test", config_dir=config_dir) as m:
-            await m.reader("vehicle/state", VehicleState).changed(timeout_s=10.0)
+            await m.reader("vehicle/state", VehicleState).changed(timeout_s=PATIENCE_S)
             with pytest.raises(Denied, match="battery at 5%, expected at least 15%"):
-                await m.request(ARM, ArmRequest(True), VehicleState)
+                await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
 
     with no_leaks(tmp_path):
         asyncio.run(ask())
@@ -143,15 +144,15 @@ def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> No
             status = m.reader("nav/status", NavStatus)
             truth = m.reader("sim/truth", Pose)
             async with spawn(config_dir, "sim") as sim:
-                start = await truth.changed(timeout_s=10.0)
-                await m.request(ARM, ArmRequest(True), VehicleState)
+                start = await truth.changed(timeout_s=PATIENCE_S)
+                await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
                 goals.write(Goal(1, GoalKind.GOTO, x_m=start.x_m + 6.0, y_m=start.y_m, speed_m_s=2.0))
                 await until(status, lambda s: s.goal_seq == 1 and 0 < s.distance_m < 4.0)
                 await sim.kill()
             before = truth.value
             assert before is not None
             async with spawn(config_dir, "sim"):
-                after = await truth.changed(timeout_s=10.0)
+                after = await truth.changed(timeout_s=PATIENCE_S)
                 assert after.x_m == pytest.approx(before.x_m, abs=0.5)
                 await until(status, lambda s: s.state == "arrived")
 
@@ -169,7 +170,7 @@ def test_a_replayed_lidar_sends_753_packets_a_second_in_order(tmp_path: Path) ->
             stream = m.stream_reader("sensor/lidar", Blob)
             indexes, stamps = [], []
             for _ in range(1600):
-                packet = await stream.next(timeout_s=10.0)
+                packet = await stream.next(timeout_s=PATIENCE_S)
                 assert stream.meta is not None
                 indexes.append(packets[packet.value])
                 stamps.append(stream.meta.stamp_ns)
@@ -194,7 +195,7 @@ def test_a_device_that_is_missing_is_waited_for(tmp_path: Path) -> None:
             drivers = m.reader("hal/drivers", DriverTable)
 
             async def state(wanted: str) -> str:
-                async with asyncio.timeout(10.0):
+                async with asyncio.timeout(PATIENCE_S):
                     while True:
                         table = await drivers.changed()
                         found = {driver.name: driver for driver in table.drivers}
@@ -205,6 +206,6 @@ def test_a_device_that_is_missing_is_waited_for(tmp_path: Path) -> None:
             await asyncio.to_thread(recording.write_bytes, bytes(2412))
             assert await state("running") == "running"
             stream = m.stream_reader("sensor/lidar", Blob)
-            assert len((await stream.next(timeout_s=5.0)).value) == 1206
+            assert len((await stream.next(timeout_s=PATIENCE_S)).value) == 1206
 
     asyncio.run(wait())

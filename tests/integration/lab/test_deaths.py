@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.swarm.swarm import PATIENCE_S
+from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState

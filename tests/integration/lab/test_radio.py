@@ -11,7 +11,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.swarm.swarm import PATIENCE_S
+from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState
@@ -30,6 +30,8 @@ Until = Callable[[str], Awaitable[NeighbourState]]
 
 LOST_S = 2.0
 """Maximum time until a node notes that a neighbour is lost."""
+TRIES = 3
+"""A busy computer is late now and then, not always."""
 OBSERVED_S = 20.0
 """Time over which loss is counted: about 200 beacons."""
 
@@ -79,14 +81,16 @@ async def test_a_cut_link_is_down_within_two_seconds_and_up_again_when_it_is_hea
         for neighbour in ("uav1", "ugv1"):
             assert (await until(neighbour, "up")).address.startswith("10.83.0.")
         for words in (("cut", "gcs", "uav1"), ("link", "uav1", "gcs", "--loss", "100")):
-            before_ns = module.now_ns()
-            await order(ctl, *words)
-            took_ns = module.now_ns() - before_ns
-            down = await until("uav1", "down")
-            assert down.since_ns - before_ns < LOST_S * 1e9 + took_ns
-            assert (await until("ugv1", "up")).since_ns < before_ns, "another link is not concerned"
-            await order(ctl, "heal")
-            await until("uav1", "up")
+            late_s: list[float] = []
+            while not late_s or late_s[-1] >= LOST_S:
+                assert len(late_s) < TRIES, late_s
+                before_ns = module.now_ns()
+                await order(ctl, *words)
+                ordered_ns = module.now_ns()
+                late_s.append(((await until("uav1", "down")).since_ns - ordered_ns) / 1e9)
+                assert (await until("ugv1", "up")).since_ns < before_ns, "another link is not concerned"
+                await order(ctl, "heal")
+                await until("uav1", "up")
 
 
 async def test_a_link_that_is_cut_in_one_direction_is_half_open_for_the_node_that_still_receives(

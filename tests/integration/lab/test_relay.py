@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from tests.integration.lab.test_radio import NONE, at, order
-from tests.integration.swarm.swarm import PATIENCE_S
+from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs
 from swarmctl.session.labs import LabState

@@ -5,11 +5,12 @@ import subprocess
 import time
 from collections.abc import Callable
 
+from tests.patience import PATIENCE_S
+
 from swarmctl.session import labs
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]
-PATIENCE_S = 30.0
 
 
 def until_main_knows_the_others(ctl: Ctl) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from tests.integration.logger.test_logger import counted, events, flushed
+from tests.patience import PATIENCE_S
 
 from swarmctl.commands.doctor.checks import examine
 from swarmware.errors import SwarmError
@@ -57,14 +58,17 @@ def fill(folder: Path) -> Path:
 
 
 async def until_shown(health: BoardReader[HealthState], *, full: bool) -> None:
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(PATIENCE_S):
         while (health.value is not None and FULL in health.value.faults) != full:
             await health.changed()
 
 
 async def set_gain(module: Module, value: float) -> TreeSetDone:
     return await module.request(
-        "sys/tree/set", TreeSet(f"/uav1/{GAIN}", msgspec.msgpack.encode(value)), TreeSetDone, timeout_s=10
+        "sys/tree/set",
+        TreeSet(f"/uav1/{GAIN}", msgspec.msgpack.encode(value)),
+        TreeSetDone,
+        timeout_s=PATIENCE_S,
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import tomli_w
 from tests.integration.logger.test_logger import COUNT, counted, events, flushed, forwarded
 from tests.integration.recorder.mongod import Mongod
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import SwarmError
 from swarmware.module.module import Module
@@ -28,7 +29,7 @@ HUNG_S = 60.0
 
 async def fault(module: Module) -> Fault:
     """What the monitor shows of the database, as soon as it does."""
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(PATIENCE_S):
         while True:
             with contextlib.suppress(SwarmError):  # the monitor may still start
                 found = await module.request("sys/health/faults", FaultQuery(), FaultList)

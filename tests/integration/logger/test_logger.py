@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.integration.recorder.mongod import Mongod
+from tests.patience import PATIENCE_S
 
 from swarmware.module.module import Module
 from swarmware.module.streamwriter import STREAM_SLOTS
@@ -27,7 +28,7 @@ def counted(folder: Path, path: str = COUNT) -> list[int]:
 
 
 async def flushed(module: Module) -> LogStats:
-    return await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=10.0)
+    return await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=PATIENCE_S)
 
 
 def events(module: Module, slots: int = STREAM_SLOTS) -> BoardWriter[Int]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from tests.integration.mission.swarm import on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import MissionError, NotFound
 from swarmware.types.mission import (
@@ -282,7 +283,7 @@ async def test_a_plan_says_who_is_left_out_and_why_and_orders_nothing(tmp_path: 
         assert [member.platform for member in plan.members] == ["uav1", "ugv1"]
         assert not plan.left_out, "a ground station has nothing to fly"
         await s.kill("ugv1")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while len(plan.left_out) < 1:
                 plan = await s.ask("sys/mission/plan", one, MissionPlan)
         assert plan.left_out[-1].platform == "ugv1"

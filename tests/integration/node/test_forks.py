@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.start_ticks import start_ticks
@@ -24,7 +25,6 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.table import scan
 
 T = TypeVar("T")
-PATIENCE_S = 30.0
 SERVICES = ("register", "timesync", "guard", "health")
 
 

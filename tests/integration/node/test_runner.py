@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import SwarmError
 from swarmware.model.config import load_node
@@ -88,11 +89,11 @@ def test_a_service_and_a_module_with_hyphens_run_under_a_guard(setting: Setting)
             watched = m.reader("guard/status", GuardStatus)
             beats = m.reader("app/temp_sensor/status", AppStatus)
             temperature = m.reader("sensor/temperature", Int)
-            async with spawn(config_dir, env=env), asyncio.timeout(30):
+            async with spawn(config_dir, env=env), asyncio.timeout(PATIENCE_S):
                 while temperature.value is None:
                     await temperature.changed()
                 assert temperature.value == Int(21)
-                assert await m.send("sensor/offset", Int(22), timeout_s=10)
+                assert await m.send("sensor/offset", Int(22), timeout_s=PATIENCE_S)
                 assert await temperature.changed() == Int(22)
                 while beats.value is None or beats.value.state != "running":
                     await beats.changed()
@@ -100,9 +101,9 @@ def test_a_service_and_a_module_with_hyphens_run_under_a_guard(setting: Setting)
                     (one.name, one.state) == ("temp-sensor", "running") for one in watched.value.services
                 ):
                     await watched.changed()
-                report = await m.request("sys/health/state", Empty(), HealthReport, timeout_s=10)
+                report = await m.request("sys/health/state", Empty(), HealthReport, timeout_s=PATIENCE_S)
                 assert "age/sensor/temperature" in {check.check for check in report.checks}
-                found = await m.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=10)
+                found = await m.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=PATIENCE_S)
                 assert not [fault.check for fault in found.faults if fault.check.startswith("app/")]
                 names = {entry.id for entry in scan(load_node(config_dir).run_path)}
                 assert {"temp-sensor#1", "my-module#1"} <= names
@@ -135,14 +136,14 @@ def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing
             life = await board.changed(5)
             for restarts, order in enumerate(("boom", "return", "boom"), 1):
                 before = (await count.changed(5)).value
-                assert await m.send("test/order", Text(order), timeout_s=10)
+                assert await m.send("test/order", Text(order), timeout_s=PATIENCE_S)
                 while (again := await board.changed(10)) == life:
                     pass
                 life = again
                 while (await status.changed(10)).restarts < restarts:
                     assert board.value is not None
                 assert (await count.changed(5)).value > before
-                pid = await m.request("test/pid", Int(0), Int)
+                pid = await m.request("test/pid", Int(0), Int, timeout_s=PATIENCE_S)
                 assert pid.value == process.pid, "in the same process"
             said = process.stderr()
             assert "fragile: failed: boom" in said
@@ -160,7 +161,7 @@ def test_a_service_alone_ends_its_process_when_it_fails(setting: Setting) -> Non
             Module("test", config_dir=config_dir) as m,
             spawn(config_dir, "fragile", env=env) as process,
         ):
-            outcome = await m.send("test/order", Text("boom"), timeout_s=10)
+            outcome = await m.send("test/order", Text("boom"), timeout_s=PATIENCE_S)
             assert outcome, process.stderr()
             assert await process.wait() == 1
             assert "ValueError: boom" in process.stderr()
@@ -177,7 +178,7 @@ def test_a_step_that_holds_the_event_loop_is_named(setting: Setting) -> None:
             spawn(config_dir, "steady", env=env) as process,
         ):
             status = m.reader("app/steady/status", AppStatus)
-            await m.request("test/block", Int(150), Int)
+            await m.request("test/block", Int(150), Int, timeout_s=PATIENCE_S)
             while (await status.changed(5)).loop_lag_ms < 100:
                 pass
             assert "serve test/block held the event loop for 15" in process.stderr()

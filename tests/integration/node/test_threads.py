@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.module.inbox import Inbox
 from swarmware.module.module import Module
@@ -63,7 +64,7 @@ def test_modules_in_several_threads_all_receive_their_messages(config_dir: Path)
             boards = [module.reader(f"{worker.name}/double", Int) for worker in workers]
             for number in range(1, 4):
                 for worker, board in zip(workers, boards, strict=True):
-                    assert await module.send(f"{worker.name}/number", Int(number), timeout_s=10)
+                    assert await module.send(f"{worker.name}/number", Int(number), timeout_s=PATIENCE_S)
                     while board.value != Int(2 * number):
                         await board.changed(10)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import pytest
 import zmq
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.model import names
@@ -62,9 +63,9 @@ def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
                 assert (await inbox.next(1)).seq == number
                 assert inbox.meta is not None
                 assert inbox.meta.sender_hw == near.node.hardware
-            assert await near.request("/uav2/sys/double", Int(4), Int) == Int(8)
+            assert await near.request("/uav2/sys/double", Int(4), Int, timeout_s=PATIENCE_S) == Int(8)
             # the own platform may be named, too
-            assert await far.request("/uav2/sys/double", Int(4), Int) == Int(8)
+            assert await far.request("/uav2/sys/double", Int(4), Int, timeout_s=PATIENCE_S) == Int(8)
 
             refused = await near.send("/uav2/cmd/goto", Pose(0, 0), timeout_s=1.5)
             assert (refused.status, refused.where) == (Status.REFUSED, "uav2")
@@ -89,7 +90,9 @@ def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
             assert first
             expired = await near.send("/uav2/cmd/goto", Goal(2, GoalKind.GOTO), timeout_s=0.7)
             assert expired.status is Status.EXPIRED
-            waiting = asyncio.create_task(near.send("/uav2/cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=10))
+            waiting = asyncio.create_task(
+                near.send("/uav2/cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=PATIENCE_S)
+            )
             await asyncio.sleep(0.05)
             assert [(await inbox.next(1)).seq, (await inbox.next(5)).seq] == [1, 3]
             assert (await waiting).delivered

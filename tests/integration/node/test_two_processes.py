@@ -8,6 +8,7 @@ from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer, NotFound, SwarmError, TypeMismatch
 from swarmware.module.module import Module
@@ -80,9 +81,9 @@ def test_a_message_is_delivered_and_acknowledged(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m, actor("receive", config_dir) as receiver:
             # sent before the receiver is there
-            outcome = await m.send("cmd/goto", Goal(7, GoalKind.GOTO), timeout_s=20)
+            outcome = await m.send("cmd/goto", Goal(7, GoalKind.GOTO), timeout_s=PATIENCE_S)
             while not outcome:
-                outcome = await m.send("cmd/goto", Goal(7, GoalKind.GOTO), timeout_s=20)
+                outcome = await m.send("cmd/goto", Goal(7, GoalKind.GOTO), timeout_s=PATIENCE_S)
             assert outcome.where == "uav1:receiver#1"
             assert abs(outcome.received_ns - m.now_ns()) < 10e9
             assert [await receiver.line(), await receiver.line()] == ["ready", "goal 7"]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.model.config import load_node, load_service
 from swarmware.module.module import Module
@@ -51,11 +52,13 @@ async def test_settings_keep_their_values_and_may_be_undone(config: Path) -> Non
         readers = {name: module.reader(f"config/navigator/{name}", Float) for name in SETTINGS}
         async with spawn(config, "tree"):
             for name, (default, value) in SETTINGS.items():
-                assert await readers[name].changed(timeout_s=10.0) == Float(value)
+                assert await readers[name].changed(timeout_s=PATIENCE_S) == Float(value)
                 path = f"/uav1/config/navigator/{name}"
-                done = await module.request("sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=10.0)
+                done = await module.request(
+                    "sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=PATIENCE_S
+                )
                 assert done.path == path
-                async with asyncio.timeout(10.0):
+                async with asyncio.timeout(PATIENCE_S):
                     while readers[name].value != Float(default):
                         await readers[name].changed()
 
@@ -68,7 +71,7 @@ async def test_logs_are_read_and_continued(config: Path) -> None:
         board = module.writer("test/value", Float, log="all")
         async with spawn(config, "logger"):
             board.write(Float(1.5))
-            await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=10.0)
+            await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=PATIENCE_S)
     after = logged(folder)
     assert after[:ENTRIES] == before
     assert ("test/value", Float(1.5)) in [(path, value) for path, _, value in after[ENTRIES:]]

@@ -15,6 +15,7 @@ import msgpack
 import msgspec
 import pytest
 from mcap.reader import NonSeekingReader, make_reader
+from tests.patience import PATIENCE_S
 
 from swarmware.model.config import share_dir
 from swarmware.module.module import Module
@@ -69,7 +70,7 @@ async def record(root: Path) -> dict[str, Path]:
                 writer.write(Pose(float(number), 0.5))
             echo.write(Echo(first, (Cell(2.5, -30.0),)))
             request = LogStatsRequest(flush=True)
-            await module.request("sys/log/stats", request, LogStats, timeout_s=10.0)
+            await module.request("sys/log/stats", request, LogStats, timeout_s=PATIENCE_S)
 
         async with spawn(config, "logger") as logger:
             await write(0)

@@ -7,6 +7,8 @@ import signal
 import time
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
+
 from swarmware.errors import SwarmError
 from swarmware.module.module import Module
 from swarmware.node.master.role import LeaderCandidate
@@ -17,8 +19,6 @@ from swarmware.types.register import ApplicationTable, Register
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
 from swarmware.types.time import TimeFunctions
-
-PATIENCE_S = 20.0
 
 
 async def table_where(module: Module, wanted: object) -> ApplicationTable:

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.integration.tree.pair import PATIENCE_S, SERVICES, Platform, on_uvloop, platforms
+from tests.integration.tree.pair import SERVICES, Platform, on_uvloop, platforms
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module.module import Module
@@ -18,7 +19,7 @@ FORGET_S = 1.0
 
 async def known(at: Platform) -> dict[str, set[str]]:
     """Applications by platform, as the register of that node knows them."""
-    found = await at.probe.request("sys/register/apps", Empty(), Register)
+    found = await at.probe.request("sys/register/apps", Empty(), Register, timeout_s=PATIENCE_S)
     return {unit.table.platform: {app.name for app in unit.table.applications} for unit in found.units}
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
+from tests.patience import PATIENCE_S
 
 from swarmctl.session import processes
 from swarmctl.session.labs import LabState
@@ -23,8 +24,6 @@ from swarmware.types.tree import TreeList, TreeListing, TreeStats
 
 T = TypeVar("T", bound=msgspec.Struct)
 
-PATIENCE_S = 30.0
-"""A loaded machine is slow; what a quiet one needs is printed."""
 NAMES = ("gcs", "ugv1", "uav1")
 
 

@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from tests.integration.swarm.swarm import PATIENCE_S, remains_of_node, swarm, until_trees_agree
+from tests.integration.swarm.swarm import remains_of_node, swarm, until_trees_agree
+from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs
 from swarmctl.session.labs import LabState

@@ -9,15 +9,8 @@ from pathlib import Path
 import msgspec
 import pytest
 from tests.integration.swarm.starts import Starts
-from tests.integration.swarm.swarm import (
-    PATIENCE_S,
-    Swarm,
-    swarm,
-    until,
-    until_link,
-    until_trees_agree,
-    up,
-)
+from tests.integration.swarm.swarm import Swarm, swarm, until, until_link, until_trees_agree, up
+from tests.patience import PATIENCE_S
 
 from swarmctl.session.labs import LabState
 from swarmware.errors import SwarmError

@@ -8,14 +8,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.swarm.swarm import (
-    PATIENCE_S,
-    Swarm,
-    swarm,
-    until,
-    until_link,
-    until_trees_agree,
-)
+from tests.integration.swarm.swarm import Swarm, swarm, until, until_link, until_trees_agree
+from tests.patience import PATIENCE_S
 
 from swarmctl.session.labs import LabState
 from swarmware.module.module import Module

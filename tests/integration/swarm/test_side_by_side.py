@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_trees_agree, up
+from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs
 from swarmctl.session.labs import LabState
@@ -21,7 +22,9 @@ async def boots(made: Swarm) -> set[int]:
     found = set()
     for platform in NAMES:
         async with made.at(platform) as module:
-            found.add((await module.request("sys/node/info", Empty(), NodeInfo)).boot_id)
+            found.add(
+                (await module.request("sys/node/info", Empty(), NodeInfo, timeout_s=PATIENCE_S)).boot_id
+            )
     return found
 
 

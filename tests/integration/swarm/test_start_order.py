@@ -7,7 +7,8 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from tests.integration.swarm.swarm import NAMES, PATIENCE_S, Swarm, swarm, until, until_trees_agree
+from tests.integration.swarm.swarm import NAMES, Swarm, swarm, until, until_trees_agree
+from tests.patience import PATIENCE_S
 
 from swarmctl.session.labs import LabState
 from swarmware.types.health import HealthState

@@ -5,6 +5,7 @@ import contextlib
 from pathlib import Path
 
 import msgspec
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.model.clock import Clock
@@ -20,7 +21,6 @@ from swarmware.types import registry
 from swarmware.types.rpc import Empty, Reply
 from swarmware.types.time import Conversion, TimeFunctions, TimingBatch, TimingSample
 
-PATIENCE_S = 20.0
 DELAY_NS = 100_000
 
 
@@ -89,7 +89,7 @@ async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path
             assert remote.error_ns(first) <= first.bound_at_ns(module.now_ns())
             known = await function_where(board, stream, remote, lambda function: function.samples >= 8)
             assert remote.error_ns(known) <= known.bound_at_ns(module.now_ns()) < 1_000_000
-            asked = await module.request("sys/time/functions", Empty(), TimeFunctions)
+            asked = await module.request("sys/time/functions", Empty(), TimeFunctions, timeout_s=PATIENCE_S)
             assert asked.of("uav2") is not None
 
             remote.clock = Clock(9.0, 30.0)

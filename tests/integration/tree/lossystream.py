@@ -18,9 +18,9 @@ from typing import Final
 
 import msgspec
 import uvloop
-from tests.integration.broker.swarm import PATIENCE_S
 from tests.integration.files.lossyfile import drop
 from tests.integration.tree.pair import Platform, platforms, until
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.module.stream import StreamReader

@@ -9,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmware.errors import NotFound, SwarmError
@@ -25,8 +26,6 @@ from swarmware.types.tree import TreeEntry, TreeGet, TreeList, TreeListing, Tree
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")
 
-PATIENCE_S = 30.0
-"""For an event that a busy machine may delay."""
 SERVICES = ("broker", "tree", "register")
 
 
@@ -76,17 +75,21 @@ class Platform:
         """Of the copy at this node, else of the owner."""
         if not fresh:
             try:
-                return await self.probe.request("sys/tree/get", TreeGet(path), TreeValue, timeout_s=5)
+                return await self.probe.request(
+                    "sys/tree/get", TreeGet(path), TreeValue, timeout_s=PATIENCE_S
+                )
             except NotFound:
                 pass
-        return await self.probe.request(_owner(path, "get"), TreeGet(path), TreeValue, timeout_s=5)
+        return await self.probe.request(_owner(path, "get"), TreeGet(path), TreeValue, timeout_s=PATIENCE_S)
 
     async def set(self, path: str, value: object, version: int | None = None) -> TreeSetDone:
         wish = TreeSet(path, msgspec.msgpack.encode(value), version)
-        return await self.probe.request(_owner(path, "set"), wish, TreeSetDone, timeout_s=5)
+        return await self.probe.request(_owner(path, "set"), wish, TreeSetDone, timeout_s=PATIENCE_S)
 
     async def list(self, pattern: str) -> dict[str, TreeEntry]:
-        found = await self.probe.request("sys/tree/list", TreeList(pattern), TreeListing, timeout_s=5)
+        found = await self.probe.request(
+            "sys/tree/list", TreeList(pattern), TreeListing, timeout_s=PATIENCE_S
+        )
         return {entry.path: entry for entry in found.entries}
 
     async def until_listed(self, path: str, what: Callable[[TreeEntry | None], bool]) -> None:

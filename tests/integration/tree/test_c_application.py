@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integration.tree.pair import PATIENCE_S, Platform, on_uvloop, platforms
+from tests.integration.tree.pair import Platform, on_uvloop, platforms
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import WireError
 from swarmware.types.scalar import Text
@@ -114,12 +115,14 @@ async def test_a_program_in_c_reads_the_pose_of_another_node_and_answers_request
         assert "listener#1" in await applications(gcs)
         await gcs.until_listed("/gcs/cmd/echo", lambda entry: entry is not None and entry.owner == "listener")
         assert (await gcs.set(ECHO, "through the tree")).data == b"\x91\xb0through the tree"
-        asked = [gcs.probe.request(ECHO, Text(f"{n}" * 40 * n), Text) for n in range(10)]
+        asked = [
+            gcs.probe.request(ECHO, Text(f"{n}" * 40 * n), Text, timeout_s=PATIENCE_S) for n in range(10)
+        ]
         assert [answer.value for answer in await asyncio.gather(*asked)] == [
             f"{n}" * 40 * n for n in range(10)
         ]
         with pytest.raises(WireError, match="cmd/echo: no Text"):
-            await gcs.probe.request(ECHO, Text("x" * 8000), Text)
+            await gcs.probe.request(ECHO, Text("x" * 8000), Text, timeout_s=PATIENCE_S)
 
         process.terminate()
         assert await process.wait() == 0

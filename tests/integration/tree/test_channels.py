@@ -7,7 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from tests.integration.tree.pair import PATIENCE_S, Platform, on_uvloop, platforms, until
+from tests.integration.tree.pair import Platform, on_uvloop, platforms, until
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput
 from swarmware.module.board import BoardReader
@@ -32,7 +33,7 @@ S = 1_000_000_000
 
 
 async def ask(gcs: Platform, verb: str, request: SetChannel | UndoChannel) -> ChannelLimits:
-    return await gcs.probe.request(f"/uav1/sys/broker/{verb}", request, ChannelLimits, timeout_s=5)
+    return await gcs.probe.request(f"/uav1/sys/broker/{verb}", request, ChannelLimits, timeout_s=PATIENCE_S)
 
 
 async def collect(reader: StreamReader[Blob], until_ns: int) -> list[tuple[int, bytes]]:
@@ -78,7 +79,9 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             assert len(stamps) > 10
             assert min(later - sooner for sooner, later in pairwise(stamps)) > 0.08 * S
             assert {payload for _, payload in limited} <= set(packets), "bit for bit"
-            states = await gcs.probe.request("/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=5)
+            states = await gcs.probe.request(
+                "/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+            )
             [channel] = states.channels
             assert isinstance(channel, ChannelState)
             assert (channel.path, channel.link, channel.settings, channel.dropped) == (PATH, "gcs", SLOW, 0)

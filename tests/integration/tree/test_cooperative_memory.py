@@ -3,7 +3,8 @@
 import asyncio
 from pathlib import Path
 
-from tests.integration.tree.pair import PATIENCE_S, on_uvloop, platforms, until
+from tests.integration.tree.pair import on_uvloop, platforms, until
+from tests.patience import PATIENCE_S
 
 from swarmware.types.scalar import Text
 
@@ -32,7 +33,9 @@ async def test_a_vehicle_out_of_range_has_the_tables_of_the_swarm_and_its_alarm_
             for (_, owner), copy in copies.items():
                 expected = f"{turn} of {owner}"
                 await until(copy, lambda value, expected=expected: value.value == expected)  # type: ignore[misc]
-        outcome = await far.probe.send("/gcs/plan/alarm", Text("low battery"), timeout_s=10, urgent=True)
+        outcome = await far.probe.send(
+            "/gcs/plan/alarm", Text("low battery"), timeout_s=PATIENCE_S, urgent=True
+        )
         assert outcome, outcome
         assert (await alarms.next(PATIENCE_S)).value == "low battery"
 

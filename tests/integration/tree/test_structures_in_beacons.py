@@ -3,7 +3,8 @@
 import asyncio
 from pathlib import Path
 
-from tests.integration.tree.pair import PATIENCE_S, Platform, on_uvloop, platforms, until
+from tests.integration.tree.pair import Platform, on_uvloop, platforms, until
+from tests.patience import PATIENCE_S
 
 from swarmware.types.net import StructureBroadcast, Traffic
 from swarmware.types.scalar import Text

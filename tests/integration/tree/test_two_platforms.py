@@ -7,7 +7,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.tree.pair import PATIENCE_S, SERVICES, on_uvloop, platforms, until
+from tests.integration.tree.pair import SERVICES, on_uvloop, platforms, until
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import (
     Conflict,
@@ -237,7 +238,9 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
                 except SwarmError:
                     await asyncio.sleep(0.05)
         assert (value.version, msgspec.msgpack.decode(value.data)) == (1, [4.0])
-        back = await gcs.probe.request("/uav1/sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=5)
+        back = await gcs.probe.request(
+            "/uav1/sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=PATIENCE_S
+        )
         assert (back.version, msgspec.msgpack.decode(back.data)) == (2, [2.5])
         await until(seen, lambda value: value.value == 2.5)
 
@@ -276,7 +279,7 @@ async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: P
         assert (await faults.next(PATIENCE_S)).value == "before"
         later = gcs.probe.reader("/uav1/plan/later", Text)
         rule = TreeRule("power/*", min_interval_s=0.05)
-        set_rules = await gcs.probe.request("/uav1/sys/tree/rule", rule, TreeRules, timeout_s=5)
+        set_rules = await gcs.probe.request("/uav1/sys/tree/rule", rule, TreeRules, timeout_s=PATIENCE_S)
         trees[side].signal(signal.SIGKILL)
         await trees[side].wait()
         board.write(Float(0.8))
@@ -285,7 +288,7 @@ async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: P
         await both[side].start("tree")
         await until(fuel, lambda value: value.value == 0.8)
         await until(later, lambda value: value.value == "it came")
-        kept = await uav.probe.request("sys/tree/rule", TreeRule("**"), TreeRules, timeout_s=5)
+        kept = await uav.probe.request("sys/tree/rule", TreeRule("**"), TreeRules, timeout_s=PATIENCE_S)
         assert kept == set_rules
         assert kept.rules == (Rule("power/*", 0.0, 0.05),)
         event.write(Text("after"))
@@ -426,7 +429,7 @@ async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_comman
         async def limit(pattern: str, max_hz: float | None) -> ChannelLimits:
             there = "/uav1/sys/broker/set_channel"
             return await gcs.probe.request(
-                there, SetChannel(pattern, ChannelSettings(max_hz)), ChannelLimits, timeout_s=5
+                there, SetChannel(pattern, ChannelSettings(max_hz)), ChannelLimits, timeout_s=PATIENCE_S
             )
 
         with pytest.raises(InvalidInput, match=r"sys/tree/get \(each message is delivered\)"):

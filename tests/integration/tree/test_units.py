@@ -3,7 +3,8 @@
 import asyncio
 from pathlib import Path
 
-from tests.integration.tree.pair import PATIENCE_S, SERVICES, on_uvloop, platforms, until
+from tests.integration.tree.pair import SERVICES, on_uvloop, platforms, until
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import SwarmError
 from swarmware.model.access import Role
@@ -134,8 +135,12 @@ async def test_each_computer_measures_what_its_applications_receive_from_the_oth
         writing = asyncio.create_task(write_on())
         request = PlacementRequest(0.5)
         try:
-            here = await gcs.probe.request("/uav1.main/sys/tree/placement", request, UnitPlacement)
-            there = await gcs.probe.request("/uav1.fc/sys/tree/placement", request, UnitPlacement)
+            here = await gcs.probe.request(
+                "/uav1.main/sys/tree/placement", request, UnitPlacement, timeout_s=PATIENCE_S
+            )
+            there = await gcs.probe.request(
+                "/uav1.fc/sys/tree/placement", request, UnitPlacement, timeout_s=PATIENCE_S
+            )
         finally:
             writing.cancel()
         (found,) = [one for one in here.inputs if one.path == "nav/attitude"]

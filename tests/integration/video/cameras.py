@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integration.broker.swarm import PATIENCE_S, Station
+from tests.integration.broker.swarm import Station
+from tests.patience import PATIENCE_S
 
 from swarmd.video.config import Config, VideoSource
 from swarmd.video.service import Video
@@ -38,7 +39,7 @@ async def video(station: Station, **settings: Any) -> AsyncIterator[None]:
 
 async def sessions(station: Station, path: str = "sys/video/ls") -> tuple[VideoSession, ...]:
     """The sessions of a node."""
-    found = await station.app.request(path, Empty(), VideoSessions)
+    found = await station.app.request(path, Empty(), VideoSessions, timeout_s=PATIENCE_S)
     return found.sessions
 
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from tests.integration.broker.swarm import LINE, on_uvloop, swarm
 from tests.integration.video.cameras import SIZE, sessions, until, video
+from tests.patience import PATIENCE_S
 
 from swarmware.types.channel import (
     ChannelLimits,
@@ -24,10 +25,10 @@ async def test_a_recording_arrives_as_images_over_two_hops(tmp_path: Path) -> No
         async with video(line["uav1"]), video(line["uav3"]):
             app = line["uav3"].app
             start = VideoStart("camera", "uav3", max_bit_s=1_500_000)
-            sent = await app.request("/uav1/sys/video/start", start, VideoSession, timeout_s=10)
+            sent = await app.request("/uav1/sys/video/start", start, VideoSession, timeout_s=PATIENCE_S)
             assert (sent.other, sent.path) == ("uav3", "video/uav1/camera")
             images = app.stream_reader("video/uav1/camera", Image)
-            seen = [await images.next(timeout_s=10) for _ in range(25)]
+            seen = [await images.next(timeout_s=PATIENCE_S) for _ in range(25)]
             assert {(one.width, one.height, one.encoding) for one in seen} == {(*SIZE, ImageEncoding.RGB8)}
             assert len({one.data for one in seen}) > 20
             (there,) = await until(line["uav1"], lambda found: found[0].round_trip_s is not None)
@@ -37,9 +38,11 @@ async def test_a_recording_arrives_as_images_over_two_hops(tmp_path: Path) -> No
             traffic = await line["uav2"].traffic()
             assert traffic.forwarded_frames > here.packets / 2
             rate = VideoRate(sent.session, 300_000, pinned=True)
-            pinned = await app.request("/uav1/sys/video/rate", rate, VideoSession)
+            pinned = await app.request("/uav1/sys/video/rate", rate, VideoSession, timeout_s=PATIENCE_S)
             assert (pinned.bit_s, pinned.pinned) == (300_000, True)
-            stopped = await app.request("/uav1/sys/video/stop", VideoStop(sent.session), VideoSessions)
+            stopped = await app.request(
+                "/uav1/sys/video/stop", VideoStop(sent.session), VideoSessions, timeout_s=PATIENCE_S
+            )
             assert stopped.sessions[0].pictures >= 25
             assert await sessions(line["uav1"]) == ()
             await until(line["uav3"], lambda found: not found)
@@ -53,18 +56,20 @@ async def test_a_rule_of_a_channel_sends_a_camera_as_video_and_without_it_that_e
             app = pair["gcs"].app
             settings = ChannelSettings(10.0, ChannelProtocol.RTP, "h264")
             rule = SetChannel("camera", settings, link="gcs")
-            await app.request("/uav1/sys/broker/set_channel", rule, ChannelLimits, timeout_s=5)
+            await app.request("/uav1/sys/broker/set_channel", rule, ChannelLimits, timeout_s=PATIENCE_S)
             await until(pair["gcs"], lambda found: bool(found) and found[0].pictures > 5)
             (there,) = await sessions(pair["uav1"])
             (here,) = await sessions(pair["gcs"])
             assert (there.other, here.path) == ("gcs", "video/uav1/camera")
             images = app.stream_reader(here.path, Image)
-            await images.next(timeout_s=10)
+            await images.next(timeout_s=PATIENCE_S)
             assert images.meta is not None
             first_ns = images.meta.stamp_ns
             for _ in range(10):
-                await images.next(timeout_s=10)
+                await images.next(timeout_s=PATIENCE_S)
             assert images.meta.stamp_ns - first_ns > 0.7e9, "ten pictures a second of twenty-five"
-            await app.request("/uav1/sys/broker/undo_channel", UndoChannel(), ChannelLimits, timeout_s=5)
+            await app.request(
+                "/uav1/sys/broker/undo_channel", UndoChannel(), ChannelLimits, timeout_s=PATIENCE_S
+            )
             for station in pair.values():
                 await until(station, lambda found: not found)

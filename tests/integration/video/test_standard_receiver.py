@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from tests.integration.broker.swarm import on_uvloop, swarm
 from tests.integration.video.cameras import SIZE, sessions, video
+from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmctl.commands.video.sessions import receivers
@@ -25,7 +26,7 @@ async def test_ffmpeg_decodes_the_video_by_its_session_description(tmp_path: Pat
     async with swarm(tmp_path, "uav1") as nodes, video(nodes["uav1"]):
         port = free_port()  # it is even; the next one is for reports
         start = VideoStart("camera", f"127.0.0.1:{port}", max_bit_s=1_000_000)
-        sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=10)
+        sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=PATIENCE_S)
         description = tmp_path / "camera.sdp"
         description.write_text(sent.sdp)
         words = ["-hide_banner", "-loglevel", "error", "-protocol_whitelist", "file,udp,rtp", "-i"]
