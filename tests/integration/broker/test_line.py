@@ -7,6 +7,7 @@ import pytest
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 
+from swarmd.broker.core.topology.link_cost import PERFECT, RTT_PENALTY
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
@@ -315,7 +316,8 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
 
         def perfect() -> bool:
             table = pair["uav1"].neighbours.value
-            return table is not None and [n.cost for n in table.neighbours] == [256]
+            # on a busy computer the round trip is long and adds to it
+            return table is not None and all(0 <= n.cost - PERFECT <= RTT_PENALTY for n in table.neighbours)
 
         await pair["uav1"].until(perfect, pair["uav1"].neighbours)
         pair["uav2"].app.inbox("cmd/note", Text)
