@@ -17,7 +17,7 @@ lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
 test: $(VENV)/.test ## all tests: those that compute run while those that wait leave the processors idle
-	@echo "about ten minutes on two cores; what each part says follows when it is over"
+	@echo "two parts at once; what each one says follows when it is over"
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync=line test-computing test-waiting
 
 test-computing: $(VENV)/.test # one per core; a test that the others keep from the processors is not stuck

@@ -17,6 +17,7 @@ from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.start_ticks import start_ticks
+from swarmware.service import fork
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork import FOLDER, SOCKET, VARIABLE, request_fork
 from swarmware.testing.leaks import no_leaks
@@ -188,6 +189,7 @@ def test_a_server_that_nodes_share_stays_until_its_last_process_has_ended(
     config = make_node(tmp_path, services={"timesync": {}, "register": {}})
     path, run_dir = tmp_path / "shared", tmp_path / "uav1/run"
     monkeypatch.setenv(VARIABLE, str(path))
+    monkeypatch.setattr(fork, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
     words = [sys.executable, "-m", "swarmd", "forkserver", "timesync", "--socket", str(path), "--shared"]
     with no_leaks(), subprocess.Popen(words, stdin=subprocess.PIPE) as server:
         assert server.stdin is not None
