@@ -28,7 +28,8 @@ NOISE = Random(1)
 
 
 class Wire:
-    """What leaves as datagrams of frames; those to a lossy platform do not leave."""
+    """What leaves as datagrams of urgent frames, without the packets in which a slow computer repeats them;
+    no datagram to a lossy platform leaves."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.sent: list[tuple[str, tuple[str, int], bytes]] = []
@@ -36,7 +37,8 @@ class Wire:
         put = FrameDatagrams._put
 
         def watched(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes, use: Use) -> bool:
-            self.sent.append((peer.platform, (peer.host, peer.frame_port), datagram))
+            if use is Use.URGENT:
+                self.sent.append((peer.platform, (peer.host, peer.frame_port), datagram))
             return peer.platform in self.lossy or put(datagrams, peer, datagram, use)
 
         monkeypatch.setattr(FrameDatagrams, "_put", watched)
