@@ -202,8 +202,7 @@ class BeaconTransport:
             return
         exchange = self._core.exchange
         if exchange is not None and exchange.excludes(sender_hw):
-            self._counters.refused.revoked += 1
-            self._send_to_revoked(exchange, data, address, rx_mono_ns)
+            self._on_revoked(exchange, medium, data, address, rx_mono_ns)
             return
         if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
             self._counters.refused.flooded += 1
@@ -298,21 +297,33 @@ class BeaconTransport:
             self._feed(list(late))
         return True
 
-    def _send_to_revoked(
-        self, exchange: RosterExchange, data: bytes, address: Address, rx_mono_ns: int
+    def _on_revoked(
+        self,
+        exchange: RosterExchange,
+        medium: MediumProfile,
+        data: bytes,
+        address: Address,
+        rx_mono_ns: int,
     ) -> None:
         """Lets a platform know that it was revoked while it was away, if it proves to be one that was a
-        member."""
+        member; a platform with its name in another swarm counts as of that."""
         sender_hw, now_ns = codec.sender_of(data), self._clock.now_ns()
-        if not exchange.is_offer_due(sender_hw, now_ns):
-            return
-        if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
-            return
         try:
             header, start = codec.decode_header(data)
+            if self._core.other_swarms.on_unopened(header.session, address, now_ns):
+                size = medium.counted_bytes(len(data))
+                self._counters.datagram_received(size, UNACCEPTED, medium.transport)
+                self._counters.refused.other_swarm += 1
+                return
+            self._counters.refused.revoked += 1
+            if not exchange.is_offer_due(sender_hw, now_ns):
+                return
+            if not self._limiter.may_open(address, sender_hw, rx_mono_ns):
+                return
             if not self._take_late(header, data, start, address):
                 self._limiter.bad(address)
         except WireError:
+            self._counters.refused.malformed += 1
             self._limiter.bad(address)
 
     def on_roster(self, change: RosterChange) -> None:

@@ -243,7 +243,8 @@ async def test_nothing_that_a_revoked_member_sends_is_taken(
         server = keys.curve_of("uav1")
         assert server is not None
         box = one.app.inbox(PATH, Text)
-        hw, sealer = hardware_id("uav3"), Sealer(keys.group, hardware_id("uav3"), 7)
+        hw, session = hardware_id("uav3"), 7 << 16 | keys.swarm_mark
+        sealer = Sealer(keys.group, hw, session)
         async with dealer(keys, server, port) as connection:
             connection.send(encode(order("uav3", 0, one.app.clock.now_ns())))
             assert (await anext(box)).value == "hostile", "it is a member"
@@ -253,7 +254,7 @@ async def test_nothing_that_a_revoked_member_sends_is_taken(
             before = (await one.until_counted(lambda traffic: traffic.refused.revoked > 0)).refused.revoked
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as air:
                 for sequence in range(1, TRIES + 1):
-                    clear = codec.encode_header(Header(keys.group.mark, hw, sequence, 0, 7))
+                    clear = codec.encode_header(Header(keys.group.mark, hw, sequence, 0, session))
                     beacon = clear + sealer.seal(sequence, clear, codec.encode(Beacon()))
                     air.sendto(beacon, ("127.0.0.1", udp))
                     if sequence % 50 == 0:

@@ -24,10 +24,10 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.enrolment.proof import fingerprint
 from swarmware.transport.security.keys import Keys
-from swarmware.transport.security.root import make_swarm
+from swarmware.transport.security.root import Root, candidate, make_swarm
 from swarmware.transport.security.roster import Roster, RosterMember, sign_roster
 from swarmware.transport.sodium import SigningKey, seal_box
-from swarmware.types.net import LinkStatus, Neighbours
+from swarmware.types.net import LinkStatus, Neighbours, RosterState, SignedRoster
 from swarmware.types.scalar import Text
 
 
@@ -52,6 +52,23 @@ async def test_another_swarm_is_dropped_and_named_by_doctor_and_no_forger(tmp_pa
         assert "multicast_group" in found.advice
         assert theirs["uav3"].states() == {}
         assert {link.platform for link in traffic.links} == {"*", "uav2", "?"}
+
+
+@on_uvloop
+async def test_a_platform_of_another_swarm_with_the_name_of_a_revoked_one_is_of_that_swarm(
+    tmp_path: Path,
+) -> None:
+    port = free_port()
+    async with swarm(tmp_path / "a", "uav1", udp_port=port) as ours:
+        root = Root.load(tmp_path / "a" / "keys")
+        root.admit(candidate("uav2", "node", bytes(range(32)), root.public))
+        receiver = ours["uav1"]
+        await receiver.app.request("sys/broker/roster", SignedRoster(root.revoke("uav2")), RosterState)
+        async with swarm(tmp_path / "b", "uav2", udp_port=port):
+            traffic = await receiver.until_counted(lambda traffic: traffic.refused.other_swarm > 5)
+        assert traffic.refused.revoked == 0
+        theirs = fingerprint((tmp_path / "b" / "keys" / "uav2" / "root.pub").read_bytes())
+        assert traffic.other_swarms[0].root == theirs[:4]
 
 
 def replace_key(folder: Path, root: SigningKey, names: tuple[str, str]) -> None:
