@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import re
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.structure.index import pattern
+from swarmware.errors import InvalidInput
 from swarmware.model import names
 from swarmware.model.clock import utc_ns
 from swarmware.module.meta import Meta
@@ -25,6 +27,8 @@ KEPT: Final = 2000
 """Maximum number of changes in memory."""
 REPLY_LIMIT: Final = 500
 """Maximum number of changes in a reply, which must fit into a frame."""
+_ALL: Final = "**"
+_ALTERNATIVES: Final = re.compile(r"\{([^,}]*)[^}]*\}")
 TEXT_LIMIT: Final = 2000
 """Maximum characters of a value in the record; the rest of a larger one is cut off."""
 
@@ -80,17 +84,29 @@ class ChangeLog:
         self._ends_whole = True
 
     def _query(self, query: TreeLogQuery, _: Meta) -> TreeLog:
-        matches = pattern(query.pattern).matches
+        pattern(query.pattern)
         found = [
             one
             for one in reversed(self._kept)
             if one.utc_ns >= query.since_utc_ns
             and query.by in one.change.by
             and (one.change.refused or not query.refused)
-            and matches(names.split(one.change.path)[1])
+            and _concerns(query.pattern, names.split(one.change.path)[1])
         ]
         shown = max(1, min(query.limit, REPLY_LIMIT))
         return TreeLog(self._module.platform, tuple(found[:shown]), max(0, len(found) - shown))
+
+
+def _concerns(query: str, path: str) -> bool:
+    """Whether a change is one of a query: also that of a rule, whose path is a pattern."""
+    if query in {_ALL, path} or pattern(query).matches(path):
+        return True
+    try:
+        rule = pattern(path)
+    except InvalidInput:
+        return False  # of a request that was refused
+    example = _ALTERNATIVES.sub(r"\1", path).replace("*", "x")
+    return not rule.literal and (rule.matches(query) or pattern(query).matches(example))
 
 
 def _read(file: Path) -> Iterator[LoggedChange]:

@@ -15,6 +15,7 @@ from swarmctl.commands.app import stopping
 from swarmctl.commands.app.listing import list_applications
 from swarmctl.terminal import documents
 from swarmware.errors import Denied, NoAnswer, NotFound
+from swarmware.model.names import MAIN, Address
 from swarmware.module.module import Module
 from swarmware.types import registry
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
@@ -122,6 +123,24 @@ async def test_the_list_of_applications_shows_who_stopped_a_service() -> None:
         else:
             last = session.stdout.getvalue().splitlines()[-1]
             assert last.split()[:5] == ["uav1", "logger", "stopped", "by", "ann@gcs"]
+
+
+async def test_applications_are_listed_from_the_joined_node_while_their_register_is_stopped() -> None:
+    session = Guarded()
+    session.states["register"] = ServiceState.STOPPED
+    table = ApplicationTable("uav1", "main", 1, 1, 1, "pid 9", 1, (Application("sim", 1, 9, 0),))
+    session.module.node = SimpleNamespace(address=Address("gcs", MAIN))  # type: ignore[misc,assignment]
+    session.answers = {
+        "/uav1/sys/register/apps": NotFound("/uav1/sys/register/apps: refused at uav1"),
+        "/gcs/sys/register/apps": Register((KnownUnit(table, 1, 0.5),)),
+    }
+    await list_applications(session)
+    [row] = [line.split() for line in session.stdout.getvalue().splitlines() if "sim#1" in line]
+    assert row[-1] == "yes", "its process is the master"
+    assert "uav1: its service register does not run; shown as gcs knows it" in session.stderr.getvalue()
+    session.answers = {"/gcs/sys/register/apps": NotFound("refused"), "/uav1/sys/register/apps": NotFound("")}
+    with pytest.raises(NotFound, match="gcs: its service register does not run; expected"):
+        await list_applications(session)
 
 
 def test_services_are_completed_from_their_status_boards(monkeypatch: pytest.MonkeyPatch) -> None:

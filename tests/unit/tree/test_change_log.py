@@ -69,6 +69,19 @@ async def test_changes_are_found_by_path_requester_time_and_refusal_the_newest_f
             await bench.ask(TreeLogQuery("{"))
 
 
+async def test_changes_of_rules_are_found_whose_path_is_a_pattern(tmp_path: Path) -> None:
+    async with made(tmp_path, tmp_path / "changes.jsonl") as bench:
+        for path in ("config/a", "test/{height,depth}/*", "power/**", "no pattern{"):
+            await bench.log.record(change(path))
+        rule, deep = "/uav1/test/{height,depth}/*", "/uav1/power/**"
+        assert await bench.paths(TreeLogQuery()) == ["/uav1/no pattern{", deep, rule, "/uav1/config/a"]
+        assert await bench.paths(TreeLogQuery("test/**")) == [rule]
+        assert await bench.paths(TreeLogQuery("test/{height,depth}/*")) == [rule], "the rule itself"
+        assert await bench.paths(TreeLogQuery("test/depth/x")) == [rule], "a resource that it is about"
+        assert await bench.paths(TreeLogQuery("power/battery")) == [deep]
+        assert await bench.paths(TreeLogQuery("nav/*")) == []
+
+
 async def test_changes_are_there_after_a_start_also_when_a_crash_has_cut_the_last_line(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -51,8 +51,7 @@ async def list_applications(session: Session) -> None:
     """
     several = is_selection(session.settings.node)
     asked = await session.selected() if several else [session.platform]
-    register_of = session.here if several else session.platform
-    register = await session.ask(names.join(register_of, "sys/register/apps"), Empty(), Register)
+    register = await _register(session, session.here if several else session.platform)
     units = [unit for unit in register.units if unit.table.platform in asked]
     there = {unit.table.platform for unit in units}
     if not units:
@@ -83,7 +82,7 @@ async def list_applications(session: Session) -> None:
             app.provides,
             len(app.serves),
             unit.hops,
-            unit.table.master == f"{app.name}#{app.instance}",
+            unit.table.master in {f"{app.name}#{app.instance}", f"pid {app.pid}"},
             shown.get((unit.table.platform, app.name)) if unit.table.unit == names.MAIN else None,
         )
         for unit in units
@@ -118,6 +117,20 @@ async def list_applications(session: Session) -> None:
         raise Partial(
             f"register of {', '.join(absent)}: not known here; expected a table of its register daemon"
         )
+
+
+async def _register(session: Session, platform: str) -> Register:
+    """The register of a platform; while its service does not run, what the joined node knows: the table of
+    the application that is master there."""
+    try:
+        return await session.ask(names.join(platform, "sys/register/apps"), Empty(), Register)
+    except NotFound:
+        if platform == session.here:
+            raise NotFound(
+                f"{platform}: its service register does not run; expected `swarmctl app start register`"
+            ) from None
+        session.out.warn(f"{platform}: its service register does not run; shown as {session.here} knows it")
+        return await _register(session, session.here)
 
 
 def _priority(one: ServicePriority) -> str:
