@@ -260,8 +260,8 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Datagrams dropped before their seal was checked: of unknown senders, or from addresses with too many
     invalid ones; not counted as received."""
     unsigned: int = 0
-    """Frames that another member forwarded without a signature of their sender, and beacons without one while
-    a member seals some in the name of their sender."""
+    """Frames that another member forwarded without a signature of their sender, and beacons without one where
+    all are signed: in the whole swarm, or of a node in whose name another member seals some."""
     revoked: int = 0
     """Datagrams, frames and connections of platforms that were revoked; not counted as received."""
     rosters: int = 0
