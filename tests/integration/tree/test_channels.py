@@ -77,7 +77,8 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             limited = await collect(reader, set_ns + 3 * S)
             stamps = [stamp_ns for stamp_ns, _ in limited if stamp_ns > set_ns + S]
             assert len(stamps) > 10
-            assert min(later - sooner for sooner, later in pairwise(stamps)) > 0.08 * S
+            # by due time to due time: a writer that was late makes one interval shorter, not the rate larger
+            assert len(stamps) <= (stamps[-1] - stamps[0]) / (S / 10) + 2
             assert {payload for _, payload in limited} <= set(packets), "bit for bit"
             states = await gcs.probe.request(
                 "/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
