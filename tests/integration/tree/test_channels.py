@@ -182,7 +182,8 @@ async def test_a_board_with_a_buffer_hands_its_values_of_an_outage_later_and_nev
         arrived: list[float] = []
         newest = 0.0
         async with asyncio.timeout(PATIENCE_S):
-            while written not in arrived or len(arrived[arrived.index(written) + 1 :]) < 20:
+            # of the twenty, those that were under way at the end of the broker may have come before
+            while written not in arrived or len(arrived[arrived.index(written) + 1 :]) < 15:
                 arrived.append((await history.next()).value)
                 assert _value(fuel) >= newest, "the board does not go back"
                 newest = _value(fuel)
