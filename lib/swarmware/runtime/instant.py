@@ -12,6 +12,11 @@ STAGE_NS: Final = 2_000_000
 write it take at most a millisecond on an idle processor."""
 
 
+LATE_NS: Final = 100_000_000
+"""Lateness above which stages are not waited for. Each is a turn of the event loop, and where the processor
+is short a turn takes so long that the last stage would run a few times a second."""
+
+
 def stage_phase_ns(processes: str, stage: int) -> int:
     """Offset of a stage from its instant; `processes`: as in node.toml."""
     return 0 if processes == "one" else stage * STAGE_NS  # within one process the order of tasks suffices
@@ -31,8 +36,11 @@ def wait_s(clock: HardwareClock, instant_ns: int) -> float:
 async def until(clock: HardwareClock, instant_ns: int, stage: int = 0) -> None:
     """Wait for an instant; returns not before it, and at most two milliseconds later on an idle processor.
 
-    `stage`: of tasks that wait for one instant, those of a lower stage run first, up to their next wait.
+    `stage`: of tasks that wait for one instant, those of a lower stage run first, up to their next wait,
+    unless they are late.
     """
     await asyncio.sleep(wait_s(clock, instant_ns))
     for _ in range(stage):
+        if clock.now_ns() - instant_ns > LATE_NS:
+            return
         await asyncio.sleep(0)

@@ -6,7 +6,7 @@ import pytest
 from tests.unit.runtime.virtual_loop import MS_NS, VirtualClock, VirtualLoop, run
 
 from swarmware.module.ticker import Ticker
-from swarmware.runtime.instant import until
+from swarmware.runtime.instant import LATE_NS, until
 
 
 @pytest.mark.parametrize(("offset_s", "drift_ppm"), [(0.0, 0.0), (-417.3, 38.0), (12.0004999, -50.0)])
@@ -90,5 +90,21 @@ def test_a_phase_moves_every_tick_by_the_same_time() -> None:
         for _ in range(20):
             await anext(ticker)
             assert clock.now_ns() % 50_000_000 == 4_000_000
+
+    run(main)
+
+
+@pytest.mark.parametrize(("late_ns", "turns"), [(0, 3), (LATE_NS // 2, 3), (2 * LATE_NS, 0)])
+def test_a_late_task_does_not_wait_for_the_stages_before_it(late_ns: int, turns: int) -> None:
+    async def main(loop: VirtualLoop) -> None:
+        clock = VirtualClock(loop, 0.0, 0.0)
+        start_ns = clock.now_ns()
+        late, in_time = (asyncio.create_task(until(clock, start_ns - late_ns, stage)) for stage in (4, 0))
+        await in_time
+        needed = 0
+        while not late.done():
+            await asyncio.sleep(0)
+            needed += 1
+        assert needed == turns
 
     run(main)
