@@ -17,6 +17,7 @@ from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
 from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
+from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.former_state import FormerState
@@ -160,7 +161,7 @@ class BrokerNode:
         self.sent_bytes = 0
         """Bytes of all beacons, with seal, UDP and IP."""
         self.directory_bytes = 0
-        """Bytes of their echoes, route rows and sequence requests."""
+        """Bytes of their echoes, route rows and sequence requests, to all neighbours or to one."""
         self._write_boards = write_boards
         self._on_value = on_value
         self._on_roster = on_roster
@@ -213,6 +214,7 @@ class BrokerNode:
             len(beacon.echoes) * codec.ECHO_BYTES
             + len(beacon.rows) * codec.ROW_BYTES
             + len(beacon.requests) * codec.REQUEST_BYTES
+            + request_part_bytes(beacon.neighbour_requests)
         )
         self.air.multicast(self.name, data)
 

@@ -1,6 +1,6 @@
 """The tables of the directory, of dense cells and of boot storms, computed in virtual time.
 
-    python -m tests.simulation.directory.table [moving | cell | storm] [--nodes N] [--speed V] [--loss P]
+    python -m tests.simulation.directory.table [moving | cell | storm] [--nodes N] [--speed V] [--loss P] [--seed N]
 
 Prints Markdown. The figures depend on the seeds only, not on the machine; the processor time is printed to
 stderr.
@@ -70,12 +70,12 @@ STORM_HEAD: Final = (
 )
 
 
-def moving(nodes: int, speed_m_s: float) -> str:
+def moving(nodes: int, speed_m_s: float, first_seed: int = 1) -> str:
     """The row of swarms of one size at one speed."""
     row = MOVING[nodes]
     flights = [
         fly(Swarm(seed, nodes, speed_m_s=speed_m_s), row.warm_s, row.seconds)
-        for seed in range(1, row.seeds + 1)
+        for seed in range(first_seed, first_seed + row.seeds)
     ]
     routed = [flight.routed_ratio for flight in flights]
     outages_s = [outage_s for flight in flights for outage_s in flight.outages_s]
@@ -88,7 +88,7 @@ def moving(nodes: int, speed_m_s: float) -> str:
         f" | {np.mean([flight.stretch for flight in flights]):.2f}"
         f" | {f'{median_s:.2f} / {high_s:.2f} s, {len(outages_s)} in all' if outages_s else 'none'}"
         f" | 0 / {sum(flight.changes for flight in flights)}"
-        f" | {row.seeds} × {row.seconds:g} s | `moving --nodes {nodes} --speed {speed_m_s:g}` |"
+        f" | {row.seeds} × {row.seconds:g} s | `moving --nodes {nodes} --speed {speed_m_s:g}{'' if first_seed == 1 else f' --seed {first_seed}'}` |"
     )
 
 
@@ -121,7 +121,7 @@ def rows(options: argparse.Namespace) -> Iterator[str]:
         yield MOVING_HEAD
         for nodes in MOVING if options.nodes is None else (options.nodes,):
             for speed_m_s in SPEEDS_M_S if options.speed is None else (options.speed,):
-                yield moving(nodes, speed_m_s)
+                yield moving(nodes, speed_m_s, options.seed)
     if options.table in (None, "cell"):
         yield CELL_HEAD
         for nodes in CELLS if options.nodes is None else (options.nodes,):
@@ -142,6 +142,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--nodes", type=int, help="the rows of this size only")
     parser.add_argument("--speed", type=float, metavar="V", help="the rows of this speed in m/s only")
     parser.add_argument("--loss", type=float, metavar="P", help="the rows of this loss in percent only")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="first seed of moving swarms")
     options = parser.parse_args(arguments)
     sizes = {"moving": tuple(MOVING), "cell": tuple(CELLS), "storm": (STORM_NODES,)}
     if options.nodes is not None and options.nodes not in sizes.get(options.table, ()):

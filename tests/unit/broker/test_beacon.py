@@ -22,6 +22,7 @@ from swarmd.broker.core.beacon.beacon import (
     Header,
     Hello,
     MemberRow,
+    NeighbourRequest,
     PlatformCode,
     RelayedValue,
     RouteRow,
@@ -30,6 +31,7 @@ from swarmd.broker.core.beacon.beacon import (
     encode_age,
 )
 from swarmd.broker.core.beacon.medium_parts import MediumListing, encode_media, media_bytes
+from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck, body_bytes
 from swarmd.broker.core.beacon.structure_parts import (
     StructurePart,
@@ -92,6 +94,7 @@ BEACONS = st.builds(
     | st.builds(StructurePart, U32, U64, U64, PAYLOADS, st.sampled_from([b"", bytes(range(64))])),
     structure_questions=some(U32),
     media=some(st.builds(MediumListing, U32, U16, U8)),
+    neighbour_requests=some(st.builds(NeighbourRequest, U32, U16 | U32, U16, U8)),
 )
 HEADERS = st.builds(
     Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
@@ -134,6 +137,7 @@ def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
         structure_bytes(beacon.structure),
         question_bytes(len(beacon.structure_questions)),
         media_bytes(len(beacon.media)),
+        request_part_bytes(beacon.neighbour_requests),
     ]
     first = len(body) - sum(parts)
     # without its last extra parts it is a whole beacon, if one is left

@@ -14,6 +14,7 @@ from swarmd.broker.core.beacon.beacon import (
     Header,
     Hello,
     MemberRow,
+    NeighbourRequest,
     PlatformCode,
     RelayedValue,
     RouteRow,
@@ -84,6 +85,7 @@ def beacons(name: str) -> st.SearchStrategy[Beacon]:
         structure=st.none()
         | st.builds(StructurePart, U32, U64, U64, PAYLOADS, st.sampled_from([b"", bytes(64)])),
         structure_questions=many(NODES),
+        neighbour_requests=many(st.builds(NeighbourRequest, NODES, NODES, U16, U8)),
     )
 
 

@@ -47,6 +47,7 @@ from swarmd.broker.core.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER
 from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS, CLEAN, CLEAN_NS, LOSSY
+from swarmd.broker.core.topology.destination_routes import HELD_NS, WORSE_BY, WORSE_RATIO
 from swarmd.broker.core.topology.link_cost import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
 from swarmd.broker.core.topology.neighbour import (
     CLOCK_HIGH_MAX,
@@ -70,15 +71,20 @@ from swarmd.broker.core.topology.neighbour_table import (
     WELL,
 )
 from swarmd.broker.core.topology.routing_table import (
+    BETTER_BY,
+    BETTER_RATIO,
     FORWARD_AGAIN_NS,
     HOLD_NS,
     HYSTERESIS,
+    REFRESH_ANYWAY,
     REFRESH_MAX_NS,
     REFRESH_NS,
     REQUEST_AGAIN_NS,
     REQUEST_FOR_NS,
     REQUESTED_ROWS,
+    REQUESTS_MAX,
     RETRACTIONS,
+    SEEK_AGAIN_NS,
     SOURCE_GC_NS,
     STRETCH_FROM,
     STRETCH_MAX,
@@ -242,7 +248,13 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"in its next {['one', 'two'][REQUESTED_ROWS - 1]} beacons",
         f"metric 0xFFFF {['once', 'twice'][RETRACTIONS - 1]}",
         f"at most by 2¹⁵, {['one', 'two', 'three', 'four'][JUMPS - 1]} times",
+        f"at least {WORSE_RATIO} times the last advertised one and {WORSE_BY} is",
+        f"not with a newer one, for {HELD_NS // SECOND} s",
+        f"worse by {['a quarter'][round(4 * BETTER_RATIO) - 1]} of that, at least by {BETTER_BY}; once",
+        f"in {SEEK_AGAIN_NS / SECOND} s per destination, with S + 1",
+        f"(once in {FORWARD_AGAIN_NS / SECOND} s per destination, {REQUESTS_MAX} in a beacon at most)",
         f"every {REFRESH_NS / SECOND} s per hop of distance",
+        f"without one after {REFRESH_ANYWAY} such periods",
         f"(metric / 256), at the latest after {REFRESH_MAX_NS // SECOND} s",
         f"with the number of nodes above {STRETCH_FROM}, up to {STRETCH_MAX:g} times",
         f"does not change for {HOLD_NS // SECOND} s is lost",

@@ -5,6 +5,7 @@ from typing import Final
 import pytest
 
 from swarmd.broker.core.beacon.beacon import INFINITY, LOST, Beacon, Header, RouteRow, SequenceRequest
+from swarmd.broker.core.topology.destination_routes import newer
 from swarmd.broker.core.topology.routing_table import (
     DESTINATION_LIMIT,
     HOLD_NS,
@@ -15,7 +16,6 @@ from swarmd.broker.core.topology.routing_table import (
     Route,
     RouteChanged,
     RoutingTable,
-    newer,
 )
 from swarmd.broker.core.topology.topology import Topology
 
@@ -85,13 +85,12 @@ def test_a_newer_sequence_is_taken_at_any_distance(routing: RoutingTable) -> Non
     assert routing.on_rows(B, [(FAR, 0, 5000)], 1) == [RouteChanged(FAR, B)]
 
 
-def test_a_longer_way_of_the_next_hop_is_taken_with_its_next_number(routing: RoutingTable) -> None:
+def test_a_longer_way_of_the_next_hop_is_known_at_once_and_told(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     rows(routing)
-    routing.on_rows(A, [(FAR, 7, 900)], 1)
-    assert routing.routes()[0].metric == 512, "not feasible: what we have stays loop-free"
-    routing.on_rows(A, [(FAR, 8, 900)], 2)
-    assert routing.routes()[0].metric == 1156
+    assert routing.on_rows(A, [(FAR, 7, 900)], 1) == [], "not feasible, but ours stays loop-free"
+    assert rows(routing, 2)[FAR] == RouteRow(FAR, 7, 1156)
+    assert routing.on_rows(B, [(FAR, 7, 512)], 3) == [], "the feasibility distance did not change"
 
 
 def test_a_way_that_gets_much_longer_is_left_for_another(routing: RoutingTable) -> None:
@@ -171,8 +170,20 @@ def test_a_request_for_ourselves_raises_our_own_number(routing: RoutingTable) ->
 def test_rows_are_refreshed_the_slower_the_farther_they_lead(routing: RoutingTable) -> None:
     routing.on_rows(A, [(A, 1, 0), (FAR, 1, 800)], 0)
     rows(routing, 0)
+    routing.on_rows(A, [(A, 2, 0), (FAR, 2, 800)], 1)
     assert set(rows(routing, REFRESH_NS)) == {A}
+    routing.on_rows(A, [(A, 3, 0)], REFRESH_NS)
     assert set(rows(routing, 4 * REFRESH_NS)) == {A, FAR}
+
+
+def test_a_row_waits_for_the_next_number_before_it_is_repeated(routing: RoutingTable) -> None:
+    routing.on_rows(A, [(FAR, 1, 0)], 0)
+    rows(routing, 0)
+    assert rows(routing, REFRESH_NS + PERIOD) == {}, "it would say the same"
+    routing.on_rows(A, [(FAR, 2, 0)], REFRESH_NS + PERIOD)
+    assert rows(routing, REFRESH_NS + PERIOD)[FAR].sequence == 2
+    assert rows(routing, 2 * REFRESH_NS) == {}
+    assert FAR in rows(routing, 3 * REFRESH_NS), "a neighbour may have missed it, or be new"
 
 
 def test_rows_that_nobody_needs_are_said_once_and_when_asked_for(routing: RoutingTable) -> None:
@@ -324,6 +335,6 @@ def test_a_row_that_was_feasible_once_is_not_used_after_a_better_one_was_adverti
     routing.on_rows(B, [(FAR, 7, 700)], 0)
     assert rows(routing)[FAR].metric == 768, "of which 700 would still be feasible"
     routing.on_rows(A, [(FAR, 7, 200)], PERIOD)
-    assert rows(routing, SECOND)[FAR].metric == 456
-    assert routing.drop_link(A, SECOND) == [RouteChanged(FAR, 0)], "B may lead back through us"
+    assert rows(routing, 2 * SECOND)[FAR].metric == 456
+    assert routing.drop_link(A, 2 * SECOND) == [RouteChanged(FAR, 0)], "B may lead back through us"
     assert routing.on_rows(B, [(FAR, 8, 700)], 2 * SECOND) == [RouteChanged(FAR, B)]

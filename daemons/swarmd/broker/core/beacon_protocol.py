@@ -19,6 +19,7 @@ from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, MIN_HZ, Slowdown,
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, HelloSchedule, Moment, NodeIdentity
 from swarmd.broker.core.beacon.medium_parts import media_bytes
+from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
@@ -268,6 +269,7 @@ class BeaconProtocol:
             len(section.echoes) * ECHO_BYTES
             + len(section.rows) * ROW_BYTES
             + len(section.requests) * REQUEST_BYTES
+            + request_part_bytes(section.neighbour_requests)
         )
         hz = self.beacon_hz()
         values = self._composed = self.published.values(now_ns, room, round(1e9 / hz))
@@ -298,6 +300,7 @@ class BeaconProtocol:
             structure=structures.structure,
             structure_questions=structures.questions,
             media=media,
+            neighbour_requests=section.neighbour_requests,
         )
         rose = hello is not None and self._declared_period.declare(self.hellos.declared_ns, now_ns)
         period_ns = self._declared_period.ns if rose else 0

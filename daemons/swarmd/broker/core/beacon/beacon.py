@@ -114,6 +114,16 @@ class SequenceRequest(NamedTuple):
     """With LOST: the sender has no route, so routes through it are lost too."""
 
 
+class NeighbourRequest(NamedTuple):
+    """Sequence request to one neighbour: for a newer row of a route that the sender could not use."""
+
+    neighbour_hw: int
+    """Who is asked; others ignore it."""
+    hw: int
+    sequence: int
+    hops_left: int
+
+
 class MemberRow(msgspec.Struct, frozen=True, gc=False):
     """Name and tree version of a node that not all of the sender's neighbours receive."""
 
@@ -168,6 +178,7 @@ class Beacon(msgspec.Struct, frozen=True, gc=False):
     """Of the sender, in some beacons; added after encoding."""
     media: tuple[MediumListing, ...] = ()
     """By which media the sender receives whom; none from a node with one medium."""
+    neighbour_requests: tuple[NeighbourRequest, ...] = ()
 
 
 def encode_age(age_us: int) -> int:

@@ -9,7 +9,13 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon import beacon_signature, medium_parts, session_checks, structure_parts
+from swarmd.broker.core.beacon import (
+    beacon_signature,
+    medium_parts,
+    request_parts,
+    session_checks,
+    structure_parts,
+)
 from swarmd.broker.core.beacon.beacon import (
     HOPS_MAX,
     NO_ECHO,
@@ -159,6 +165,9 @@ def encode(beacon: Beacon) -> bytes:
         if beacon.media:
             present |= Section.EXTRA
             out.append(medium_parts.encode_media(beacon.media))
+        if beacon.neighbour_requests:
+            present |= Section.EXTRA
+            out.append(request_parts.encode_requests(beacon.neighbour_requests))
     except (struct.error, ValueError, OverflowError) as error:
         raise WireError(f"beacon: cannot be encoded: {error}") from error
     out[0] = bytes((present,))
@@ -214,6 +223,7 @@ def _decode(data: bytes) -> Beacon:
         contents[_STRUCTURE], contents[_QUESTIONS] = structure_parts.decode(data, start)
         contents[_SIGNATURE] = beacon_signature.decode(data, start)
         contents[_MEDIA] = medium_parts.decode_media(data, start)
+        contents[_NEIGHBOUR_REQUESTS] = request_parts.decode_requests(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
         contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
@@ -419,6 +429,6 @@ _SECTIONS: Final = (
 )
 """In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
 parts."""
-_STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA = range(len(_SECTIONS), len(_SECTIONS) + 4)
+_STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA, _NEIGHBOUR_REQUESTS = range(len(_SECTIONS), len(_SECTIONS) + 5)
 """Fields of `Beacon` behind those of the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

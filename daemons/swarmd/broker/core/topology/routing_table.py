@@ -10,13 +10,25 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon import HOPS_MAX, INFINITY, LOST, NEVER_NS, RouteRow, SequenceRequest
+from swarmd.broker.core.beacon.beacon import (
+    HOPS_MAX,
+    INFINITY,
+    LOST,
+    NEVER_NS,
+    NeighbourRequest,
+    RouteRow,
+    SequenceRequest,
+)
+from swarmd.broker.core.topology.destination_routes import DestinationRoutes, is_much_worse, newer
 
 HYSTERESIS: Final = 96
 """Required improvement of a new next hop: varying loss must not change routes."""
-REFRESH_NS: Final = 300_000_000
+REFRESH_NS: Final = 330_000_000
 """Refresh period of a row per hop of distance; 50 nodes at 10 m/s send 8 % more bytes with 250 ms."""
 REFRESH_MAX_NS: Final = 2_000_000_000
+REFRESH_ANYWAY: Final = 1.6
+"""Refresh periods after which a row is repeated that has no newer sequence number. Until then it waits for
+one: so numbers cross the swarm in waves, with the delay of a beacon on each hop instead of half a period."""
 STRETCH_FROM: Final = 80
 """In larger swarms the refresh periods grow with the number of nodes, up to STRETCH_MAX times."""
 STRETCH_MAX: Final = 2.0
@@ -35,6 +47,14 @@ REQUEST_AGAIN_NS: Final = 400_000_000
 REQUEST_FOR_NS: Final = 3_000_000_000
 FORWARD_AGAIN_NS: Final = 500_000_000
 REQUEST_HOPS: Final = HOPS_MAX
+REQUESTS_MAX: Final = 32
+"""Limit of sequence requests in a beacon, and of those to one neighbour."""
+BETTER_RATIO: Final = 0.25
+BETTER_BY: Final = 256
+"""A route that is not feasible is requested where the present one is worse by this share of it, at least by
+one hop without loss (RFC 8966, section 3.8.2.2)."""
+SEEK_AGAIN_NS: Final = 500_000_000
+"""The same destination is not requested again within this time."""
 DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
 _FAR_NS: Final = 1 << 62
@@ -60,65 +80,6 @@ class Route(msgspec.Struct, frozen=True, gc=False):
     changed_ns: int
 
 
-class _Destination:
-    __slots__ = (
-        "advertised",
-        "advertised_metric",
-        "changed_ns",
-        "due_ns",
-        "forwarded_ns",
-        "hw",
-        "known_ns",
-        "limit_metric",
-        "limit_sequence",
-        "linked",
-        "metric",
-        "request_due_ns",
-        "request_until_ns",
-        "requested_rows",
-        "requested_sequence",
-        "requested_until_ns",
-        "retractions",
-        "sequence",
-        "via",
-    )
-
-    def __init__(self, hw: int, now_ns: int) -> None:
-        self.hw = hw
-        self.advertised: dict[int, tuple[int, int, int]] = {}
-        """By neighbour: sequence number and metric of its last row, and when the number last rose."""
-        self.via = 0
-        self.metric = INFINITY
-        self.sequence = 0
-        self.limit_sequence = -1
-        """Feasibility distance, with `limit_metric`; -1: nothing advertised yet."""
-        self.limit_metric = INFINITY
-        self.known_ns = now_ns
-        self.changed_ns = now_ns
-        self.due_ns = now_ns
-        self.linked = False
-        """All neighbours had direct links to it when its row was sent last."""
-        self.advertised_metric = INFINITY
-        self.retractions = 0
-        self.requested_until_ns = NEVER_NS
-        self.requested_sequence = 0
-        self.requested_rows = 0
-        self.forwarded_ns = NEVER_NS
-        self.request_until_ns = NEVER_NS
-        self.request_due_ns = NEVER_NS
-
-    def feasible(self, sequence: int, metric: int) -> bool:
-        if self.limit_sequence < 0:
-            return True
-        ahead = (sequence - self.limit_sequence) & 0xFFFF
-        return 0 < ahead < 0x8000 or (ahead == 0 and metric < self.limit_metric)
-
-
-def newer(one: int, other: int) -> bool:
-    """Whether sequence number `one` comes after `other`, modulo 2¹⁶."""
-    return 0 < (one - other) & 0xFFFF < 0x8000
-
-
 class RoutingTable:
     """Routing table of one node.
 
@@ -131,10 +92,12 @@ class RoutingTable:
         self.own_hw = own_hw
         self.requested_sequence: int | None = None
         """A higher own sequence number that another node requested or still holds."""
-        self._destinations: dict[int, _Destination] = {}
+        self._destinations: dict[int, DestinationRoutes] = {}
         self._costs: dict[int, int] = {}
         self._forward: list[SequenceRequest] = []
-        self._asking: dict[int, _Destination] = {}
+        self._directed: list[NeighbourRequest] = []
+        """Requests to one neighbour each, for the next beacon."""
+        self._asking: dict[int, DestinationRoutes] = {}
         self._sweep_ns = NEVER_NS
         self._hold_ns = HOLD_NS
 
@@ -154,8 +117,7 @@ class RoutingTable:
             if destination.via == via:
                 total = destination.advertised[via][1] + cost
                 if total > destination.metric:
-                    destination.metric = min(total, INFINITY - 1)
-                    self._select(destination, now_ns, changes)
+                    self._set_metric(destination, min(total, INFINITY - 1), now_ns, changes)
         return changes
 
     def drop_link(self, via: int, now_ns: int) -> list[RouteChanged]:
@@ -193,33 +155,26 @@ class RoutingTable:
                     continue
                 if metric == INFINITY or not hw or len(destinations) >= DESTINATION_LIMIT:
                     continue  # 0 stands for no node: `via` 0 means that there is no route
-                destination = destinations[hw] = _Destination(hw, now_ns)
+                destination = destinations[hw] = DestinationRoutes(hw, now_ns)
             total = metric + cost
             if total >= INFINITY:
                 if destination.advertised.pop(via, None) is not None and destination.via == via:
                     self._select(destination, now_ns, changes)
                 continue
-            limit = destination.limit_sequence
-            if limit >= 0:
-                ahead = (sequence - limit) & 0xFFFF
-                if ahead >= 0x8000 or (ahead == 0 and metric >= destination.limit_metric):
-                    # Not feasible, now or later. From the present next hop it means a longer path: ours
-                    # stays loop-free, because our feasibility distance did not change, until a newer
-                    # number comes with its next rows.
-                    if via != destination.via:
-                        destination.advertised.pop(via, None)
-                    continue
-            advertised = destination.advertised
-            before = advertised.get(via)
-            fresh_ns = now_ns if before is None or before[0] != sequence else before[2]
-            advertised[via] = (sequence, metric, fresh_ns)
+            if not destination.feasible(sequence, metric):
+                if via != destination.via:
+                    destination.put(via, sequence, metric, now_ns)
+                    self._seek(destination, via, total, now_ns)
+                elif total > destination.metric:
+                    # A longer path. Ours stays loop-free, because our feasibility distance did not change.
+                    before = destination.advertised[via]
+                    destination.advertised[via] = (before[0], metric, before[2])
+                    self._set_metric(destination, total, now_ns, changes)
+                continue
+            destination.put(via, sequence, metric, now_ns)
             if via == destination.via:
                 destination.sequence = sequence
-                if total > destination.metric + HYSTERESIS:
-                    destination.metric = total
-                    self._select(destination, now_ns, changes)
-                else:
-                    destination.metric = total
+                self._set_metric(destination, total, now_ns, changes)
             elif destination.via == 0 or total + HYSTERESIS < destination.metric:
                 self._use(destination, via, sequence, total, now_ns, changes)
         return changes
@@ -248,6 +203,29 @@ class RoutingTable:
                 destination.request_due_ns = now_ns + REQUEST_AGAIN_NS  # its answer serves us too
             self._forward.append(SequenceRequest(hw, sequence, hops_left - 1))
         return changes
+
+    def on_neighbour_requests(self, via: int, requests: Iterable[NeighbourRequest], now_ns: int) -> None:
+        """Takes the requests of a neighbour to this node: answers, or asks its own next hop.
+
+        They follow routes, which have no loops, and none is repeated within FORWARD_AGAIN_NS.
+        """
+        for neighbour_hw, hw, sequence, hops in requests:
+            if neighbour_hw != self.own_hw:
+                continue
+            if hw == self.own_hw:
+                self.requested_sequence = sequence
+                continue
+            destination = self._destinations.get(hw)
+            if destination is None or destination.via in (0, via):
+                continue  # it asks for what it has from us, or before it has our retraction
+            destination.requested_until_ns = now_ns + REQUESTED_NS
+            destination.requested_sequence = sequence
+            destination.requested_rows = max(destination.requested_rows, 1)
+            if not newer(sequence, destination.sequence) or hops <= 1:
+                continue
+            if now_ns - destination.forwarded_ns >= FORWARD_AGAIN_NS:
+                destination.forwarded_ns = now_ns
+                self._request_of(destination.via, hw, sequence, min(hops - 1, REQUEST_HOPS))
 
     def request_route(self, hw: int, now_ns: int) -> None:
         """Requests a route for traffic that has none."""
@@ -286,9 +264,9 @@ class RoutingTable:
         `linked`: nodes to which all neighbours have direct links; their rows are not repeated.
         What is advertised here bounds what will be accepted later (RFC 8966, section 3.7.3).
         """
-        due: list[_Destination] = []
+        due: list[DestinationRoutes] = []
         for destination in self._destinations.values():
-            if destination.due_ns <= now_ns or (destination.linked and destination.hw not in linked):
+            if destination.is_due(now_ns) or (destination.linked and destination.hw not in linked):
                 if destination.via or destination.retractions:
                     due.append(destination)
             elif destination.requested_rows and destination.via:
@@ -305,20 +283,18 @@ class RoutingTable:
         self._hold_ns = max(HOLD_NS, 3 * longest_ns)
         rows: list[RouteRow] = []
         for destination in due:
-            metric, sequence = destination.metric, destination.sequence
             if not destination.via:
                 destination.retractions -= 1
-                rows.append(RouteRow(destination.hw, sequence, INFINITY))
+                rows.append(RouteRow(destination.hw, destination.sequence, INFINITY))
                 continue
-            destination.advertised_metric = metric
-            if destination.feasible(sequence, metric):
-                destination.limit_sequence, destination.limit_metric = sequence, metric
+            sequence, metric = destination.advertise(now_ns)
             destination.linked = destination.hw in linked
             if destination.linked:
-                destination.due_ns = _FAR_NS
+                destination.due_ns = destination.news_due_ns = _FAR_NS
             else:
                 period_ns = min(round(REFRESH_NS * max(1, metric >> 8) * stretch), longest_ns)
-                destination.due_ns = now_ns + period_ns
+                destination.news_due_ns = now_ns + period_ns
+                destination.due_ns = now_ns + round(REFRESH_ANYWAY * period_ns)
             rows.append(RouteRow(destination.hw, sequence, metric))
         return tuple(rows)
 
@@ -338,6 +314,11 @@ class RoutingTable:
                 out.append(SequenceRequest(destination.hw, wanted, REQUEST_HOPS | LOST))
         return tuple(out)
 
+    def neighbour_requests(self) -> tuple[NeighbourRequest, ...]:
+        """Requests to one neighbour each for the next beacon, those to the same one together."""
+        out, self._directed = tuple(sorted(self._directed)), []
+        return out
+
     # queries
 
     def next_hop(self, hw: int) -> int:
@@ -355,14 +336,43 @@ class RoutingTable:
 
     # route selection
 
-    def _select(self, destination: _Destination, now_ns: int, changes: list[RouteChanged]) -> None:
+    def _set_metric(
+        self, destination: DestinationRoutes, total: int, now_ns: int, changes: list[RouteChanged]
+    ) -> None:
+        """Sets the metric of the present route; where it rose, others are compared or requested."""
+        before, destination.metric = destination.metric, total
+        if total <= before + HYSTERESIS:
+            return
+        self._select(destination, now_ns, changes)
+        if is_much_worse(destination.metric, destination.advertised_metric) and not destination.linked:
+            destination.due_ns = now_ns
+        best, best_total = destination.best_other(self._costs)
+        if best:
+            self._seek(destination, best, best_total, now_ns)
+
+    def _seek(self, destination: DestinationRoutes, via: int, total: int, now_ns: int) -> None:
+        """Requests a newer row of a neighbour whose route is much better, but not feasible."""
+        if (
+            destination.via
+            and destination.metric > total + max(BETTER_BY, total * BETTER_RATIO)
+            and now_ns - destination.sought_ns >= SEEK_AGAIN_NS
+        ):
+            destination.sought_ns = now_ns
+            self._request_of(via, destination.hw, (destination.limit_sequence + 1) & 0xFFFF, REQUEST_HOPS)
+
+    def _request_of(self, via: int, hw: int, sequence: int, hops_left: int) -> None:
+        if len(self._directed) < REQUESTS_MAX:
+            self._directed.append(NeighbourRequest(via, hw, sequence, hops_left))
+
+    def _select(self, destination: DestinationRoutes, now_ns: int, changes: list[RouteChanged]) -> None:
         costs = self._costs
         best, best_total, best_sequence = 0, INFINITY, 0
         for via, (sequence, metric, _) in destination.advertised.items():
             total = metric + costs[via]
             if via == destination.via:
                 total = max(total - HYSTERESIS, 1)
-            if total < best_total and destination.feasible(sequence, metric):
+            # the present route stays loop-free also where its newest row is not feasible any more
+            if total < best_total and (via == destination.via or destination.feasible(sequence, metric)):
                 best, best_total, best_sequence = via, total, sequence
         if best == destination.via and best:
             return
@@ -378,7 +388,7 @@ class RoutingTable:
             self._ask(destination, now_ns)
 
     def _expire(
-        self, destination: _Destination, oldest_ns: int, now_ns: int, changes: list[RouteChanged]
+        self, destination: DestinationRoutes, oldest_ns: int, now_ns: int, changes: list[RouteChanged]
     ) -> None:
         # a direct route expires with its link
         stale = [
@@ -391,7 +401,7 @@ class RoutingTable:
 
     def _use(
         self,
-        destination: _Destination,
+        destination: DestinationRoutes,
         via: int,
         sequence: int,
         total: int,
@@ -399,6 +409,7 @@ class RoutingTable:
         changes: list[RouteChanged],
     ) -> None:
         destination.via = via
+        destination.held_until_ns = now_ns  # neighbours need the number to use the new route, too
         destination.sequence = sequence
         destination.metric = total
         destination.changed_ns = now_ns
@@ -408,7 +419,7 @@ class RoutingTable:
             destination.due_ns = now_ns
         changes.append(RouteChanged(destination.hw, via))
 
-    def _ask(self, destination: _Destination, now_ns: int) -> None:
+    def _ask(self, destination: DestinationRoutes, now_ns: int) -> None:
         if destination.limit_sequence < 0:
             return  # nothing was advertised: any row is feasible, so none is available
         self._asking[destination.hw] = destination
@@ -416,5 +427,5 @@ class RoutingTable:
         destination.request_until_ns = now_ns + REQUEST_FOR_NS
 
 
-def _urgency(destination: _Destination) -> tuple[bool, int]:
+def _urgency(destination: DestinationRoutes) -> tuple[bool, int]:
     return destination.via != 0, destination.due_ns

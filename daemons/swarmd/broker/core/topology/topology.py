@@ -4,14 +4,24 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon import NEVER_NS, Beacon, Echo, Header, RouteRow, SequenceRequest
+from swarmd.broker.core.beacon.beacon import (
+    NEVER_NS,
+    Beacon,
+    Echo,
+    Header,
+    NeighbourRequest,
+    RouteRow,
+    SequenceRequest,
+)
 from swarmd.broker.core.beacon.beacon_codec import ECHO_BYTES, REQUEST_BYTES, ROW_BYTES
+from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.topology.clock_sample import ClockSample
+from swarmd.broker.core.topology.destination_routes import newer
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.link_cost import rtt_penalty
 from swarmd.broker.core.topology.neighbour import Neighbour
 from swarmd.broker.core.topology.neighbour_table import NeighbourTable
-from swarmd.broker.core.topology.routing_table import HYSTERESIS, RouteChanged, RoutingTable, newer
+from swarmd.broker.core.topology.routing_table import HYSTERESIS, REQUESTS_MAX, RouteChanged, RoutingTable
 
 CHANGING_NS: Final = 5_000_000_000
 """Time after a link change in which the topology counts as changing: the swarm moves."""
@@ -45,6 +55,7 @@ class TopologySection(msgspec.Struct, frozen=True, gc=False):
     echoes: tuple[Echo, ...]
     rows: tuple[RouteRow, ...]
     requests: tuple[SequenceRequest, ...]
+    neighbour_requests: tuple[NeighbourRequest, ...]
 
 
 class Topology:
@@ -95,6 +106,8 @@ class Topology:
                 routes += routing.on_rows(header.sender_hw, rows, rx_ns)
         if beacon.requests:
             routes += routing.on_requests(header.sender_hw, beacon.requests, rx_ns)
+        if beacon.neighbour_requests and neighbour.state is LinkState.UP:
+            routing.on_neighbour_requests(header.sender_hw, beacon.neighbour_requests, rx_ns)
         return TopologyUpdate(neighbour, fresh, clock_sample, links, routes)
 
     def advance(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
@@ -179,11 +192,14 @@ class Topology:
         self._composed_ns = now_ns
         listing_ns = self.neighbours.listing_ns()
         echoes = self.neighbours.echoes(now_ns, min(room * 3 // 4 // ECHO_BYTES, 255), listing_ns)
-        requests = self.routing.requests(now_ns)[:32]
-        room -= len(echoes) * ECHO_BYTES + len(requests) * REQUEST_BYTES
+        requests = self.routing.requests(now_ns)[:REQUESTS_MAX]
+        neighbour_requests = self.routing.neighbour_requests()
+        room -= (
+            len(echoes) * ECHO_BYTES + len(requests) * REQUEST_BYTES + request_part_bytes(neighbour_requests)
+        )
         linked = self.neighbours.linked(now_ns)
         rows = self.routing.rows(now_ns, max(0, min(ROWS_MAX, room // ROW_BYTES)), linked)
-        return TopologySection(echoes, rows, requests)
+        return TopologySection(echoes, rows, requests, neighbour_requests)
 
     def sent(self, sequence: int, tx_ns: int) -> None:
         """Records the send time of a beacon."""
