@@ -1,6 +1,6 @@
 """Ages of poses by distance, and bytes of beacons, in swarms of whole broker cores in virtual time.
 
-    python tests/bench/pose_ages.py [--beacons signed] [--json]
+    python tests/bench/pose_ages.py [--beacons signed] [--json] [--seed N]
 
 Every node subscribes to the poses of all others at 10 Hz; nodes move at 5 m/s, and radios lose datagrams by
 distance. Some beacons are signed (`swarmctl keys beacons sampled`), or all of them. The figures depend on the
@@ -27,12 +27,12 @@ class SignedAir(Air):
     signs_all = True
 
 
-def measure(air_class: type[Air] = Air) -> dict[str, dict[str, float]]:
+def measure(first_seed: int, air_class: type[Air] = Air) -> dict[str, dict[str, float]]:
     """The figures of five swarms of 16 nodes, one of 100, and one cell of 16."""
     found: dict[str, dict[str, float]] = {}
     for name, seeds, count, degree, warm_s, seconds in (
-        ("16 nodes", range(5), 16, 6.0, 4.0, 8.0),
-        ("100 nodes", range(1), 100, 9.0, 7.0, 2.0),
+        ("16 nodes", range(first_seed, first_seed + 5), 16, 6.0, 4.0, 8.0),
+        ("100 nodes", range(first_seed, first_seed + 1), 100, 9.0, 7.0, 2.0),
     ):
         ages_s: dict[int, list[float]] = {}
         sent = 0.0
@@ -49,7 +49,7 @@ def measure(air_class: type[Air] = Air) -> dict[str, dict[str, float]]:
             median_s, high_s = np.quantile(np.array(ages_s[hops]), (0.5, 0.95))
             found[name][f"{hops}_hops_median_s"] = round(float(median_s), 3)
             found[name][f"{hops}_hops_p95_s"] = round(float(high_s), 3)
-    cell = air_class(1, 16, 300.0, 0.0)
+    cell = air_class(first_seed + 1, 16, 300.0, 0.0)
     cell.run_for(3.0)
     before = cell.sent_bytes_all()
     cell.run_for(10.0)
@@ -62,8 +62,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--beacons", choices=["signed", "sampled"], default="sampled")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="first seed")
     options = parser.parse_args()
-    found = measure(SignedAir if options.beacons == "signed" else Air)
+    found = measure(options.seed, SignedAir if options.beacons == "signed" else Air)
     if options.json:
         print(json.dumps(found))
         return

@@ -1,6 +1,7 @@
 """The tables of the directory, of dense cells and of boot storms, computed in virtual time.
 
-    python -m tests.simulation.directory.table [moving | cell | storm] [--nodes N] [--speed V] [--loss P] [--seed N]
+    python -m tests.simulation.directory.table [moving | cell | storm] [--nodes N] [--speed V] [--loss P]
+                                               [--seed N]
 
 Prints Markdown. The figures depend on the seeds only, not on the machine; the processor time is printed to
 stderr.
@@ -73,6 +74,9 @@ STORM_HEAD: Final = (
 def moving(nodes: int, speed_m_s: float, first_seed: int = 1) -> str:
     """The row of swarms of one size at one speed."""
     row = MOVING[nodes]
+    command = f"moving --nodes {nodes} --speed {speed_m_s:g}"
+    if first_seed != 1:
+        command += f" --seed {first_seed}"
     flights = [
         fly(Swarm(seed, nodes, speed_m_s=speed_m_s), row.warm_s, row.seconds)
         for seed in range(first_seed, first_seed + row.seeds)
@@ -88,7 +92,7 @@ def moving(nodes: int, speed_m_s: float, first_seed: int = 1) -> str:
         f" | {np.mean([flight.stretch for flight in flights]):.2f}"
         f" | {f'{median_s:.2f} / {high_s:.2f} s, {len(outages_s)} in all' if outages_s else 'none'}"
         f" | 0 / {sum(flight.changes for flight in flights)}"
-        f" | {row.seeds} × {row.seconds:g} s | `moving --nodes {nodes} --speed {speed_m_s:g}{'' if first_seed == 1 else f' --seed {first_seed}'}` |"
+        f" | {row.seeds} × {row.seconds:g} s | `{command}` |"
     )
 
 

@@ -118,7 +118,7 @@ class NeighbourRequest(NamedTuple):
     """Sequence request to one neighbour: for a newer row of a route that the sender could not use."""
 
     neighbour_hw: int
-    """Who is asked; others ignore it."""
+    """The neighbour that is asked; others ignore the request."""
     hw: int
     sequence: int
     hops_left: int

@@ -47,6 +47,8 @@ class DestinationRoutes:
         "retractions",
         "sequence",
         "sought_ns",
+        "turned",
+        "usual_metric",
         "via",
     )
 
@@ -73,6 +75,10 @@ class DestinationRoutes:
         self.advertised_sequence = -1
         self.held_until_ns = NEVER_NS
         """Until when the sequence number of its rows does not rise; NEVER_NS: it is not held."""
+        self.usual_metric = INFINITY
+        """Last advertised metric before the route became much worse."""
+        self.turned = False
+        """It has another next hop since its last row."""
         self.retractions = 0
         self.requested_until_ns = NEVER_NS
         self.requested_sequence = 0
@@ -113,18 +119,18 @@ class DestinationRoutes:
     def advertise(self, now_ns: int) -> tuple[int, int]:
         """Sequence number and metric of the next row; they bound what is feasible later.
 
-        Where the route became much worse, the number does not rise for a while: an older one is always
-        loop-free, and routes over other nodes, whose numbers rise, become feasible before this one ends.
+        Where the route became much worse, the number rises only with a new next hop for a while: an older one
+        is always loop-free, and routes over other nodes, whose numbers rise, become feasible before this one
+        ends.
         """
         sequence, metric = self.sequence, self.metric
-        limit = self.limit_sequence
-        if limit >= 0 and is_much_worse(metric, self.limit_metric) and newer(sequence, limit):
-            if self.held_until_ns == NEVER_NS:
-                self.held_until_ns = now_ns + HELD_NS
-            if now_ns < self.held_until_ns:
-                sequence = limit
-        else:
-            self.held_until_ns = NEVER_NS
+        if is_much_worse(metric, self.usual_metric) and self.held_until_ns == NEVER_NS:
+            self.held_until_ns = now_ns + HELD_NS
+        if not is_much_worse(metric, self.usual_metric) or now_ns >= self.held_until_ns:
+            self.usual_metric, self.held_until_ns = metric, NEVER_NS
+        elif not self.turned and self.limit_sequence >= 0 and newer(sequence, self.limit_sequence):
+            sequence = self.limit_sequence
+        self.turned = False
         if self.feasible(sequence, metric):
             self.limit_sequence, self.limit_metric = sequence, metric
         self.advertised_sequence, self.advertised_metric = self.sequence, metric

@@ -4,7 +4,7 @@ from typing import Final
 
 PERFECT: Final = 256
 """Cost of a link without loss."""
-COST_MAX: Final = 8192
+COST_MAX: Final = 16384
 RTT_FREE_NS: Final = 10_000_000
 RTT_FULL_NS: Final = 120_000_000
 RTT_PENALTY: Final = 96
