@@ -24,7 +24,7 @@ from swarmd.broker.core.topology.destination_routes import DestinationRoutes, is
 HYSTERESIS: Final = 96
 """Required improvement of a new next hop: varying loss must not change routes."""
 REFRESH_NS: Final = 330_000_000
-"""Refresh period of a row per hop of distance; with 300 ms 50 nodes at 10 m/s send more than their 450 B/s."""
+"""Refresh period of a row per hop of distance; with 300 ms 50 nodes at 10 m/s send more than 450 B/s."""
 REFRESH_MAX_NS: Final = 2_000_000_000
 REFRESH_ANYWAY: Final = 1.6
 """Refresh periods after which a row is repeated that has no newer sequence number. Until then it waits for
