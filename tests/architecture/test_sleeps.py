@@ -13,7 +13,7 @@ MEANT: Final = {
     "cli/swarmctl/commands/fleet/synchronisation.py:Synchronisation.until": "an equal digest has no event",
     "cli/swarmctl/membership/activation.py:_reached": "the restarted broker would carry the event",
     "cli/swarmctl/resources/restart.py:restart_one": "the restarted broker or tree would carry the event",
-    "cli/swarmlab/run/capacity.py:Capacity.measure": "the interval over which load is measured",
+    "cli/swarmlab/run/capacity.py:Capacity._sample": "the interval over which load is measured",
     "daemons/swarmd/broker/beacon_transport.py:BeaconTransport.look_up_seeds": "period of name resolution",
     "daemons/swarmd/broker/membership.py:Membership._forget": "a route at another service has no event here",
     "daemons/swarmd/logger/service.py:Logger._open_recorder": "back-off: a disk has no event",
