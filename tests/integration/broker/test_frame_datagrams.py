@@ -27,6 +27,10 @@ NOISE = Random(1)
 """Its bytes cannot be compressed."""
 
 
+CARRIER = "tcp"
+"""Else late beacons, where the processor is short, turn connections into packets, which are datagrams too."""
+
+
 class Wire:
     """What leaves as datagrams of urgent frames, without the packets in which a slow computer repeats them;
     no datagram to a lossy platform leaves."""
@@ -87,7 +91,7 @@ async def refused(station: Station) -> Refused:
 async def test_an_urgent_request_and_its_answer_take_a_datagram_each_and_no_connection(
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with swarm(tmp_path, "gcs", "uav1") as pair:
+    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         taken = await serve(pair["uav1"])
@@ -104,7 +108,7 @@ async def test_a_request_that_is_not_urgent_and_its_answer_take_datagrams_where_
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ReliableLinks, "is_clean", lambda *_: True)
-    async with swarm(tmp_path, "gcs", "uav1") as pair:
+    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         taken = await serve(pair["uav1"])
@@ -130,7 +134,7 @@ async def test_other_frames_and_large_ones_take_the_connection(
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ReliableLinks, "is_clean", lambda *_: False)
-    async with swarm(tmp_path, "gcs", "uav1") as pair:
+    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         await serve(pair["uav1"])
@@ -143,7 +147,7 @@ async def test_other_frames_and_large_ones_take_the_connection(
 async def test_forged_replayed_and_garbage_datagrams_are_refused_and_counted(
     tmp_path: Path, wire: Wire
 ) -> None:
-    async with swarm(tmp_path, "gcs", "uav1", "uav2") as three:
+    async with swarm(tmp_path, "gcs", "uav1", "uav2", frames=CARRIER) as three:
         gcs, uav1, uav2 = (three[name] for name in ("gcs", "uav1", "uav2"))
         for station in (gcs, uav1, uav2):
             await station.until_up(*({"gcs", "uav1", "uav2"} - {station.platform}))
@@ -176,7 +180,7 @@ async def test_forged_replayed_and_garbage_datagrams_are_refused_and_counted(
 
 @on_uvloop
 async def test_a_lost_datagram_is_repeated_over_the_connection(tmp_path: Path, wire: Wire) -> None:
-    async with swarm(tmp_path, "gcs", "uav1") as pair:
+    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         taken = await serve(pair["uav1"])
@@ -198,7 +202,7 @@ async def test_a_node_that_announces_no_port_gets_urgent_frames_over_the_connect
         return hello(hellos, at)
 
     monkeypatch.setattr(HelloSchedule, "next_hello", without_port)
-    async with swarm(tmp_path, "gcs", "uav1") as pair:
+    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         taken = await serve(pair["uav1"])
@@ -209,7 +213,7 @@ async def test_a_node_that_announces_no_port_gets_urgent_frames_over_the_connect
 
 @on_uvloop
 async def test_relays_pass_urgent_frames_on_as_datagrams(tmp_path: Path, wire: Wire) -> None:
-    async with swarm(tmp_path, *LINE, hear=LINE) as line:
+    async with swarm(tmp_path, *LINE, hear=LINE, frames=CARRIER) as line:
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav3"].until_reaches(uav1="uav2")
         taken = await serve(line["uav3"])
@@ -221,7 +225,7 @@ async def test_relays_pass_urgent_frames_on_as_datagrams(tmp_path: Path, wire: W
 
 @on_uvloop
 async def test_a_datagram_needs_the_same_right_as_a_frame_of_a_connection(tmp_path: Path, wire: Wire) -> None:
-    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}) as pair:
+    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}, frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")
         taken = await serve(pair["uav1"])
@@ -234,7 +238,7 @@ async def test_a_datagram_needs_the_same_right_as_a_frame_of_a_connection(tmp_pa
 
 @on_uvloop
 async def test_nothing_is_delivered_to_a_path_that_is_not_stated_yet(tmp_path: Path) -> None:
-    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}) as pair:
+    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}, frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         taken: list[Frame] = []
         app = pair["uav1"].app
