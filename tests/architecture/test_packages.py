@@ -28,7 +28,6 @@ THIN = {
     "lib/swarmware/module/requester.py": "the name of the sender of a request, for records",
     "lib/swarmware/runtime/backoff.py": "the one back-off",
     "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
-    "lib/swarmware/runtime/instant.py": "waits for instants, which a core must not import",
     "lib/swarmware/service/garbage.py": "the garbage collector of a process",
     "lib/swarmware/service/reason.py": "the line of an expected error",
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",

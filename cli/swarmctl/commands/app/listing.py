@@ -129,8 +129,11 @@ async def _register(session: Session, platform: str) -> Register:
             raise NotFound(
                 f"{platform}: its service register does not run; expected `swarmctl app start register`"
             ) from None
+        known = await _register(session, session.here)
+        if all(unit.table.platform != platform for unit in known.units):
+            raise
         session.out.warn(f"{platform}: its service register does not run; shown as {session.here} knows it")
-        return await _register(session, session.here)
+        return known
 
 
 def _priority(one: ServicePriority) -> str:
