@@ -93,6 +93,8 @@ async def measure(root: Path, seconds: float) -> dict[str, float]:
         two.plan(wants=[("uav1", "nav/note", Text)])
         await one.until_up("uav2")
         await two.until_up("uav1")
+        await until_measured(one)
+        await until_measured(two)
         for path in ("cmd/order", *(path for path, *_ in OFFERS)):
             inbox = two.app.inbox(path, Text)
             two.app.start(drain(inbox), path)
@@ -122,6 +124,12 @@ async def measure(root: Path, seconds: float) -> dict[str, float]:
             "sent_bit_s": 8 * (after.udp_sent_bytes - before.udp_sent_bytes) / seconds,
             "offered_bit_s": 8 * sum(size * rate_hz for _, _, size, rate_hz in OFFERS),
         }
+
+
+async def until_measured(station: Station) -> None:
+    """Waits for the round trip without a queue: the one with a queue is compared with it."""
+    while (table := station.neighbours.value) is None or table.neighbours[0].rtt_ms is None:
+        await station.neighbours.changed(timeout_s=PATIENCE_S)
 
 
 async def drain(inbox: object) -> None:
