@@ -11,19 +11,13 @@ SITE ?= share/doc/site
 # tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
-.PHONY: lab test test-computing test-waiting simulations lint check hooks bench bench-links figures docs site dist boot-test clean
+.PHONY: lab test simulations lint check hooks bench bench-links figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests: those that compute run while those that wait leave the processors idle
-	@echo "two parts at once; what each one says follows when it is over"
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync=line test-computing test-waiting
-
-test-computing: $(VENV)/.test # one per core; a test that the others keep from the processors is not stuck
-	$(RUN) pytest -q -p tests.idle -n auto --dist worksteal --timeout 900 tests/simulation tests/architecture tests/unit
-
-test-waiting: $(VENV)/.test # four at a time, labs three at a time
+test: $(VENV)/.test ## all tests; those that compute one per core, those that wait four at a time, labs three at a time
+	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
 	$(RUN) pytest -q -n 4 --dist loadfile $(LABS:%=--ignore=%) tests/integration
 	$(RUN) pytest -q -n 3 --dist loadfile --no-loadscope-reorder $(LABS)
 

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -141,3 +142,14 @@ def test_the_reaper_and_a_new_doorbell_keep_out_of_each_others_way(
         os.mkfifo(folder / "17-0")  # made, and not yet opened, by the holder of the lock
         assert reap(tmp_path, tmp_path).removed == ()
     assert reap(tmp_path, tmp_path).removed == (folder / "17-0",)
+
+
+def test_a_writer_waits_for_one_that_reaps_and_holds_the_unfinished_ring_for_a_moment(tmp_path: Path) -> None:
+    path = tmp_path / "a.ring"
+    with path.with_name("a.ring.new").open("w") as unfinished:
+        fcntl.flock(unfinished, fcntl.LOCK_EX)
+        end = threading.Timer(0.02, unfinished.close)
+        end.start()
+        with RingWriter(path, slots=4, slot_bytes=64) as writer:
+            assert writer.write(b"first") == 1
+        end.join()

@@ -185,7 +185,8 @@ def _make(
     unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
     fd = os.open(unfinished, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, mode)
     try:
-        if not (is_regular(fd) and try_lock(fd)):
+        # one that reaps holds the lock for a moment
+        if not (is_regular(fd) and (try_lock(fd) or lock_within(fd, LOCK_WAIT_S))):
             raise RingBusy(f"{unfinished}: another process is making this ring")
         if not stands_at(fd, unfinished):
             return None
