@@ -319,14 +319,3 @@ def test_a_full_doorbell_does_not_have_only_frames(doorbell: Doorbell, doorbells
         doorbells.ring(doorbell.name, FRAME)
     doorbell.drain()
     assert not doorbell.frames_only, "the last ones did not fit"
-
-
-def test_a_writer_that_has_ended_does_not_open_its_folder_again(
-    notifier: ReaderNotifier, others: ReaderNotifier, doorbell: Doorbell
-) -> None:
-    notifier.notify()
-    notifier.close()
-    others.add(doorbell.name)
-    before = sorted(Path("/proc/self/fd").iterdir())
-    notifier.look()  # its process was told of a new reader
-    assert sorted(Path("/proc/self/fd").iterdir()) == before

@@ -45,7 +45,7 @@ class ReaderNotifier:
 
         Raises: as `notify`.
         """
-        if self._folder is not None and self._folder.changed():  # closed, or nothing was written yet: none
+        if self._folder is None or self._folder.changed():
             before = self._names
             self._look()
             self._ring(tuple(name for name in self._names if name not in before), RING)
