@@ -104,11 +104,6 @@ class BoardReader(Immediate, Generic[T]):
         return None if stamp_ns is None else (self._node.clock.now_ns() - stamp_ns) / 1e9
 
     @property
-    def present(self) -> bool:
-        """Whether there was a ring at the last read; to search for a missing one costs more than a read."""
-        return self._follower.present
-
-    @property
     def alive(self) -> bool:
         """Whether the board has a writer at present."""
         follower = self._follower

@@ -1,8 +1,7 @@
 """The same board of many platforms, as a mapping that grows with their mirrors."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import suppress
-from pathlib import Path
+import os
+from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, TypeVar
 
 import msgspec
@@ -35,21 +34,21 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
         self._node = node
         self._open = open_reader
         self._readers: dict[str, BoardReader[T]] = {}
-        self._seen = -1
-        """Mirrors of the node that were read last, see `Node.mirrors`."""
+        self._folder = str(node.shm_dir)
+        self._folder_ns = -1
         self._listening = False
         self._wakeup = Wakeup()
         self._given: dict[str, int] = {}
 
     def _refresh(self) -> None:
-        if self._node.mirrors == self._seen:
+        try:
+            folder_ns = os.stat(self._folder).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
+        except FileNotFoundError:
             return
-        self._seen = self._node.mirrors
-        with suppress(FileNotFoundError):
-            self._search(self._node.shm_dir.iterdir())
-
-    def _search(self, folders: Iterable[Path]) -> None:
-        for folder in folders:
+        if folder_ns == self._folder_ns:
+            return
+        self._folder_ns = folder_ns
+        for folder in self._node.shm_dir.iterdir():
             name = folder.name
             own = name in {self._node.platform, self._node.address.path}
             if name in self._readers or own or not self._platforms.matches(name):
@@ -78,8 +77,6 @@ class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
 
     def poll(self) -> None:
         """The doorbell has rung: wake the waiting tasks if a board has changed."""
-        if self._node.doorbell.frames_only:
-            return  # no mirror has changed
         if self._wakeup.awaited and self._has_news():
             self._wakeup.notify()
 

@@ -156,7 +156,7 @@ class RingFollower:
         """The doorbell has rung, perhaps for this ring."""
         ring = self.ring
         if ring is None:
-            if (self._node is not None and self._node.doorbell.frames_only) or self._found() is None:
+            if self._found() is None:
                 return
         elif ring.moved:
             self._reported = -1

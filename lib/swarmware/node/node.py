@@ -25,7 +25,7 @@ from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.messaging.callers import Callers
 from swarmware.transport.messaging.endpoint import MessageEndpoint
-from swarmware.transport.shm.doorbell import FRAME, MIRRORS, READERS, RING, Doorbell, DoorbellSenders
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.notifier import ReaderNotifier
 from swarmware.transport.shm.readers import GRANULE_NS
@@ -123,11 +123,6 @@ class Node(Immediate):
         self._publications: WeakSet[Publication] = WeakSet()
         self._folders: dict[str, _FolderStamp | None] = {}
         """Folders of the publications as they were at the last check of their files."""
-        self.mirrors = 0
-        """Changes with each new mirror of another computer's board."""
-        self._mirrors_stamp: _FolderStamp | None = None
-        self._looking: asyncio.Handle | None = None
-        """New readers are to be looked for."""
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
         self._tending = self._tend_later()
         self._master: Master | None = None
@@ -200,8 +195,6 @@ class Node(Immediate):
     def _enter(self, readers: Path) -> None:
         with ReaderNotifier(readers, self.doorbells) as bells:
             bells.add(self.doorbell.name)
-        if self._looking is None:  # once for all that are entered now
-            self._looking = self._loop.call_soon(self._look_for_readers)
 
     def unlisten(self, readers: Path) -> None:
         """Remove the doorbell that `listen` registered."""
@@ -211,21 +204,8 @@ class Node(Immediate):
             with ReaderNotifier(readers, self.doorbells) as bells:
                 bells.remove(self.doorbell.name)
 
-    def _look_for_readers(self) -> None:
-        """Wake the readers that have entered since the last frame: between two looks writers do not check."""
-        self._looking = None
-        for publication in list(self._publications):
-            try:
-                publication.look_for_readers()
-            except (OSError, SwarmError) as error:
-                log.debug("%s: readers: %s", publication.path, error)  # the next check repairs and reports it
-
     def _on_bell(self) -> None:
         self.doorbell.drain()
-        if self.doorbell.received(READERS):
-            self._look_for_readers()
-        if self.doorbell.received(MIRRORS):
-            self.mirrors += 1
         for watcher in tuple(self._watchers):
             watcher.poll()
 
@@ -256,11 +236,6 @@ class Node(Immediate):
                 self._errors.append(
                     f"{publication.path}: damaged or removed, and cannot be replaced: {error}"
                 )
-        # news that a full or foreign doorbell did not get
-        self._look_for_readers()
-        if (stamp := _stamp(str(self.shm_dir))) is None or stamp != self._mirrors_stamp:
-            self._mirrors_stamp = stamp
-            self.mirrors += 1
         name = self.doorbell.name
         missing = [readers for readers in self._listens if not os.access(f"{readers}/{name}", os.F_OK)]
         for readers in missing:
@@ -298,15 +273,7 @@ class Node(Immediate):
 
             readers_of = ring_file(self.shm_dir, path)
             reap_ring(readers_of)
-        made = Publication(
-            ring,
-            self.doorbells,
-            slots=slots,
-            slot_bytes=slot_bytes,
-            readers_of=readers_of,
-            announced=True,
-            news=FRAME if platform is None else RING,
-        )
+        made = Publication(ring, self.doorbells, slots=slots, slot_bytes=slot_bytes, readers_of=readers_of)
         self._publications.add(made)
         return made
 
@@ -316,10 +283,8 @@ class Node(Immediate):
         """The mirror of another computer's resource; frames are published as they were received."""
         publication = self.publication(path, slots=slots, slot_bytes=slot_bytes, platform=platform)
         now_ns = utc_ns()
-        os.utime(self.shm_dir, ns=(now_ns, now_ns))  # other processes check this time each second
-        self.mirrors += 1
+        os.utime(self.shm_dir, ns=(now_ns, now_ns))  # `BoardSet` checks this time
         self._mirror_watchers.notify()
-        self.doorbells.ring_others(self.doorbell.name, MIRRORS)
         return publication
 
     def close(self) -> Immediate:
@@ -336,8 +301,6 @@ class Node(Immediate):
             self._listens[readers] = 1
             self.unlisten(readers)
         self._tending.cancel()
-        if self._looking is not None:
-            self._looking.cancel()
         self._loop.remove_reader(self.doorbell.fd)
         self.messaging.close()
         self.callers.close()

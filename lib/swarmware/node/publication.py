@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.errors import OutOfRange
-from swarmware.transport.shm.doorbell import RING, DoorbellSenders
+from swarmware.transport.shm.doorbell import DoorbellSenders
 from swarmware.transport.shm.layout import MAX_SLOT_BYTES, readers_folder
 from swarmware.transport.shm.notifier import ReaderNotifier
 from swarmware.transport.shm.ring import RingWriter
@@ -26,13 +26,8 @@ class Publication:
         slot_bytes: int,
         mode: int = 0o640,
         readers_of: Path | None = None,
-        announced: bool = False,
-        news: bytes = RING,
     ) -> None:
-        """`readers_of`: ring whose readers are notified; None: its own. `announced`: of `ReaderNotifier`.
-
-        `news`: of a new frame.
-        """
+        """`readers_of`: ring whose readers are notified; None: its own."""
         self.path = path
         self.folder = str(path.parent)
         self._mode = mode
@@ -42,8 +37,7 @@ class Publication:
         """Position from which the replacement of a damaged ring continues."""
         self._newest: bytes | bytearray | None = None
         """The newest frame written by this object; None: it was a loan, or there was none yet."""
-        self._readers = ReaderNotifier(readers_folder(readers_of or path), doorbells, announced=announced)
-        self._news = news
+        self._readers = ReaderNotifier(readers_folder(readers_of or path), doorbells)
         self._readers.notify()  # readers may be waiting for a writer
 
     @property
@@ -62,7 +56,7 @@ class Publication:
             self._grow(len(data))
         sequence = self._ring.write(data)
         self._newest = data
-        self._readers.notify(self._news)
+        self._readers.notify()
         return sequence
 
     def loan(self, length: int) -> memoryview:
@@ -77,7 +71,7 @@ class Publication:
         """Publish the frame on loan and wake the readers."""
         sequence = self._ring.publish()
         self._newest = None
-        self._readers.notify(self._news)
+        self._readers.notify()
         return sequence
 
     def abandon(self) -> None:
@@ -107,10 +101,6 @@ class Publication:
             self._resume = self._ring.discard()
         self._replace()
         return True
-
-    def look_for_readers(self) -> None:
-        """Wake readers that are new since the last look."""
-        self._readers.look()
 
     def _replace(self) -> None:
         resume, newest = self._resume, self._newest

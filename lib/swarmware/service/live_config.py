@@ -20,9 +20,6 @@ C = TypeVar("C", bound=msgspec.Struct)
 _TYPES: Final[Mapping[type, type[msgspec.Struct]]] = {bool: Bool, float: Float, int: Int, str: Text}
 """Type of the setting's resource, by the type of the key's value."""
 
-_SEARCH_NS: Final = 250_000_000
-"""Period of looking for settings that were changed for the first time: without a value there is no ring."""
-
 log = logging.getLogger("swarm.settings")
 
 
@@ -84,19 +81,12 @@ class LiveConfig(Generic[C]):
             for key, name in live_settings.items()
         }
         self._taken: dict[str, msgspec.Struct | None] = dict.fromkeys(live_settings)
-        self._search_ns = 0
 
     def take(self) -> C | None:
         """The configuration, if a setting has changed it since the last call."""
         config = self._config
         applied: dict[str, Plain] = {}
-        now_ns = self._module.now_ns()
-        searches = now_ns >= self._search_ns
-        if searches:
-            self._search_ns = now_ns + _SEARCH_NS
         for key, board in self._boards.items():
-            if not (searches or board.present):
-                continue
             value = board.value
             if value is None or value is self._taken[key]:
                 continue

@@ -8,7 +8,7 @@ from random import Random
 
 import pytest
 
-from swarmware.transport.shm.doorbell import FRAME, MIRRORS, READERS, Doorbell, DoorbellSenders, open_sender
+from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders, open_sender
 from swarmware.transport.shm.layout import RingFull
 from swarmware.transport.shm.notifier import ReaderNotifier
 from swarmware.transport.shm.readers import ENTRIES
@@ -262,60 +262,3 @@ def test_what_stands_in_the_place_of_the_folder_gives_way_to_it(
     notifier.notify()
     assert doorbell.drain()
     assert target.read_bytes() == b"untouched"
-
-
-def test_a_reader_that_enters_tells_every_other_process_before_it_reads(
-    folder: Path, doorbell: Doorbell, others: ReaderNotifier
-) -> None:
-    with Doorbell(folder) as writers:
-        others.add(doorbell.name)
-        assert writers.drain()
-        assert writers.received(READERS)
-        assert not writers.received(MIRRORS)
-        assert not doorbell.drain(), "its own process knows"
-
-
-def test_a_writer_that_is_told_lists_its_readers_when_it_looks(
-    tmp_path: Path, doorbell: Doorbell, doorbells: DoorbellSenders, others: ReaderNotifier
-) -> None:
-    with ReaderNotifier(tmp_path / "nav.pose.readers", doorbells, announced=True) as writer:
-        writer.notify()
-        others.add(doorbell.name)
-        writer.notify()
-        assert not doorbell.drain(), "no system call for each frame"
-        writer.look()
-        assert doorbell.drain(), "it may have missed the frame"
-        writer.look()
-        writer.notify()
-        assert doorbell.drain()
-
-
-def test_a_full_doorbell_may_have_had_any_news(doorbell: Doorbell, doorbells: DoorbellSenders) -> None:
-    for _ in range(5000):
-        doorbells.ring(doorbell.name)
-    doorbells.ring(doorbell.name, MIRRORS)
-    assert doorbell.drain()
-    assert doorbell.received(MIRRORS)
-    doorbells.ring(doorbell.name)
-    assert doorbell.drain()
-    assert not doorbell.received(MIRRORS)
-
-
-@pytest.mark.parametrize(
-    ("news", "expected"),
-    [([], False), ([FRAME], True), ([FRAME, FRAME], True), ([FRAME, MIRRORS, FRAME], False)],
-)
-def test_only_frames_are_only_frames(
-    doorbell: Doorbell, doorbells: DoorbellSenders, news: list[bytes], expected: bool
-) -> None:
-    for one in news:
-        doorbells.ring(doorbell.name, one)
-    doorbell.drain()
-    assert doorbell.frames_only is expected
-
-
-def test_a_full_doorbell_does_not_have_only_frames(doorbell: Doorbell, doorbells: DoorbellSenders) -> None:
-    for _ in range(5000):
-        doorbells.ring(doorbell.name, FRAME)
-    doorbell.drain()
-    assert not doorbell.frames_only, "the last ones did not fit"

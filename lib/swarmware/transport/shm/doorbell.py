@@ -1,7 +1,7 @@
 """The doorbell: a named FIFO that wakes one process; and the descriptors by which other processes ring it.
 
 The owner opens it for reading and writing, so it never gets an end of file. Others write one byte without
-waiting, which states the news: EAGAIN means that it is ringing already, ENXIO or EPIPE that it has no owner.
+waiting: EAGAIN means that it is ringing already, ENXIO or EPIPE that it has no owner.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
 from swarmware.errors import Conflict, Denied
 from swarmware.transport.shm.access import make_folder, share
@@ -24,14 +24,6 @@ NAME = re.compile(r"[A-Za-z0-9_-]{1,47}\Z")
 """Pattern of names, without dot and slash: a name cannot leave the folder."""
 FOLDER_WAIT_S = 1.0
 """Maximum wait for the lock of the folder, which is held for some 50 µs while a FIFO is made or removed."""
-RING: Final = b"\1"
-"""What this process waits for has changed: a ring has a new frame, appeared or ended."""
-FRAME: Final = b"\4"
-"""A ring of this computer, not a mirror, has a new frame, and nothing else has changed."""
-READERS: Final = b"\2"
-"""A reader has entered a folder of readers: writers list theirs again."""
-MIRRORS: Final = b"\3"
-"""There is a new mirror."""
 _PIPE_BYTES = 4096
 """Size of the pipe: one page holds 4096 unread rings, and further ones add no information."""
 
@@ -76,7 +68,6 @@ class Doorbell:
     def __init__(self, folder: Path) -> None:
         make_folder(folder, folder.parent)
         self.folder = folder
-        self._drained = b""
         with folder_lock(folder):
             self.name = self._make()
             self.fd = os.open(folder / self.name, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -109,19 +100,9 @@ class Doorbell:
     def drain(self) -> bool:
         """Empty the FIFO; read the rings after it, not before. Returns whether it had rung."""
         try:
-            self._drained = os.read(self.fd, self._capacity_bytes)
+            return bool(os.read(self.fd, self._capacity_bytes))
         except BlockingIOError:
-            self._drained = b""
-        return bool(self._drained)
-
-    def received(self, news: bytes) -> bool:
-        """Whether the last `drain` found this news, or a full FIFO, in which it may be missing."""
-        return news in self._drained or len(self._drained) >= self._capacity_bytes
-
-    @property
-    def frames_only(self) -> bool:
-        """Whether the last `drain` found new frames of this computer and nothing else."""
-        return 0 < len(self._drained) < self._capacity_bytes and not self._drained.strip(FRAME)
+            return False
 
     def wait(self, timeout_s: float) -> bool:
         """Block until it rings, and empty it: for programs without an event loop."""
@@ -154,28 +135,21 @@ class DoorbellSenders:
         self.folder = folder
         self._fds: dict[str, int] = {}
 
-    def ring_others(self, name: str, news: bytes) -> None:
-        """Ring all doorbells but that of this name."""
-        with contextlib.suppress(FileNotFoundError):
-            for other in os.listdir(self.folder):  # noqa: PTH208  # names, no Path objects
-                if other != name and NAME.match(other):
-                    self.ring(other, news)
-
-    def ring(self, name: str, news: bytes = RING) -> bool:
+    def ring(self, name: str) -> bool:
         """Ring once, without waiting; False when it has no owner, or permission is denied."""
         fd = self._fds.get(name)
         if fd is not None:
             try:
-                os.write(fd, news)
+                os.write(fd, b"\1")
             except BlockingIOError:
                 return True
             except BrokenPipeError:
                 os.close(self._fds.pop(name))
             else:
                 return True
-        return self._ring_first(name, news)
+        return self._ring_first(name)
 
-    def _ring_first(self, name: str, news: bytes) -> bool:
+    def _ring_first(self, name: str) -> bool:
         try:
             fd = open_sender(self.folder / name)
         except Denied:
@@ -184,7 +158,7 @@ class DoorbellSenders:
             return False
         try:
             with contextlib.suppress(BlockingIOError):
-                os.write(fd, news)
+                os.write(fd, b"\1")
         except BrokenPipeError:
             os.close(fd)
             return False

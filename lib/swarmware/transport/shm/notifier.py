@@ -6,7 +6,7 @@ from types import TracebackType
 from typing import Self
 
 from swarmware.errors import WireError
-from swarmware.transport.shm.doorbell import NAME, READERS, RING, DoorbellSenders
+from swarmware.transport.shm.doorbell import NAME, DoorbellSenders
 from swarmware.transport.shm.fence import Fence
 from swarmware.transport.shm.layout import RingFull
 from swarmware.transport.shm.readers import ENTRIES, ReadersFolder, open_readers
@@ -18,41 +18,26 @@ class ReaderNotifier:
 
     A reader adds the name of its doorbell, once for all readers of the ring in its process, and reads the
     ring only after that. A writer calls `notify()` after each frame, and after taking over.
-    `path`: the folder, `readers_folder(ring)`; neither it nor the ring need exist yet. `announced`: the
-    process calls `look` when its doorbell has rung for new readers; else `notify` looks each time.
+    `path`: the folder, `readers_folder(ring)`; neither it nor the ring need exist yet.
     """
 
-    def __init__(self, path: Path, doorbells: DoorbellSenders, *, announced: bool = False) -> None:
+    def __init__(self, path: Path, doorbells: DoorbellSenders) -> None:
         self.path = path
         self._doorbells = doorbells
         self._folder: ReadersFolder | None = None
         self._names: tuple[str, ...] = ()
         self._fence = Fence()
-        self._announced = announced
 
-    def notify(self, news: bytes = RING) -> None:
+    def notify(self) -> None:
         """Wake every reader without waiting for any; doorbells without an owner are removed.
 
         Raises: Denied, WireError, RingFull; only when the folder is missing.
         """
         self._fence()  # the frame must be visible before the folder is read, or a new reader misses both
-        if self._folder is None or (not self._announced and self._folder.changed()):
-            self._look()
-        self._ring(self._names, news)
-
-    def look(self) -> None:
-        """Wake the readers that have entered since the last look: they may have missed a frame.
-
-        Raises: as `notify`.
-        """
         if self._folder is None or self._folder.changed():
-            before = self._names
             self._look()
-            self._ring(tuple(name for name in self._names if name not in before), RING)
-
-    def _ring(self, names: tuple[str, ...], news: bytes) -> None:
         ring = self._doorbells.ring
-        dead = [name for name in names if not ring(name, news)]
+        dead = [name for name in self._names if not ring(name)]
         if dead:
             self._drop(dead)
 
@@ -78,7 +63,6 @@ class ReaderNotifier:
                         f"{self.path}: {ENTRIES} processes of this user read this ring, which is the limit"
                     )
         self._fence()
-        self._doorbells.ring_others(name, READERS)
 
     def remove(self, name: str) -> None:
         """Remove the doorbell of this name."""

@@ -168,12 +168,12 @@ static int make_doorbell(void) {
     close(lock);
     return bell;
 }
-static void ring_bells(const char *readers, const char *news) {
+static void ring_bells(const char *readers) {
     DIR *folder = opendir(readers);
     for (struct dirent *one; folder && (one = readdir(folder));) {
         if (*one->d_name == '.') continue;
         int fd = open(text("%s/bells/%s", run_dir, one->d_name), O_WRONLY | O_NONBLOCK | O_CLOEXEC);
-        if (fd >= 0 && write(fd, news, 1) < 0 && errno != EAGAIN) perror(one->d_name);
+        if (fd >= 0 && write(fd, "\1", 1) < 0 && errno != EAGAIN) perror(one->d_name);
         if (fd >= 0) close(fd);
     }
     if (folder) closedir(folder);
@@ -187,7 +187,6 @@ static void listen_to(const char *ring) { /* an entry for `…/nav.pose.ring` in
     int folder = open(readers, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (fd < 0 || folder < 0 || futimens(folder, NULL) < 0) die("%s: %s", entry, strerror(errno));
     close(fd), close(folder);
-    ring_bells(text("%s/bells", run_dir), "\2"); /* writers list their readers again */
 }
 
 /* -- the application file [11] */
@@ -200,7 +199,7 @@ static void announce(void) {
     clock_gettime(CLOCK_REALTIME, &now[0]), now[1] = now[0];
     if (folder < 0 || futimens(folder, now) < 0) perror("apps");
     close(folder);
-    ring_bells(text("%s/apps.readers", shm_dir), "\1");
+    ring_bells(text("%s/apps.readers", shm_dir));
 }
 static int claim_file(int *instance) {
     for (*instance = 1; *instance < 64;) {
