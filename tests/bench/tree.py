@@ -26,7 +26,8 @@ VERSION_BYTES: Final = 4
 RUNS: Final = 5
 SEEDS: Final = 5
 PATTERNS: Final = (
-    "/*/g1/m3/*", "/p7/**", "/*/**/r7", "/*/*/m3/r7", "/*/g*/m1*/r1", "/*/{g0,g1}/m3/*", "/*/**/m3/**",
+    "/*/g1/m3/*", "/p7/**", "/*/**", "/*/**/r7", "/*/*/m3/r7", "/*/g*/m1*/r1", "/*/{g0,g1}/m3/*",
+    "/*/**/m3/**",
 )  # fmt: skip
 
 
@@ -110,7 +111,7 @@ def _queries() -> None:
             for _ in range(RUNS):
                 began = process_time()
                 chosen = trees.values() if first == "*" else [trees[first]]
-                count = sum(1 for index in chosen for _ in index.match(rest))
+                count = sum(len(index.match(rest)) for index in chosen)
                 took.append(process_time() - began)
             cold_ms, warm_ms = took[0] * 1e3, min(took[1:]) * 1e3
             print(f"{text:16} {title:18} {count:6} found: cold {cold_ms:7.2f} ms, warm {warm_ms:6.2f} ms")

@@ -333,11 +333,10 @@ class OperatorApi:
         limit = max(1, min(request.limit, LIMIT))
         entries: list[TreeEntry] = []
         more = 0
-        for platform, leaf in self._view.matching(wanted, rest, request.after):
-            if len(entries) < limit:
-                entries.append(self._view.entry(platform, leaf))
-            else:
-                more += 1
+        for platform, leaves in self._view.matching(wanted, rest, request.after):
+            shown = leaves[: limit - len(entries)]
+            entries += [self._view.entry(platform, leaf) for leaf in shown]
+            more += len(leaves) - len(shown)
         platforms = tuple(map(self._view.platform, self._view.platforms()))
         return TreeListing(tuple(entries), more, platforms)
 

@@ -1,6 +1,6 @@
 """Resources of all platforms as known to this node: descriptors, newest values, ages, qualities."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Final
 
 import msgspec
@@ -105,8 +105,8 @@ class TreeView:
         found = dict.fromkeys(path for index in self._indexes(self._own) for path in index.near(local))
         return list(found)[:HINTS]
 
-    def matching(self, wanted: Pattern, rest: str, after: str) -> Iterator[tuple[str, Leaf]]:
-        """Name and leaf of the resources that match, behind the path `after`. Raises: InvalidInput.
+    def matching(self, wanted: Pattern, rest: str, after: str) -> Iterator[tuple[str, list[Leaf]]]:
+        """The resources that match, by name, behind the path `after`. Raises: InvalidInput.
 
         The name is that of the platform; that of a computer where the pattern has a point.
         """
@@ -116,25 +116,24 @@ class TreeView:
                 continue
             if last is not None and names.natural(name) < names.natural(last):
                 continue
-            for leaf in self._matching(name, rest, last_local if name == last else ""):
-                yield name, leaf
+            yield name, self._matching(name, rest, last_local if name == last else "")
 
     def _computers(self) -> list[str]:
         found = {Address.parse(name).path for name in self._tree.replicas.platforms()}
         return sorted({self._tree.address.path, *found}, key=names.natural)
 
-    def _matching(self, name: str, rest: str, after: str) -> Iterable[Leaf]:
+    def _matching(self, name: str, rest: str, after: str) -> list[Leaf]:
         if name == self._tree.address.path:
             return self._tree.local.index.match(rest, after=after)
         if "." in name:
             indexes = [unit.index for unit in self._units_named(name) if unit.index is not None]
         else:
             indexes = self._indexes(name)
-        if len(indexes) <= 1:
-            return (leaf for index in indexes for leaf in index.match(rest, after=after))
+        if len(indexes) == 1:
+            return indexes[0].match(rest, after=after)
         found = {leaf.resource.path for index in indexes for leaf in index.match(rest, after=after)}
         places = (self._units.leaf(name, path) for path in sorted(found))
-        return (place[1] for place in places if place is not None)
+        return [place[1] for place in places if place is not None]
 
     def entry(self, name: str, leaf: Leaf) -> TreeEntry:
         """A resource of a platform or computer with age and quality of its value at this node."""

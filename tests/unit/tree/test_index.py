@@ -77,6 +77,14 @@ def test_the_digest_is_of_the_content_and_not_of_its_history() -> None:
     assert one.digest == other.digest
 
 
+def test_a_search_finds_the_newest_leaf_of_a_path_and_a_copy_keeps_its_own() -> None:
+    index = tree()
+    twin = index.copy()
+    assert index.put(board("nav/pose", unit="m"))
+    assert [item.resource.unit for item in index.match("nav/p*")] == ["m"]
+    assert [item.resource.unit for item in twin.match("nav/p*")] == [""]
+
+
 def test_lost_is_part_of_the_content() -> None:
     resource = Resource(path="nav/pose", type="Pose")
     assert leaf(resource).mark != leaf(resource, lost=True).mark
@@ -202,7 +210,7 @@ def test_copies_share_the_branches_that_neither_has_changed() -> None:
     try:
         further = template.copy()
         before, _ = tracemalloc.get_traced_memory()
-        further._paths.add("group2/own")
+        further.put(board("group2/own"))
         after, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -176,7 +176,7 @@ def test_resources_are_listed_over_platforms_in_order_and_from_a_path_on(tmp_pat
     def test(given: Seen) -> None:
         def paths(after: str = "") -> list[str]:
             found = given.view.matching(Pattern("*"), "{nav,power}/*", after)
-            return [f"/{platform}/{item.resource.path}" for platform, item in found]
+            return [f"/{platform}/{item.resource.path}" for platform, items in found for item in items]
 
         everything = ["/gcs/nav/pose", "/gcs/power/battery", "/uav1/nav/pose", "/uav1/power/battery"]
         assert paths() == everything

@@ -46,7 +46,7 @@ class Index:
 
     def __init__(self, leaves: Iterable[Leaf] = ()) -> None:
         self._leaves = {item.resource.path: item for item in leaves}
-        self._paths = PathTrie(self._leaves)
+        self._paths = PathTrie(sorted(self._leaves.items()))
         self.digest = 0
         """Equal for equal content, independent of the order of changes."""
         for item in self._leaves.values():
@@ -68,8 +68,7 @@ class Index:
             if old.mark == item.mark:
                 return False
             self.digest ^= old.mark
-        else:
-            self._paths.add(path)
+        self._paths.put(path, item)
         self._leaves[path] = item
         self.digest ^= item.mark
         return True
@@ -97,27 +96,28 @@ class Index:
         """Iterate over all leaves, in no particular order."""
         return iter(self._leaves.values())
 
-    def match(self, text: str, *, after: str = "") -> Iterator[Leaf]:
+    def match(self, text: str, *, after: str = "") -> list[Leaf]:
         """Leaves whose path matches, sorted by path; only those behind `after`.
 
         Raises: InvalidInput if the text is not a pattern.
         """
-        leaves = self._leaves
         if pattern(text).literal:
-            found = leaves.get(text)
-            if found is not None and text > after:
-                yield found
-            return
-        paths = self._paths.find(text)
-        for path in paths[bisect_right(paths, after) :] if after else paths:
-            yield leaves[path]
+            found = self._leaves.get(text)
+            return [found] if found is not None and text > after else []
+        leaves = self._paths.find(text)
+        return leaves[bisect_right(leaves, after, key=_path) :] if after else leaves
 
     def near(self, path: str) -> list[str]:
         """Paths similar to this one, best match first."""
         branch = path.rpartition("/")[0]
-        siblings = [one for one in self._paths.find(f"{branch}/**") if one != branch] if branch else []
+        below = map(_path, self._paths.find(f"{branch}/**")) if branch else ()
+        siblings = [one for one in below if one != branch]
         paths = sorted(self._leaves)[:5000]
         close = similar(path, siblings or paths, limit=HINTS, cutoff=0.6)
         if not close and siblings:
             close = similar(path, paths, limit=HINTS, cutoff=0.6) or siblings[:HINTS]
         return close
+
+
+def _path(item: Leaf) -> str:
+    return item.resource.path

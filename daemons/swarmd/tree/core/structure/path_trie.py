@@ -4,9 +4,10 @@ A copy shares all branches with its original until one of the two changes them: 
 have most of their branches in common.
 """
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from functools import lru_cache
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 from swarmware.model.names import Pattern
 
@@ -17,48 +18,63 @@ _MEMO_LIMIT: Final = 4096
 State = tuple[int, ...]
 """Numbers of the segments of a pattern that may match the next segment of a path, ascending."""
 
+T = TypeVar("T")
 
-class _Branch:
+
+class _Branch(Generic[T]):
     """The segments below one part of a path."""
 
-    __slots__ = ("branches", "editor", "leaves")
+    __slots__ = ("branches", "editor", "is_sorted", "leaves")
 
     def __init__(self, editor: object) -> None:
-        self.branches: dict[str, _Branch] = {}
-        self.leaves: dict[str, str] = {}
-        """Last segment → path."""
+        self.branches: dict[str, _Branch[T]] = {}
+        self.leaves: dict[str, T] = {}
+        """Last segment → value of the path."""
         self.editor = editor
         """The trie that may change this branch in place; of others it is a copy that is changed."""
+        self.is_sorted = True
+        """Whether both are in the order of the paths, so that a search need not sort what it finds."""
 
-    def copy(self, editor: object) -> "_Branch":
-        twin = _Branch(editor)
+    def copy(self, editor: object) -> "_Branch[T]":
+        twin = _Branch[T](editor)
         twin.branches = self.branches.copy()
         twin.leaves = self.leaves.copy()
+        twin.is_sorted = self.is_sorted
         return twin
 
+    def sort(self) -> None:
+        """Bring leaves and branches into the order of the paths: `/` is before all characters of names."""
+        self.leaves = dict(sorted(self.leaves.items(), key=_name))
+        self.branches = dict(sorted(self.branches.items(), key=_name))
+        self.is_sorted = True
 
-class PathTrie:
-    """A set of paths."""
+
+class PathTrie(Generic[T]):
+    """Values by path, found in the order of the paths."""
 
     __slots__ = ("_editor", "_root")
 
-    def __init__(self, paths: Iterable[str] = ()) -> None:
+    def __init__(self, items: Iterable[tuple[str, T]] = ()) -> None:
+        """`items`: fastest in the order of their paths."""
         self._editor = object()
-        self._root = _Branch(self._editor)
-        for path in paths:
-            self.add(path)
+        self._root = _Branch[T](self._editor)
+        for path, value in items:
+            self.put(path, value)
 
-    def copy(self) -> "PathTrie":
-        """A separate set of the same paths."""
-        twin = PathTrie()
+    def copy(self) -> "PathTrie[T]":
+        """A separate trie of the same paths and values."""
+        twin = PathTrie[T]()
         twin._root = self._root
         self._editor = object()  # from now on the branches are of both
         return twin
 
-    def add(self, path: str) -> None:
-        """Add a path to the set."""
+    def put(self, path: str, value: T) -> None:
+        """Add a path, or replace its value."""
         *above, last = path.split("/")
-        self._editable(above)[-1].leaves[last] = path
+        branch = self._editable(above)[-1]
+        if branch.is_sorted and last not in branch.leaves:
+            branch.is_sorted = not branch.leaves or next(reversed(branch.leaves)) < last
+        branch.leaves[last] = value
 
     def remove(self, path: str) -> None:
         """Remove a path that was added."""
@@ -70,7 +86,7 @@ class PathTrie:
                 break
             del parent.branches[segment]
 
-    def _editable(self, segments: list[str]) -> list[_Branch]:
+    def _editable(self, segments: list[str]) -> list[_Branch[T]]:
         """The root and the branches of these segments, which may be changed in place."""
         branch = self._root
         if branch.editor is not self._editor:
@@ -79,6 +95,8 @@ class PathTrie:
         for segment in segments:
             child = branch.branches.get(segment)
             if child is None:
+                if branch.is_sorted and branch.branches:
+                    branch.is_sorted = next(reversed(branch.branches)) < segment
                 child = branch.branches[segment] = _Branch(self._editor)
             elif child.editor is not self._editor:
                 child = branch.branches[segment] = child.copy(self._editor)
@@ -86,11 +104,12 @@ class PathTrie:
             found.append(branch)
         return found
 
-    def find(self, text: str) -> list[str]:
-        """The paths that match a pattern, sorted. Raises: InvalidInput when it is not a pattern."""
-        found = _search(text).collect(self._root)
-        found.sort()
-        return found
+    def find(self, text: str) -> list[T]:
+        """The values of the paths that match a pattern, in the order of the paths.
+
+        Raises: InvalidInput when it is not a pattern.
+        """
+        return _search(text).collect(self._root)
 
 
 class _Step:
@@ -120,16 +139,33 @@ class _Step:
         ends = [number for number in plain if last + 1 in _closed(segments, number + 1)]
         self.leaves = [_matcher(segments[number]) for number in ends]
         end_literals = {segments[number] for number in ends}
-        self.literal_leaves = None if any(map(_is_glob, end_literals)) else tuple(end_literals)
+        self.literal_leaves = None if any(map(_is_glob, end_literals)) else tuple(sorted(end_literals))
         """None: all leaves are checked."""
         every = is_deep or any(map(_is_glob, literals))
-        self.literal_branches = None if every else tuple(literals)
+        self.literal_branches = None if every else tuple(sorted(literals))
         """None: all branches are checked."""
         self.state = state
         self.branches: dict[str, _Step | None] = {}
         """Step after a segment, as far as it was seen; None: nothing below it matches."""
         self.names: dict[str, bool] = {}
         """Whether a path may end with a segment, as far as it was seen."""
+
+    def is_end(self, name: str) -> bool:
+        """Whether a path may end with a segment."""
+        known = self.names.get(name)
+        if known is None:
+            if len(self.names) >= _MEMO_LIMIT:
+                self.names.clear()
+            known = self.names[name] = any(matches(name) for matches in self.leaves)
+        return known
+
+    def ends(self, leaves: dict[str, T]) -> dict[str, T]:
+        """The leaves with which a path may end, in their order."""
+        if self.accepts_all:
+            return leaves
+        if self.literal_leaves is None:
+            return {name: value for name, value in leaves.items() if self.is_end(name)}
+        return {name: leaves[name] for name in self.literal_leaves if name in leaves}
 
 
 class _Search:
@@ -141,34 +177,49 @@ class _Search:
         self._steps: dict[State, _Step] = {}
         self._start = self._step(_closed(self._segments, 0))
 
-    def collect(self, root: _Branch) -> list[str]:
-        """The matching paths below a branch, in no particular order."""
-        found: list[str] = []
-        left = [(root, self._start)]
-        while left:
-            branch, step = left.pop()
-            if step.accepts_all:
-                _all_below(branch, found)
-                continue
-            leaves, branches, after = branch.leaves, branch.branches, step.branches
-            if step.literal_leaves is None:
-                found += [path for name, path in leaves.items() if _is_end(step, name)]
-            else:
-                for name in step.literal_leaves:
-                    if name in leaves:
-                        found.append(leaves[name])
-            if step.literal_branches is None:
-                for name, child in branches.items():
-                    following = after[name] if name in after else self._after(step, name)
-                    if following is not None:
-                        left.append((child, following))
-            else:
-                for name in step.literal_branches:
-                    if name in branches:
-                        following = after[name] if name in after else self._after(step, name)
-                        if following is not None:
-                            left.append((branches[name], following))
+    def collect(self, root: _Branch[T]) -> list[T]:
+        """The values of the matching paths below a branch, in the order of the paths."""
+        found: list[T] = []
+        self._collect(root, self._start, found)
         return found
+
+    def _collect(self, branch: _Branch[T], step: "_Step", found: list[T]) -> None:
+        """Most branches have either leaves or branches: those are read without another call."""
+        if not branch.is_sorted:
+            branch.sort()
+        if step.accepts_all and not branch.leaves:
+            for below in branch.branches.values():
+                if below.branches or not below.is_sorted:
+                    self._collect(below, step, found)
+                else:
+                    found += below.leaves.values()
+            return
+        leaves = step.ends(branch.leaves) if branch.leaves else {}
+        names, at, after = list(leaves), 0, step.branches
+        branches = branch.branches
+        for name in branches if step.literal_branches is None else step.literal_branches:
+            if (child := branches.get(name)) is None:
+                continue
+            following = after[name] if name in after else self._after(step, name)
+            if following is None:
+                continue
+            if names:  # `a` is before `a/c`, and that before `ab`
+                end = bisect_right(names, name, at)
+                found += [leaves[one] for one in names[at:end]]
+                at = end
+            if child.branches or not child.is_sorted:
+                self._collect(child, following, found)
+            elif following.accepts_all:
+                found += child.leaves.values()
+            elif following.literal_leaves is None:
+                is_end = following.is_end
+                found += [value for one, value in child.leaves.items() if is_end(one)]
+            else:
+                ends = child.leaves
+                for one in following.literal_leaves:
+                    if one in ends:
+                        found.append(ends[one])
+        found += [leaves[one] for one in names[at:]] if at else leaves.values()
 
     def _step(self, state: State) -> _Step:
         known = self._steps.get(state)
@@ -186,15 +237,6 @@ class _Search:
         state = tuple(sorted({number for one in reached for number in _closed(segments, one)}))
         following = step.branches[name] = self._step(state) if state else None
         return following
-
-
-def _is_end(step: _Step, name: str) -> bool:
-    known = step.names.get(name)
-    if known is None:
-        if len(step.names) >= _MEMO_LIMIT:
-            step.names.clear()
-        known = step.names[name] = any(matches(name) for matches in step.leaves)
-    return known
 
 
 @lru_cache(maxsize=256)
@@ -223,7 +265,5 @@ def _matcher(segment: str) -> Callable[[str], bool]:
     return Pattern(segment).matches
 
 
-def _all_below(branch: _Branch, found: list[str]) -> None:
-    found += branch.leaves.values()
-    for child in branch.branches.values():
-        _all_below(child, found)
+def _name(item: tuple[str, object]) -> str:
+    return item[0]
