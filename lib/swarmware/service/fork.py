@@ -88,11 +88,32 @@ def request_fork(
     The process has this environment, and the working directory, output and network of this process.
     """
     shared = os.environ.get(VARIABLE)
+    server = shared or os.path.join(run_dir, FOLDER, SOCKET)
+    return request_fork_of(server, names, config_dir, variables, shared=bool(shared))
+
+
+def request_fork_of(
+    server: str,
+    names: list[str],
+    config_dir: Path,
+    variables: dict[str, str],
+    *,
+    shared: bool,
+    output: int = 1,
+    errors: int = 2,
+    answer_s: float | None = None,
+) -> StartedProcess | None:
+    """Request a process of these services from the fork server with this socket; None: it does not answer.
+
+    The process has this environment, these descriptors for its output, and the working directory and network
+    of this process. `shared`: a server that hangs is not killed; `answer_s`: ANSWER_S unless it is given.
+    """
     asking = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_CLOEXEC)
     try:
-        asking.settimeout(ANSWER_S)
-        asking.connect(shared or os.path.join(run_dir, FOLDER, SOCKET))
-        _send(asking, [os.fspath(config_dir), os.getcwd(), str(len(names)), *names], variables)
+        asking.settimeout(ANSWER_S if answer_s is None else answer_s)
+        asking.connect(server)
+        words = [os.fspath(config_dir), os.getcwd(), str(len(names)), *names]
+        _send(asking, words, variables, output, errors)
         pid = int(asking.recv(MESSAGE_BYTES) or b"0")
     except TimeoutError:
         if not shared:  # a shared one is only slow: other nodes are being started
@@ -107,14 +128,16 @@ def request_fork(
     return StartedProcess(pid, asking)
 
 
-def _send(asking: socket.socket, words: list[str], variables: dict[str, str]) -> None:
-    """Sends a request with the output and the network of this process. Raises: OSError, OutOfRange."""
+def _send(
+    asking: socket.socket, words: list[str], variables: dict[str, str], output: int, errors: int
+) -> None:
+    """Sends a request with these descriptors and the network of this process. Raises: OSError, OutOfRange."""
     text = os.fsencode("\0".join([*words, *(f"{key}={value}" for key, value in variables.items())]))
     if len(text) > REQUEST_BYTES:
         raise OutOfRange(f"an environment of {len(text)} bytes; expected at most {REQUEST_BYTES}")
     network = os.open(_OWN_NETWORK, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        files = b"".join(fd.to_bytes(4, sys.byteorder) for fd in (1, 2, network))
+        files = b"".join(fd.to_bytes(4, sys.byteorder) for fd in (output, errors, network))
         asking.sendmsg([text], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, files)])
     finally:
         os.close(network)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 LOCKS = {"boot", "master.lock"}
 """Files that persist: they contain the numbers of the node's last start and of its last master."""
+FORK_SERVERS: set[int] = set()
+"""Processes that fork for this one: their child processes count as its own."""
 
 
 @contextmanager
@@ -29,19 +31,20 @@ def no_leaks(*folders: Path) -> Iterator[None]:
 
 def _state() -> dict[str, set[str]]:
     return {
-        "children": _children(),
+        "children": {str(pid) for parent in (os.getpid(), *FORK_SERVERS) for pid in children(parent)},
         # asyncio's thread that waited for a child ends a moment after the child
         "threads": {t.name for t in threading.enumerate() if not t.name.startswith("asyncio-waitpid")},
         "descriptors": set(_descriptors()),
     }
 
 
-def _children() -> set[str]:
-    pid = os.getpid()
-    found: set[str] = set()
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(FileNotFoundError):  # a thread that ended a moment ago
-            found |= set((task / "children").read_text().split())
+def children(pid: int) -> set[int]:
+    """Child processes of a process; none of one that has ended."""
+    found: set[int] = set()
+    with suppress(FileNotFoundError):  # a process or thread that ended a moment ago
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            with suppress(FileNotFoundError, ProcessLookupError):
+                found |= {int(child) for child in (task / "children").read_text().split()}
     return found
 
 

@@ -6,12 +6,13 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.service.notify import NotificationSocket
+from swarmware.testing.forked import ForkedChild, fork_server
 
 READY_S = 20.0
 """Time-out for the start of a process on a loaded machine, in seconds."""
@@ -21,7 +22,7 @@ END_S = 10.0
 class Process:
     """One child process; its standard error is kept for the message of a failure."""
 
-    def __init__(self, child: asyncio.subprocess.Process, errors: Path, what: str) -> None:
+    def __init__(self, child: asyncio.subprocess.Process | ForkedChild, errors: Path, what: str) -> None:
         self._child = child
         self._errors = errors
         self._what = what
@@ -89,7 +90,7 @@ class Process:
 @asynccontextmanager
 async def run_python(*args: str, env: Mapping[str, str] | None = None) -> AsyncIterator[Process]:
     """A Python process with these arguments, which ends with the block."""
-    with tempfile.NamedTemporaryFile(prefix="swarm-test-", suffix=".err") as errors:
+    with _errors() as errors:
         child = await asyncio.create_subprocess_exec(
             sys.executable,
             *args,
@@ -112,20 +113,49 @@ async def run_python(*args: str, env: Mapping[str, str] | None = None) -> AsyncI
 
 @asynccontextmanager
 async def spawn(
-    config_dir: Path, *names: str, ready_s: float = READY_S, env: Mapping[str, str] | None = None
+    config_dir: Path,
+    *names: str,
+    ready_s: float = READY_S,
+    env: Mapping[str, str] | None = None,
+    forked: bool = True,
 ) -> AsyncIterator[Process]:
     """Run `swarmd run NAMES`, or `swarmd node` without names; enter the block at READY, end it by SIGTERM.
 
+    The services are forked if the test has a fork server (`swarmware.testing.forked`), unless `forked` is
+    false or `env` has variables, which a new interpreter may read.
+
     Raises: SwarmError when it ends before it is ready, or takes too long.
     """
-    args = ["run", *names] if names else ["node"]
     with contextlib.closing(NotificationSocket()) as notifications:
-        command = ["-m", "swarmd", *args, "--config", str(config_dir)]
-        async with run_python(
-            *command, env={**(env or {}), "NOTIFY_SOCKET": notifications.address}
-        ) as process:
+        variables = {**(env or {}), "NOTIFY_SOCKET": notifications.address}
+        started = _services(config_dir, names, variables, forked=forked and not env)
+        async with started as process:
             await _ready(process, notifications, ready_s)
             yield process
+
+
+@asynccontextmanager
+async def _services(
+    config_dir: Path, names: Sequence[str], variables: Mapping[str, str], *, forked: bool
+) -> AsyncIterator[Process]:
+    args = ["-m", "swarmd", *(["run", *names] if names else ["node"]), "--config", str(config_dir)]
+    if forked and names and (server := fork_server(names)) is not None:
+        with _errors() as errors:
+            everything = {**os.environ, **variables}
+            async with server.child(names, config_dir, everything, errors.fileno()) as child:
+                if child is not None:
+                    process = Process(child, Path(errors.name), " ".join(args))
+                    try:
+                        yield process
+                    finally:
+                        await process.end()
+                    return
+    async with run_python(*args, env=variables) as process:
+        yield process
+
+
+def _errors() -> "tempfile._TemporaryFileWrapper[bytes]":
+    return tempfile.NamedTemporaryFile(prefix="swarm-test-", suffix=".err")
 
 
 async def _ready(process: Process, notifications: NotificationSocket, timeout_s: float) -> None:

@@ -50,7 +50,7 @@ def test_every_configuration_file_of_the_former_version_is_accepted(config: Path
 async def test_settings_keep_their_values_and_may_be_undone(config: Path) -> None:
     async with Module("reader", config_dir=config) as module:
         readers = {name: module.reader(f"config/navigator/{name}", Float) for name in SETTINGS}
-        async with spawn(config, "tree"):
+        async with spawn(config, "tree", forked=False):
             for name, (default, value) in SETTINGS.items():
                 assert await readers[name].changed(timeout_s=PATIENCE_S) == Float(value)
                 path = f"/uav1/config/navigator/{name}"
@@ -69,7 +69,7 @@ async def test_logs_are_read_and_continued(config: Path) -> None:
     assert len(before) == ENTRIES
     async with Module("source", config_dir=config) as module:
         board = module.writer("test/value", Float, log="all")
-        async with spawn(config, "logger"):
+        async with spawn(config, "logger", forked=False):
             board.write(Float(1.5))
             await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=PATIENCE_S)
     after = logged(folder)
