@@ -54,13 +54,20 @@ def cut(feed: Feed) -> None:
     assert [item.sequence for item in feed.take(0, 1, 0)] == [0]
 
 
+def arrive(feed: Feed, now_ns: int) -> list[int]:
+    """The newest value is sent, and acknowledged."""
+    sent = [item.sequence for item in feed.take(now_ns, 1, EVERYTHING)]
+    feed.on_acknowledged()
+    return sent
+
+
 def test_after_an_outage_the_newest_value_is_the_board_and_former_ones_follow_newest_first() -> None:
     feed = board()
     cut(feed)
     write(feed, 1, 50)
     feed.requeue([value(0, 0)])
     assert feed.waiting[0] == 51
-    assert [item.sequence for item in feed.take(5 * S, 1, EVERYTHING)] == [50]
+    assert arrive(feed, 5 * S) == [50]
     assert [sequence for _, sequence in drained(feed, 5 * S, 5 * S)] == list(range(49, -1, -1))
     assert feed.waiting == (0, 0)
     assert feed.lost == 0
@@ -90,6 +97,7 @@ def test_the_oldest_is_dropped_beyond_the_bytes_or_the_age_and_counted() -> None
         assert feed.waiting[0] == kept + 1
         assert feed.lost == 49 - kept
         now_ns = 49 * S // 10
+        arrive(feed, now_ns)
         assert [sequence for _, sequence in drained(feed, now_ns, now_ns)] == list(range(49, 49 - kept, -1))
 
 
@@ -97,6 +105,7 @@ def test_what_became_too_old_before_the_return_is_dropped() -> None:
     feed = board(ChannelSettings(buffer_s=2.0))
     cut(feed)
     write(feed, 1, 10)
+    arrive(feed, 60 * S)
     assert drained(feed, 60 * S, 60 * S) == []
     assert feed.lost == 9
 
@@ -109,6 +118,7 @@ def test_a_limit_of_the_rate_holds_for_what_is_kept_and_it_is_sent_at_twice_that
     cut(feed)
     write(feed, 1, 20 * written_hz, written_hz)
     assert feed.waiting[0] == pytest.approx(20 * max_hz, abs=2)
+    arrive(feed, 20 * S)
     sent = drained(feed, 20 * S, 25 * S)
     assert len(sent) == pytest.approx(5 * CATCH_UP * max_hz, abs=2)
     written_s = [sequence / written_hz for _, sequence in sent]
@@ -135,8 +145,8 @@ def test_what_does_not_differ_is_not_kept() -> None:
     feed.take(0, 1, EVERYTHING)
     for sequence, number in enumerate((1, 1, 1, 2, 2, 3), 1):
         feed.offer(value(sequence, sequence * S, bytes((0x91, number))))
-    assert feed.history is not None
-    assert [item.sequence for item in feed.history.take(9 * S, 32, EVERYTHING)] == [4, 1]
+    arrive(feed, 9 * S)
+    assert [sequence for _, sequence in drained(feed, 9 * S, 9 * S)] == [4, 1]
 
 
 def test_a_value_that_failed_is_kept_unless_it_is_still_the_newest() -> None:
@@ -148,8 +158,51 @@ def test_a_value_that_failed_is_kept_unless_it_is_still_the_newest() -> None:
     feed.take(2 * S, 1, EVERYTHING)
     feed.offer(value(2, 2 * S))
     feed.requeue([first])
-    assert [item.sequence for item in feed.take(3 * S, 1, EVERYTHING)] == [2]
+    assert arrive(feed, 3 * S) == [2]
     assert [sequence for _, sequence in drained(feed, 3 * S, 3 * S)] == [1]
+
+
+def test_former_values_wait_until_a_newer_one_has_arrived_and_again_after_it_has_failed() -> None:
+    feed = board()
+    cut(feed)
+    write(feed, 1, 20)
+    feed.requeue([value(0, 0)])
+    assert drained(feed, 2 * S, 2 * S) == [], "the newest one is not sent yet"
+    under_way = feed.take(2 * S, 1, EVERYTHING)
+    assert drained(feed, 2 * S, 2 * S) == [], "nor has it arrived"
+    feed.on_acknowledged()
+    assert feed.history is not None
+    assert [item.sequence for item in feed.history.take(2 * S, 2, EVERYTHING)] == [19, 18]
+    feed.offer(value(21, 3 * S))
+    under_way = feed.take(3 * S, 1, EVERYTHING)
+    assert [item.sequence for item in feed.history.take(3 * S, 2, EVERYTHING)] == [17, 16]
+    feed.requeue(under_way)
+    assert drained(feed, 3 * S, 3 * S) == [], "the link is cut again"
+    assert arrive(feed, 4 * S) == [21]
+    assert [sequence for _, sequence in drained(feed, 4 * S, 4 * S)] == list(range(15, -1, -1))
+
+
+def test_former_values_of_a_board_that_always_has_one_under_way_follow_those_that_have_arrived() -> None:
+    feed = board()
+    cut(feed)
+    followed = []
+    for first in range(1, 31, 3):  # the round trip is that of three values
+        write(feed, first, first + 2)
+        feed.on_acknowledged()
+        followed += [sequence for _, sequence in drained(feed, first * S, first * S)]
+        feed.take(first * S, 1, EVERYTHING)
+    assert followed == [sequence for first in range(1, 28, 3) for sequence in (first + 1, first)]
+
+
+def test_former_values_follow_when_the_newest_one_equals_what_the_subscriber_has() -> None:
+    feed = board()
+    write(feed, 0, 0)
+    arrive(feed, 0)
+    write(feed, 1, 3)
+    assert drained(feed, S, S) == []
+    feed.offer(value(4, S, b"%08d" % 0))
+    assert feed.due_ns() is None, "the newest one is not sent again"
+    assert [sequence for _, sequence in drained(feed, S, S)] == [3, 2, 1]
 
 
 def test_without_its_buffer_a_board_drops_what_waits_and_counts_it() -> None:
@@ -213,10 +266,13 @@ def test_the_receiver_keeps_former_values_apart_from_the_board() -> None:
     away(both, 2)
     both.meet()
     both.trees["gcs"].drain()
-    gcs = both.trees["gcs"].core
-    sent = [action.notify for action in both.trees["uav1"].drain() if isinstance(action, SendNotify)]
-    found = [action for notify in sent for action in gcs.on_notify(notify, both.now_ns)]
-    written = [action for action in found if isinstance(action, WriteMirror)]
+    uav, gcs = both.trees["uav1"], both.trees["gcs"].core
+    written: list[WriteMirror] = []
+    while sent := [action.notify for action in uav.drain() if isinstance(action, SendNotify)]:
+        for notify in sent:
+            found = gcs.on_notify(notify, both.now_ns)
+            written += [action for action in found if isinstance(action, WriteMirror)]
+            uav.on_notified("gcs", notify, True, both.now_ns)
     assert [(one.item.sequence, one.late) for one in written[:2]] == [(20, False), (19, True)]
     assert [one.late for one in written].count(False) == 1
     assert len(written) == 20
@@ -251,6 +307,21 @@ def test_former_values_that_a_busy_link_does_not_carry_do_not_end_the_subscripti
     assert uav.subscribers.platforms() == ["gcs"]
     both.wait(10)
     assert sorted(item.sequence for item in both.received["gcs"]) == list(range(1, 21))
+
+
+def test_nothing_goes_beside_the_newest_value_after_an_outage_that_was_too_short_to_be_seen() -> None:
+    both = buffered(buffer_s=60.0)
+    uav = both.trees["uav1"]
+    begin_ns, lost = both.now_ns, []
+    for sequence in range(1, 31):
+        both.now_ns = begin_ns + sequence * S // 10
+        uav.on_value(value(sequence, both.now_ns), both.now_ns)
+        lost += [action.notify for action in uav.drain() if isinstance(action, SendNotify)]
+    assert [[item.sequence for item in notify.items] for notify in lost] == [[1]]
+    assert {notify.lane for notify in lost} == {LaneNumber.BOARDS}
+    uav.on_notified("gcs", lost[0], False, both.now_ns)
+    both.wait(5)
+    assert [item.sequence for item in both.received["gcs"]] == [30, *range(29, 0, -1)]
 
 
 class BoardOwner(Owner):

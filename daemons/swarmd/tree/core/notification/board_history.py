@@ -1,6 +1,6 @@
 """Former values of one board for one subscriber: what could not be sent, kept within bytes and seconds."""
 
-from bisect import insort
+from bisect import bisect_right, insort
 from operator import attrgetter
 from typing import Final
 
@@ -10,14 +10,17 @@ from swarmware.model.resource import Resource
 from swarmware.types.tree import TreeItem
 
 _STAMP: Final = attrgetter("stamp_ns")
+NEVER_NS: Final = -(1 << 62)
+"""Before all stamps."""
 
 
 class BoardHistory:
-    """Keeps the values that an undisturbed link would have sent; the newest of them is sent first."""
+    """Keeps the values that an undisturbed link would have sent. None is sent before a newer one has arrived;
+    of those that may be sent, the newest goes first."""
 
     __slots__ = (
-        "_interval_ns", "_items", "_kept_data", "_kept_ns", "_sent_ns", "_size", "channel", "deadband",
-        "dropped", "resource",
+        "_arrived_ns", "_interval_ns", "_items", "_kept_data", "_kept_ns", "_sent_ns", "_size", "channel",
+        "deadband", "dropped", "resource",
     )  # fmt: skip
 
     latest_only: Final = True
@@ -35,9 +38,12 @@ class BoardHistory:
         self._size = 0
         """Bytes of values in them."""
         self._kept_data: bytes | None = None
-        self._kept_ns = -(1 << 62)
+        self._kept_ns = NEVER_NS
         """Payload and instant of the value that was sent or kept last."""
-        self._sent_ns = -(1 << 62)
+        self._arrived_ns = NEVER_NS
+        """Stamp up to which values are sent: a newer one has arrived. Without this bound they would travel
+        beside the newest one, in an outage too short to be seen before it, and hold it up on a slow link."""
+        self._sent_ns = NEVER_NS
         self.dropped = 0
         """Values that were dropped from the full buffer, or became too old in it."""
 
@@ -54,6 +60,19 @@ class BoardHistory:
     def on_sent(self, item: TreeItem) -> None:
         """A newest value was sent."""
         self._kept_data, self._kept_ns = item.data, max(self._kept_ns, item.stamp_ns)
+
+    def on_arrived(self, item: TreeItem) -> None:
+        """A newest value has arrived: older ones may follow."""
+        self._arrived_ns = max(self._arrived_ns, item.stamp_ns)
+
+    def on_settled(self) -> None:
+        """The subscriber has the newest value: all others may follow."""
+        if self._items:
+            self._arrived_ns = max(self._arrived_ns, self._items[-1].stamp_ns)
+
+    def on_failed(self) -> None:
+        """A newest value did not arrive: the next one goes before all others again."""
+        self._arrived_ns = NEVER_NS
 
     def on_superseded(self, item: TreeItem, next_ns: int) -> None:
         """A value that waited was replaced by one with the stamp `next_ns`.
@@ -89,9 +108,11 @@ class BoardHistory:
         self.dropped += 1
 
     def due_ns(self) -> int | None:
-        """When the next values are due; None: none wait, or nothing may be sent."""
+        """When the next values are due; None: none wait, or none may be sent."""
         pace_ns = self.channel.catch_up_ns
-        return None if not self._items or pace_ns is None else self._sent_ns + pace_ns
+        if pace_ns is None or not self._items or self._items[0].stamp_ns > self._arrived_ns:
+            return None
+        return self._sent_ns + pace_ns
 
     def take(self, now_ns: int, limit: int, room: int) -> list[TreeItem]:
         """Take values to be sent, at most `limit` and about `room` bytes: the newest first."""
@@ -100,8 +121,10 @@ class BoardHistory:
             limit = min(limit, max(1, min(now_ns - self._sent_ns, BURST_NS) // pace_ns))
         self._sent_ns = now_ns
         taken: list[TreeItem] = []
-        while self._items and len(taken) < limit and (room > 0 or not taken):
-            taken.append(self._items.pop())
+        sendable = bisect_right(self._items, self._arrived_ns, key=_STAMP)
+        while sendable and len(taken) < limit and (room > 0 or not taken):
+            sendable -= 1
+            taken.append(self._items.pop(sendable))
             room -= len(taken[-1].data)
         self._size -= sum(len(item.data) for item in taken)
         return taken

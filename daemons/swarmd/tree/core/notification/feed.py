@@ -73,8 +73,8 @@ class Feed:
         self._sent_ns = -(1 << 62)
         self._size = 0
         """Bytes of values in the queue."""
-        self._in_flight = False
-        """Of a board: a value is unacknowledged, the next one waits for it."""
+        self._in_flight: TreeItem | None = None
+        """Of a board: the unacknowledged value; the next one waits for it."""
         self.dropped = 0
         """Items that were dropped from the full queue, or became too old in it."""
         self.held_back = 0
@@ -147,6 +147,7 @@ class Feed:
         changed = self._sent is None or self._each or differs(self._sent, item.data, self.rule.deadband)
         # else a value that is equal to the last sent one again is not sent
         self._pending = item if changed else None
+        self._settle_history()
 
     def _push(self, item: TreeItem) -> None:
         self._queue.append(item)
@@ -193,14 +194,16 @@ class Feed:
 
     def reset(self) -> None:
         """Send the newest value again: the subscriber has lost its values."""
-        self._in_flight = False
+        self._in_flight = None
         self._sent = None
         self._sent_ns = -(1 << 62)
         self._pending = self._newest
+        if self.history is not None:
+            self.history.on_failed()
 
     def due_ns(self) -> int | None:
         """When the next item is due; None: none is."""
-        if self._in_flight or self._limit_ns is None:
+        if self._in_flight is not None or self._limit_ns is None:
             return None
         if self._pending is not None or self._queue:
             return self._sent_ns + max(self._interval_ns, self._limit_ns)
@@ -215,7 +218,7 @@ class Feed:
             if item is None:
                 return []
             self._pending = None
-            self._in_flight = True
+            self._in_flight = item
             self._sent, self._sent_ns = item.data, now_ns
             if self.history is not None:
                 self.history.on_sent(item)
@@ -233,15 +236,23 @@ class Feed:
 
     def on_acknowledged(self) -> None:
         """The items taken last were acknowledged."""
-        self._in_flight = False
+        arrived, self._in_flight = self._in_flight, None
+        if self.history is not None and arrived is not None:
+            self.history.on_arrived(arrived)
+        self._settle_history()
+
+    def _settle_history(self) -> None:
+        if self.history is not None and self._pending is None and self._in_flight is None:
+            self.history.on_settled()
 
     def requeue(self, items: list[TreeItem]) -> None:
         """Return items that were not delivered to the queue."""
-        self._in_flight = False
+        self._in_flight = None
         if self.latest_only:
             self._sent = None
             self._pending = self._newest
             if self.history is not None:
+                self.history.on_failed()
                 self.history.requeue([item for item in items if item is not self._newest])
             return
         self._queue.extendleft(reversed(items))
