@@ -41,6 +41,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",
         "units": "Run the services of each vehicle, or of those named (a,b), on three computers.",
         "airframe": "Airframe of the air vehicles, or of those named: helicopter, uav1=fixed_wing.",
+        "services": "Further services of every node: files, video, or one that is installed.",
         "mongodb": "Forward all logs to this database as well.",
     }
     options = (
@@ -58,6 +59,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         ),
         click.option("--units", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["units"]),
         click.option("--airframe", multiple=True, metavar="[NAMES=]AIRFRAME", help=about["airframe"]),
+        click.option("--service", "services", multiple=True, metavar="NAME", help=about["services"]),
         click.option("--mongodb", "mongodb_uri", default="", metavar="URI", help=about["mongodb"]),
     )
 

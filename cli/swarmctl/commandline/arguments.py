@@ -7,7 +7,6 @@ PATHS: Final = "`*` matches in one segment, `**` at any depth, `{a,b}` alternati
 ARGUMENTS: Final = {
     "condition": "As in missions: fields of the resource, <, ==, and, or, not, age(); in quotes.",
     "experiment": "The swarm: formation.",
-    "file": "A file of live settings, as `config dump` writes it.",
     "folder": "Folder of a run, as `lab run` printed it.",
     "hosts_file": "File of hosts, see the page of the reference.",
     "key": "Key SERVICE/NAME or a pattern of keys; none: all.",
@@ -46,6 +45,8 @@ ARGUMENTS: Final = {
     "wait path": "/PLATFORM/RESOURCE, which may not exist yet; the platform may be a pattern.",
     "traffic set pattern": f"RESOURCE, or a pattern: {PATHS}",
     "health clear pattern": f"Name of a check, such as age/nav/pose, or a pattern: {PATHS}",
+    "file send file": "File of this computer.",
+    "file get name": "Name of the file at the node, as `file ls` shows it.",
     "fleet exec words": "Command and its arguments, behind --; they reach the host as they are.",
     "config diff other": "File of `config dump`, or the platform to compare with.",
     "config load file": "File of `config dump`.",

@@ -114,6 +114,8 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     """World of the vehicles; empty: that of the experiment."""
     airframes: dict[str, str] = {}
     """Airframes by air vehicle; of others motion is simulated without one."""
+    services: tuple[str, ...] = ()
+    """Services of every node beside the usual ones."""
 
     def node(self, platform: str) -> LabNode:
         """The node of that platform.

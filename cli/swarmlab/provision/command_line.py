@@ -23,6 +23,8 @@ def run_command(spec: LabSpec, duration_s: float, out_dir: Path) -> str:
         words += ["--units", spec.units]
     for airframe in spec.airframe:
         words += ["--airframe", airframe]
+    for service in spec.services:
+        words += ["--service", service]
     if spec.mongodb_uri:
         words += ["--mongodb", without_password(spec.mongodb_uri)]
     return shlex.join([*words, "--duration", f"{duration_s:g}", "--out", str(out_dir)])

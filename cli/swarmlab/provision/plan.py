@@ -1,7 +1,7 @@
 """The nodes of a lab: names, kinds and simulated clocks, from the number of nodes and a seed."""
 
 import random
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Final
 
 import msgspec
@@ -122,6 +122,22 @@ def airframes(specs: Sequence[str], who: tuple[PlannedNode, ...]) -> dict[str, s
         names, _, airframe = spec.rpartition("=")
         found |= dict.fromkeys(_named("--airframe", names, known), airframe)
     return found
+
+
+def extra_services(named: Sequence[str], usual: Collection[str]) -> tuple[str, ...]:
+    """Services of every node beside the usual ones, each once.
+
+    Raises: InvalidInput for a name that is not installed.
+    """
+    if not named:
+        return ()
+    from swarmware.service.installed import installed  # most labs have the usual services alone
+
+    for name in named:
+        if name not in installed():
+            further = ", ".join(sorted(installed().keys() - usual))
+            raise InvalidInput(f"--service {name}: not installed; expected one of {further}")
+    return tuple(name for name in dict.fromkeys(named) if name not in usual)
 
 
 def start_order(platforms: Sequence[str], seed: int) -> list[str]:

@@ -87,6 +87,8 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     airframe: tuple[str, ...] = ()
     """Airframes of air vehicles: `helicopter` for all, `uav1,uav2=fixed_wing` for those."""
     mongodb_uri: str = ""
+    services: tuple[str, ...] = ()
+    """Services of every node beside the usual ones."""
 
 
 def make(spec: LabSpec) -> LabState:
@@ -103,6 +105,7 @@ def make(spec: LabSpec) -> LabState:
     distributed = plan.distributed(spec.units, who)
     airframes = plan.airframes(spec.airframe, who)
     models = {name: load_airframe(share_dir(), name) for name in set(airframes.values())}
+    extra = plan.extra_services(spec.services, {*VEHICLE, *OF_UNIT["nav"], *OF_UNIT["fc"]})
     circles = any(model.type == "fixed_wing" for model in models.values())
     folder = _claim(spec)
     try:
@@ -138,6 +141,7 @@ def make(spec: LabSpec) -> LabState:
             unit_delay_ms=spec.unit_delay_ms,
             world=AIRFIELD if circles else "",
             airframes=airframes,
+            services=extra,
         )
         labs.save(lab)
         keys = folder / "keys"
@@ -295,6 +299,10 @@ def services(lab: LabState) -> list[str]:
 
 def _names(lab: LabState, node: LabNode) -> tuple[str, ...]:
     """Names of the services of a node."""
+    return (*_usual_names(lab, node), *lab.services)
+
+
+def _usual_names(lab: LabState, node: LabNode) -> tuple[str, ...]:
     if node.kind == PlatformKind.GCS:
         return STATION
     address = Address.parse(node.platform)

@@ -22,6 +22,8 @@ from swarmware.types.tree import TreeChange, TreeListing
 
 PATH: Final = "net/limits"
 """The board that changes, in the record."""
+NO_RULE: Final = "no rule"
+"""In the record: operators have set none."""
 TREE_S: Final = 0.5
 """For the answer of this node's tree: a change is effective within a second."""
 
@@ -39,6 +41,8 @@ class ChannelApi:
         self._changes = module.stream_writer(
             "net/changes", TreeChange, kind="event", description="Changes of channels by operators"
         )
+        self._written = ""
+        """The rules of operators as they were published last."""
         self._write()
 
     def serve(self) -> None:
@@ -68,7 +72,7 @@ class ChannelApi:
 
     def _serve_undo(self, _request: UndoChannel, meta: Meta) -> ChannelLimits:
         with self._recorded(meta, "undo"):
-            self._table.undo()
+            self._table.undo(self._module.now_ns())
             self._store.keep()
         return self._write()
 
@@ -81,7 +85,7 @@ class ChannelApi:
     @contextmanager
     def _recorded(self, meta: Meta, change: str) -> Iterator[None]:
         """Records a change that is made in the meantime, or its refusal."""
-        before = self._text()
+        before = _text(self._table.limits(self._module.now_ns()))
         shown = names.join(self._module.platform, PATH)
         by, via = requester(self._module, meta), () if meta.sender is None else meta.sender.via
         try:
@@ -89,16 +93,20 @@ class ChannelApi:
         except SwarmError as error:
             self._changes.write(TreeChange(shown, by, before, change, str(error), via))
             raise
-        self._changes.write(TreeChange(shown, by, before, self._text(), via=via))
+        after = _text(self._table.limits(self._module.now_ns()))
+        self._changes.write(TreeChange(shown, by, before, after, via=via))
 
-    def _text(self) -> str:
-        """The rules of operators, one after the other."""
-        rules = self._table.limits(self._module.now_ns()).limits
-        return ", ".join(str(rule) for rule in rules if not rule.from_file)
+    def on_time_over(self) -> None:
+        """Publishes and records what is in force after the time of a rule is over."""
+        before, module = self._written, self._module
+        self._write()
+        path = names.join(module.platform, PATH)
+        self._changes.write(TreeChange(path, f"{module.name}@{module.platform}", before, self._written))
 
     def _write(self) -> ChannelLimits:
         limits = self._table.limits(self._module.now_ns())
         self._limits.write(limits)
+        self._written = _text(limits)
         return limits
 
     def _resources(self) -> list[Resource]:
@@ -114,3 +122,8 @@ class ChannelApi:
             for entry in node.table
             for each in entry.provides
         ]
+
+
+def _text(limits: ChannelLimits) -> str:
+    """The rules of operators, one after the other."""
+    return ", ".join(str(rule) for rule in limits.limits if not rule.from_file) or NO_RULE

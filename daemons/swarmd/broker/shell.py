@@ -14,6 +14,7 @@ from swarmd.broker.core.action import (
     AdoptSession,
     ContinueSequence,
     KeepMirrors,
+    LimitEnded,
     MediumChanged,
     PollInputs,
     ProveSession,
@@ -25,7 +26,6 @@ from swarmd.broker.core.action import (
     ReportSlowdown,
     SendBeacon,
     WriteClockSamples,
-    WriteLimits,
     WriteMirrors,
     WriteStructure,
 )
@@ -233,8 +233,8 @@ class BrokerShell:
                 self._transport.resume(action.hw, action.session, action.sequence)
             case ProveSession():
                 self._gateway.prove(action.hw, action.session)
-            case WriteLimits():
-                self._boards.limits.write(action.limits)
+            case LimitEnded():
+                self._channel_api.on_time_over()
             case ReportDuplicate():
                 self._report_duplicate(action)
             case ReportDuplicateGone():

@@ -126,3 +126,22 @@ async def test_a_payload_link_alone_makes_no_neighbour(tmp_path: Path) -> None:
         counted = await found["uav1"].until_counted(lambda traffic: traffic.received_datagrams >= 10)
         assert found["uav1"].states() == {}
         assert counted.refused.malformed == 0
+
+
+@on_uvloop
+async def test_a_node_with_two_networks_and_one_with_the_first_alone_are_neighbours_also_after_a_restart(
+    tmp_path: Path,
+) -> None:
+    second = {"name": "radio2", "interface": "127.0.0.1", "udp_port": free_port()}
+    async with swarm(tmp_path, *NAMES, settings={"uav1": {"network": [second]}}) as found:
+        one, other = found["uav1"], found["uav2"]
+        inbox = other.app.inbox("cmd/order", Text)
+        for order in ("first", "second"):
+            await one.until_up("uav2")
+            await other.until_up("uav1")
+            await until_up(one, "main")
+            await one.until(lambda: chosen(one) == "main", one.neighbours)
+            assert await one.app.send("/uav2/cmd/order", Text(order), timeout_s=PATIENCE_S)
+            assert (await anext(inbox)).value == order
+            await one.stop()
+            await one.start()

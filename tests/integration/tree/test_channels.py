@@ -95,16 +95,19 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             assert answer.limits == ()
             after = [s for s, _ in await collect(reader, undone_ns + 2 * S) if s > undone_ns + S]
             assert len(after) > 3 * 10, "more than the limit has let through"
+            await ask(gcs, "set_channel", SetChannel("sensor/*", ChannelSettings(20.0), for_s=0.1))
         finally:
             writing.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await writing
         async with asyncio.timeout(PATIENCE_S):
-            first, second = [await anext(changes) for _ in range(2)]
+            first, second, third, over = [await anext(changes) for _ in range(4)]
         assert first.by.endswith("@gcs")
         assert "sensor/* --link gcs --rate 10hz" in first.after
         assert second.before == first.after
-        assert second.after == ""
+        assert second.after == "no rule"
+        assert third.after == over.before == "sensor/* --rate 20hz"
+        assert (over.by, over.after) == ("broker@uav1", "no rule"), "its time was over"
 
 
 def _travels(link: str, entry: TreeEntry | None) -> bool:

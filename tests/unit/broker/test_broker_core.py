@@ -7,6 +7,7 @@ from tests.simulation.directory.brokers import BrokerNode
 
 from swarmd.broker.core.action import (
     KeepMirrors,
+    LimitEnded,
     PollInputs,
     PublishTables,
     ReportDuplicate,
@@ -14,7 +15,6 @@ from swarmd.broker.core.action import (
     ReportSlowdown,
     SendBeacon,
     WriteClockSamples,
-    WriteLimits,
     WriteMirrors,
 )
 from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS
@@ -169,6 +169,5 @@ def test_limits_are_written_when_they_end() -> None:
     one.core.channels.set(SetChannel("nav/*", ChannelSettings(2.0), for_s=3.0), air.now_ns)
     assert [limit.pattern for limit in one.core.channels.limits(air.now_ns).limits] == ["nav/*"]
     air.run_for(4.0)
-    [over] = one.of(WriteLimits)
-    assert isinstance(over, WriteLimits)
-    assert over.limits.limits == ()
+    assert len(one.of(LimitEnded)) == 1
+    assert one.core.channels.limits(air.now_ns).limits == ()

@@ -118,33 +118,41 @@ def test_changes_are_taken_back_one_after_the_other(table: ChannelTable) -> None
     table.set(SetChannel("nav/*", ChannelSettings(1.0)), 0)
     table.clear("")
     assert table.limits(0).limits == FILE
-    table.undo()
+    table.undo(0)
     assert settings(table, "nav/pose").max_hz == 1.0
-    table.undo()
+    table.undo(0)
     assert settings(table, "nav/pose").max_hz == 5.0
-    table.undo()
+    table.undo(0)
     assert table.limits(0).limits == FILE
     with pytest.raises(NotFound, match="no change"):
-        table.undo()
+        table.undo(0)
 
 
 def test_a_change_of_which_the_time_is_over_does_not_return(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=1.0), 0)
     table.set(SetChannel("power/*", ChannelSettings(1.0)), 0)
-    table.advance(2 * S)
-    table.undo()
-    table.advance(2 * S)
+    table.undo(2 * S)
     assert table.limits(2 * S).limits == FILE
+
+
+def test_only_what_is_still_in_force_is_taken_back(table: ChannelTable) -> None:
+    table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
+    table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=1.0), 0)
+    table.undo(2 * S)
+    assert table.limits(2 * S).limits == FILE, "the second change has ended, so the first one is taken back"
+    table.set(SetChannel("power/*", ChannelSettings(1.0), for_s=1.0), 2 * S)
+    with pytest.raises(NotFound, match="no change"):
+        table.undo(4 * S)
 
 
 def test_only_the_last_changes_can_be_taken_back(table: ChannelTable) -> None:
     for number in range(UNDO_LIMIT + 5):
         table.set(SetChannel("nav/*", ChannelSettings(float(number))), 0)
     for _ in range(UNDO_LIMIT):
-        table.undo()
+        table.undo(0)
     assert settings(table, "nav/pose").max_hz == 4.0
     with pytest.raises(NotFound):
-        table.undo()
+        table.undo(0)
 
 
 def test_rules_are_removed_by_their_pattern_and_a_wrong_one_is_named(table: ChannelTable) -> None:
@@ -305,12 +313,12 @@ def test_rules_and_what_can_be_taken_back_outlive_the_broker(table: ChannelTable
     later = ChannelTable(FILE)
     later.restore(kept(table), 7, 10 * S)
     assert later.limits(10 * S) == table.limits(10 * S)
-    later.undo()
-    later.undo()
+    later.undo(10 * S)
+    later.undo(10 * S)
     assert settings(later, "nav/pose").max_hz == 5.0
-    later.undo()
+    later.undo(10 * S)
     with pytest.raises(NotFound):
-        later.undo()
+        later.undo(10 * S)
 
 
 def test_a_rule_whose_time_ended_before_the_next_broker_is_over_and_so_are_all_after_a_boot(

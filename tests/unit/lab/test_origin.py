@@ -19,6 +19,7 @@ from swarmlab.provision.provisioning import LabSpec
         LabSpec(experiment="formation", nodes=16, seed=1),
         LabSpec(experiment="formation", nodes=5, seed=9, usv=1, name="mine", per_daemon="all"),
         LabSpec(experiment="formation", nodes=4, seed=2, airframe=("quad_1k5", "uav1=fixed_wing")),
+        LabSpec(experiment="formation", nodes=4, seed=2, services=("files", "video")),
         LabSpec(experiment="formation", nodes=4, seed=2, mongodb_uri="mongodb://127.0.0.1:27017/x"),
     ],
 )

@@ -74,3 +74,11 @@ def test_only_vehicles_are_distributed_over_computers() -> None:
     for wrong in ("gcs", "uav7"):
         with pytest.raises(InvalidInput, match=f"--units {wrong}"):
             plan.distributed(wrong, who)
+
+
+def test_further_services_are_those_that_are_installed_and_not_there_anyway() -> None:
+    usual = {"broker", "tree"}
+    assert plan.extra_services((), usual) == ()
+    assert plan.extra_services(("files", "tree", "files"), usual) == ("files",)
+    with pytest.raises(InvalidInput, match=r"--service file: not installed; expected one of .*files"):
+        plan.extra_services(("files", "file"), usual)

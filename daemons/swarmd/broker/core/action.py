@@ -6,7 +6,6 @@ from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.boards.claims import Contradiction
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
-from swarmware.types.channel import ChannelLimits
 from swarmware.types.net import BoardSubscription, StructureBroadcast
 from swarmware.types.time import TimingBatch
 
@@ -47,10 +46,8 @@ class PublishTables(msgspec.Struct, frozen=True):
     """Also the traffic counters."""
 
 
-class WriteLimits(msgspec.Struct, frozen=True):
-    """Action: write the rate limits in force."""
-
-    limits: ChannelLimits
+class LimitEnded(msgspec.Struct, frozen=True):
+    """Action: publish the rules of channels, because the time of one is over."""
 
 
 class WriteClockSamples(msgspec.Struct, frozen=True):
@@ -133,7 +130,7 @@ Action = (
     | WriteStructure
     | KeepMirrors
     | PublishTables
-    | WriteLimits
+    | LimitEnded
     | WriteClockSamples
     | AdoptSession
     | ProveSession

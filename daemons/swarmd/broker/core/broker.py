@@ -11,6 +11,7 @@ from swarmd.broker.core.action import (
     AdoptSession,
     ContinueSequence,
     KeepMirrors,
+    LimitEnded,
     MediumChanged,
     PollInputs,
     ProveSession,
@@ -22,7 +23,6 @@ from swarmd.broker.core.action import (
     ReportSlowdown,
     SendBeacon,
     WriteClockSamples,
-    WriteLimits,
     WriteMirrors,
     WriteStructure,
 )
@@ -179,7 +179,7 @@ class BrokerCore:
             self._choose_media(self.media, actions, now_ns)
         self._on_changes(*protocol.advance(now_ns), actions, now_ns)
         if limits.version != version:
-            actions.append(WriteLimits(limits.limits(now_ns)))
+            actions.append(LimitEnded())
         if self._triggered:
             self._triggered = False
             self._schedule.trigger(now_ns, round(1e9 / protocol.allowed_hz()))
@@ -299,6 +299,8 @@ class BrokerCore:
         self.counters.datagram_received(size, self.nodes.platform(hw), transport_of(by))
         if self.exchange is not None and beacon.hello is not None:
             self.exchange.on_shown(hw, self.nodes.platform(hw), beacon.hello.roster_version, now_ns)
+        if self.media is not None:
+            self.media.on_reported(hw, received.neighbour.quality_out, now_ns)
         if is_main:
             self.targets.on_neighbour(hw, by_multicast)
         if received.clock_sample is not None:

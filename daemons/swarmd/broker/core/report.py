@@ -108,7 +108,7 @@ class NetReport:
             silent_s=round((now_ns - neighbour.received_ns) / 1e9, 3),
             tick_hz=round(1e9 / neighbour.period_ns, 2) if neighbour.period_ns > 0 else 0.0,
             loss_in_ratio=round(1 - neighbour.quality / _FULL, 3),
-            loss_out_ratio=round(1 - neighbour.reported / _FULL, 3) if up else 1.0,
+            loss_out_ratio=round(1 - neighbour.quality_out / _FULL, 3),
             rtt_ms=round(neighbour.rtt_ns / 1e6, 4) if neighbour.rtt_ns else None,
             cost=neighbour.cost if up else INFINITY,
             tree_version=hello.tree_version if hello is not None else 0,
@@ -236,7 +236,7 @@ def _medium_state(link: MediumLink, is_best: bool, now_ns: int) -> MediumState:
         round(1 - quality_in / _FULL, 3),
         round(1 - quality_out / _FULL, 3),
         round(link.silent_ns(now_ns) / 1e9, 3),
-        link.medium.rate_bit_s / 1e3,
+        link.medium.rate_bit_s,
         link.cost_out(now_ns) if state is LinkStatus.UP else INFINITY,
         _USES[is_best, takes],
     )

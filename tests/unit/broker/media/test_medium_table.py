@@ -4,8 +4,8 @@ import pytest
 
 from swarmd.broker.config import Carries
 from swarmd.broker.core.beacon.beacon import Header
-from swarmd.broker.core.beacon.medium_parts import MediumListing
-from swarmd.broker.core.media.medium import COST_MAX, MediumProfile
+from swarmd.broker.core.beacon.medium_parts import LISTING_BYTES, MediumListing
+from swarmd.broker.core.media.medium import COST_MAX, MAIN_MEDIUM, MediumProfile
 from swarmd.broker.core.media.medium_table import LISTING_NS, ByMedium, MediumTable, Use
 
 SECOND = 1_000_000_000
@@ -189,3 +189,44 @@ def test_a_slow_medium_costs_as_much_as_hops_of_radios(baud: int, hops: float) -
     medium = MediumProfile("line", rate_bit_s=0.8 * baud)
     assert medium.rate_penalty / 256 == pytest.approx(hops, abs=0.2)
     assert medium.rate_penalty <= COST_MAX
+
+
+def test_a_neighbour_that_lists_no_media_has_the_main_network_alone() -> None:
+    ends = Ends(MAIN_MEDIUM, SECOND_RADIO)
+    ends.run(1, MAIN_MEDIUM)
+    assert ends.chosen() == []
+    ends.table.on_reported(OTHER, 204, ends.now_ns)
+    ends.run(0.1, MAIN_MEDIUM)
+    assert ends.chosen() == ["main"]
+    assert ends.table.links(OTHER)[0].quality_out(ends.now_ns) == 204
+    ends.table.on_reported(OTHER, 0, ends.now_ns)
+    ends.run(0.1, MAIN_MEDIUM)
+    assert ends.chosen() == [], "it does not receive this node"
+
+
+def test_what_a_neighbour_reports_of_all_media_says_nothing_of_one() -> None:
+    ends = Ends(MAIN_MEDIUM, SECOND_RADIO)
+    ends.run(1, MAIN_MEDIUM, SECOND_RADIO, main=0.0, radio2=1.0)
+    ends.table.on_reported(OTHER, 255, ends.now_ns)
+    ends.run(0.1, MAIN_MEDIUM, SECOND_RADIO)
+    assert ends.chosen() == ["radio2"]
+    assert ends.urgent() == {"radio2"}
+
+
+def test_connections_go_where_the_neighbour_was_received_last_until_it_reports() -> None:
+    ends = Ends(RADIO, MODEM)
+    assert ends.table.host(OTHER) == ""
+    ends.run(1, MODEM)
+    assert ends.table.host(OTHER) == "", "nothing connects to a line"
+    ends.run(1, RADIO, MODEM)
+    assert ends.table.host(OTHER) == "host", "over it, its session is proven"
+
+
+def test_every_link_is_listed_where_one_beacon_has_no_room_for_all() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    for hw in range(10, 40):
+        ends.hear(RADIO, SECOND_RADIO, hw=hw)
+    listed = [ends.table.listings(number * LISTING_NS, 25 * LISTING_BYTES) for number in range(3)]
+    assert [len(one) for one in listed] == [25, 25, 25]
+    assert len({(one.hw, one.medium) for part in listed for one in part}) == 60
+    assert ends.table.listings(3 * LISTING_NS, 0) == ()

@@ -99,12 +99,19 @@ class ChannelTable:
             rules = {key: _timed(settings, request.for_s, present, now_ns), **rules}
         self._change(rules)
 
-    def undo(self) -> None:
-        """Takes back the last change. Raises: NotFound when there is none."""
-        if not self._before:
-            raise NotFound("channels: no change by an operator is left to take back")
-        self._rules = self._before.pop()
-        self.version += 1
+    def undo(self, now_ns: int) -> None:
+        """Takes back the last change that is still in force.
+
+        Raises: NotFound when there is none.
+        """
+        self.advance(now_ns)
+        while self._before:
+            rules = _in_force(self._before.pop(), now_ns)
+            if list(rules.items()) != list(self._rules.items()):
+                self._rules = rules
+                self.version += 1
+                return
+        raise NotFound("channels: no change by an operator is left to take back")
 
     def clear(self, pattern: str) -> None:
         """Removes the rules of operators with this pattern; empty: all.
@@ -125,13 +132,7 @@ class ChannelTable:
         """Ends rules whose time is over."""
         if all(rule.ends_ns is None or rule.ends_ns > now_ns for rule in self._rules.values()):
             return
-        rules: dict[_Key, KeptRule] = {}
-        for key, rule in self._rules.items():
-            if rule.ends_ns is None or rule.ends_ns > now_ns:
-                rules[key] = rule
-            elif rule.former is not None:
-                rules[key] = KeptRule(rule.former)
-        self._rules = rules
+        self._rules = _in_force(self._rules, now_ns)
         self.version += 1
 
     def kept(self, boot_id: int) -> KeptChannels:
@@ -167,6 +168,17 @@ class ChannelTable:
             ),
             *self._file_rules,
         )
+
+
+def _in_force(rules: dict[_Key, KeptRule], now_ns: int) -> dict[_Key, KeptRule]:
+    """The rules without those whose time is over, in place of which the former settings apply."""
+    found: dict[_Key, KeptRule] = {}
+    for key, rule in rules.items():
+        if rule.ends_ns is None or rule.ends_ns > now_ns:
+            found[key] = rule
+        elif rule.former is not None:
+            found[key] = KeptRule(rule.former)
+    return found
 
 
 def _listed(rules: dict[_Key, KeptRule]) -> KeptRules:

@@ -56,7 +56,7 @@ class ByMedium(NamedTuple):
 
 
 class _Neighbour:
-    __slots__ = ("best", "links", "seen", "session", "top")
+    __slots__ = ("best", "links", "lists", "seen", "session", "top")
 
     def __init__(self, session: int) -> None:
         self.session = session
@@ -65,6 +65,8 @@ class _Neighbour:
         self.links: dict[int, MediumLink] = {}
         self.best: int | None = None
         """Number of the medium of its packets."""
+        self.lists = False
+        """It lists media, so it has several."""
 
 
 class MediumTable:
@@ -84,6 +86,8 @@ class MediumTable:
         self._timeout_ns = link_timeout_ns
         self._neighbours: dict[int, _Neighbour] = {}
         self._listed_ns = NEVER_NS
+        self._listed_first = 0
+        """Position of the first link in the next listing."""
 
     # input
 
@@ -128,9 +132,18 @@ class MediumTable:
         if known is None:
             return
         for listing in listings:
+            known.lists = True
             link = known.links.get(listing.medium)
             if listing.hw == self._own_hw and link is not None:
                 link.on_listed(listing.quality, now_ns)
+
+    def on_reported(self, hw: int, quality: int, now_ns: int) -> None:
+        """A neighbour reports which share of our beacons it receives, in 1/255; one that lists no media has
+        the main network alone."""
+        known = self._neighbours.get(hw)
+        link = None if known is None or known.lists else known.links.get(MAIN_MEDIUM.number)
+        if link is not None:
+            link.on_listed(quality, now_ns)
 
     def on_frames(self, hw: int, medium: int, now_ns: int) -> None:
         """Packets of a neighbour arrived by a medium: its choice for this direction."""
@@ -177,7 +190,8 @@ class MediumTable:
     # output
 
     def listings(self, now_ns: int, room: int) -> tuple[MediumListing, ...]:
-        """The media by which neighbours are received, for the next beacon, if they are due."""
+        """The media by which neighbours are received, for the next beacon, if they are due; those for which
+        it has no room are the first of the next one."""
         if now_ns - self._listed_ns < LISTING_NS:
             return ()
         self._listed_ns = now_ns
@@ -186,7 +200,10 @@ class MediumTable:
             for hw, known in self._neighbours.items()
             for number, link in known.links.items()
         ]
-        return tuple(found[: max(0, room // LISTING_BYTES)])
+        count = min(len(found), max(0, room // LISTING_BYTES))
+        first = self._listed_first % max(1, len(found))
+        self._listed_first = first + count
+        return tuple((found[first:] + found[:first])[:count])
 
     def beacon_hz(self, datagram_bytes: float, now_ns: int) -> float:
         """Beacons per second that reach every neighbour by one of its media."""
@@ -225,9 +242,15 @@ class MediumTable:
         return None if link is None else link.address
 
     def host(self, hw: int) -> str:
-        """Address to which connections to a neighbour go; empty: the medium of its packets has none."""
+        """Address to which connections to a neighbour go; empty: the medium of its packets has none.
+
+        As long as none is known to work in both directions, that of its newest datagram: a session is proven
+        over a connection before the neighbour reports anything.
+        """
         best = self.best(hw)
-        return best.address[0] if best is not None and best.medium.has_connections else ""
+        links = self.links(hw) if best is None else [best]
+        hosts = [(link.deadline_ns, link.address[0]) for link in links if link.medium.has_connections]
+        return max(hosts)[1] if hosts else ""
 
     def links(self, hw: int) -> list[MediumLink]:
         """The links to a neighbour over all media."""

@@ -93,8 +93,9 @@ class DestinationRoutes:
         """Whether a route of a neighbour with this row cannot lead back (RFC 8966, section 3.5.1)."""
         if self.limit_sequence < 0:
             return True
-        ahead = (sequence - self.limit_sequence) & 0xFFFF
-        return 0 < ahead < 0x8000 or (ahead == 0 and metric < self.limit_metric)
+        if sequence == self.limit_sequence:
+            return metric < self.limit_metric
+        return newer(sequence, self.limit_sequence)
 
     def put(self, via: int, sequence: int, metric: int, now_ns: int) -> None:
         """Stores the row of a neighbour."""
@@ -124,9 +125,10 @@ class DestinationRoutes:
         ends.
         """
         sequence, metric = self.sequence, self.metric
-        if is_much_worse(metric, self.usual_metric) and self.held_until_ns == NEVER_NS:
+        much_worse = is_much_worse(metric, self.usual_metric)
+        if much_worse and self.held_until_ns == NEVER_NS:
             self.held_until_ns = now_ns + HELD_NS
-        if not is_much_worse(metric, self.usual_metric) or now_ns >= self.held_until_ns:
+        if not much_worse or now_ns >= self.held_until_ns:
             self.usual_metric, self.held_until_ns = metric, NEVER_NS
         elif not self.turned and self.limit_sequence >= 0 and newer(sequence, self.limit_sequence):
             sequence = self.limit_sequence

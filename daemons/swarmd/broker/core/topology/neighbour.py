@@ -149,6 +149,11 @@ class Neighbour:
         return min(round(_FULL * received / expected), _FULL)
 
     @property
+    def quality_out(self) -> int:
+        """Share of our datagrams that it receives, as it reports, in 1/255; 0: it does not."""
+        return self.reported if self.state is LinkState.UP else 0
+
+    @property
     def cost(self) -> int:
         """Cost of the link: loss of both directions, round trip, and rate of its medium."""
         return link_cost(self.quality, self.reported, self.penalty, self.rtt_ns)
