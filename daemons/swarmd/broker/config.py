@@ -33,6 +33,8 @@ class Carries(StrEnum):
     """Beacons and commands; other frames where no other medium is left."""
 
 
+EVERYWHERE: Final = "0.0.0.0"
+"""As `bind_address`: all addresses of the node."""
 MAIN: Final = "main"
 """Name of the network of `bind_address` and `multicast_group`."""
 MediumName = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,15}$")]
@@ -79,7 +81,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Address or name of the group's network interface; empty: that of bind_address, or the kernel's."""
     udp_port: GroupPort = 7447
     """Port of the group."""
-    bind_address: str = "0.0.0.0"
+    bind_address: str = EVERYWHERE
     """Address on which datagrams of single nodes and ZeroMQ connections are taken."""
     unicast_port: Port = 0
     """UDP port of this node alone; set it where others name this node as a seed. 0: any."""

@@ -145,3 +145,16 @@ async def test_a_node_with_two_networks_and_one_with_the_first_alone_are_neighbo
             assert (await anext(inbox)).value == order
             await one.stop()
             await one.start()
+
+
+@on_uvloop
+async def test_connections_are_taken_on_a_second_network_with_an_address_of_its_own(tmp_path: Path) -> None:
+    second = {"name": "radio2", "interface": "127.0.0.2", "udp_port": free_port()}
+    async with swarm(tmp_path, *NAMES, multicast_group="", frames="tcp", network=[second]) as found:
+        one, other = found["uav1"], found["uav2"]
+        await one.until_up("uav2")
+        await other.until_up("uav1")
+        await one.until(lambda: chosen(one) == "radio2", one.neighbours)
+        inbox = other.app.inbox("cmd/order", Text)
+        assert await one.app.send("/uav2/cmd/order", Text("go"), timeout_s=PATIENCE_S)
+        assert (await anext(inbox)).value == "go"

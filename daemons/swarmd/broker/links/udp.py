@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.config import MAIN, Config, NetworkMedium
+from swarmd.broker.config import EVERYWHERE, MAIN, Config, NetworkMedium
 from swarmd.broker.core.media.medium import MAIN_MEDIUM, Address, MediumProfile, network_medium
 from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival
 from swarmware.errors import ConfigError
@@ -39,7 +39,6 @@ _SO_TIMESTAMPNS: Final = 35
 _IP_MULTICAST_ALL: Final = 49
 _TIMESPEC: Final = struct.Struct("qq")
 _ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
-_EVERYWHERE: Final = "0.0.0.0"
 
 log = logging.getLogger("swarm.broker")
 
@@ -59,7 +58,7 @@ class Network(msgspec.Struct, frozen=True):
 
 def main_network(config: Config) -> Network:
     """The network of `bind_address` and `multicast_group`."""
-    bound = config.bind_address if config.bind_address != _EVERYWHERE else ""
+    bound = config.bind_address if config.bind_address != EVERYWHERE else ""
     return Network(
         MAIN_MEDIUM,
         config.bind_address,
@@ -74,7 +73,7 @@ def further_network(config: NetworkMedium) -> Network:
     by_address = config.interface[:1].isdigit()
     return Network(
         network_medium(config),
-        config.interface if by_address else _EVERYWHERE,
+        config.interface if by_address else EVERYWHERE,
         config.interface,
         (config.multicast_group, config.udp_port),
         window_ns=0,
@@ -250,7 +249,7 @@ def loopback_only(config: Config) -> Config:
 def _own_socket(network: Network) -> socket.socket:
     sock = _udp_socket()
     try:
-        if network.medium.name != MAIN and network.bind_address == _EVERYWHERE:
+        if network.medium.name != MAIN and network.bind_address == EVERYWHERE:
             # what leaves here must leave by this interface, whatever the routes are
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, network.interface.encode())
         sock.bind((network.bind_address, network.unicast_port))
@@ -294,7 +293,7 @@ def _send_to_group(sock: socket.socket, network: Network, group: Address) -> Non
 
 def _membership(group: str, interface: str) -> bytes:
     """Membership of a group as struct ip_mreqn, see ip(7)."""
-    address, index = _EVERYWHERE, 0
+    address, index = EVERYWHERE, 0
     if interface[:1].isdigit():
         address = interface
     elif interface:

@@ -3,14 +3,14 @@
 import asyncio
 import logging
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
 import msgspec
 import zmq
 
-from swarmd.broker.config import Config
+from swarmd.broker.config import EVERYWHERE, Config
 from swarmd.broker.core.forwarding.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.zap import DOMAIN, OnUnknownKey, Zap
@@ -271,8 +271,32 @@ class ZmqLinks:
             raise ConfigError(
                 f"broker: bind_address {config.bind_address}, tcp_port {config.tcp_port}: {error.strerror}"
             ) from error
-        self.port = int(router.getsockopt_string(zmq.LAST_ENDPOINT).rpartition(":")[2])
+        self._endpoints = [router.getsockopt_string(zmq.LAST_ENDPOINT)]
+        """Where connections are taken."""
+        self.port = int(self._endpoints[0].rpartition(":")[2])
+        self._bind_networks(router, config)
         self._router = ZmqSocket(router, loop, self._take)
+
+    def _bind_networks(self, router: Socket, config: Config) -> None:
+        """Takes connections on the further networks, too, where the address of the first one is not that of
+        all."""
+        if config.bind_address == EVERYWHERE:
+            return
+        for network in config.network:
+            if network.interface == config.bind_address:
+                continue
+            try:
+                router.bind(f"tcp://{network.interface}:{self.port}")
+            except zmq.ZMQError as error:
+                log.warning(
+                    "network %s: no connections on %s:%d: %s",
+                    network.name,
+                    network.interface,
+                    self.port,
+                    error.strerror,
+                )
+            else:
+                self._endpoints.append(router.getsockopt_string(zmq.LAST_ENDPOINT))
 
     @property
     def denied(self) -> int:
@@ -395,19 +419,21 @@ class ZmqLinks:
             self._rebinding = self.loop.call_later(random.uniform(*REBIND_S), self._unbind)
 
     def _unbind(self) -> None:
-        router = self._router.socket
-        where = router.getsockopt_string(zmq.LAST_ENDPOINT)
-        router.unbind(where)
+        for where in self._endpoints:
+            self._router.socket.unbind(where)
         self._zap.users.clear()
-        self._bind(where)
+        self._bind(self._endpoints)
 
-    def _bind(self, where: str) -> None:
-        self._rebinding = None
-        try:
-            self._router.socket.bind(where)
-        except zmq.ZMQError as error:  # the thread of libzmq has not released the port yet
-            log.debug("%s: %s", where, error.strerror)
-            self._rebinding = self.loop.call_later(BIND_AGAIN_S, lambda: self._bind(where))
+    def _bind(self, endpoints: Iterable[str]) -> None:
+        self._rebinding, left = None, list[str]()
+        for where in endpoints:
+            try:
+                self._router.socket.bind(where)
+            except zmq.ZMQError as error:  # the thread of libzmq has not released the port yet
+                log.debug("%s: %s", where, error.strerror)
+                left.append(where)
+        if left:
+            self._rebinding = self.loop.call_later(BIND_AGAIN_S, lambda: self._bind(left))
 
     def _on_router_event(self, event: int, value: int) -> None:
         if event == zmq.EVENT_ACCEPTED:
