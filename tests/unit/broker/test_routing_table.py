@@ -10,6 +10,7 @@ from swarmd.broker.core.topology.routing_table import (
     DESTINATION_LIMIT,
     HOLD_NS,
     HYSTERESIS,
+    REFRESH_MAX_NS,
     REFRESH_NS,
     REQUEST_HOPS,
     SOURCE_GC_NS,
@@ -88,8 +89,8 @@ def test_a_newer_sequence_is_taken_at_any_distance(routing: RoutingTable) -> Non
 def test_a_longer_way_of_the_next_hop_is_known_at_once_and_told(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     rows(routing)
-    assert routing.on_rows(A, [(FAR, 7, 900)], 1) == [], "not feasible, but ours stays loop-free"
-    assert rows(routing, 2)[FAR] == RouteRow(FAR, 7, 1156)
+    assert routing.on_rows(A, [(FAR, 7, 1100)], 1) == [], "not feasible, but ours stays loop-free"
+    assert rows(routing, 2)[FAR] == RouteRow(FAR, 7, 1356)
     assert routing.on_rows(B, [(FAR, 7, 512)], 3) == [], "the feasibility distance did not change"
 
 
@@ -140,7 +141,7 @@ def test_a_request_at_its_last_hop_ends(routing: RoutingTable) -> None:
     assert routing.requests(2) == ()
 
 
-def test_who_has_a_newer_row_answers_in_the_next_beacons_and_forwards_no_request(
+def test_who_has_a_newer_row_answers_in_the_next_beacon_and_forwards_no_request(
     routing: RoutingTable,
 ) -> None:
     routing.on_rows(A, [(FAR, 9, 256)], 0)
@@ -149,8 +150,7 @@ def test_who_has_a_newer_row_answers_in_the_next_beacons_and_forwards_no_request
     routing.on_requests(B, [SequenceRequest(FAR, 8, 20)], PERIOD)
     assert routing.requests(PERIOD) == ()
     assert FAR in rows(routing, 2 * PERIOD)
-    assert FAR in rows(routing, 2 * PERIOD + 1)
-    assert FAR not in rows(routing, 2 * PERIOD + 2)
+    assert FAR not in rows(routing, 2 * PERIOD + 1)
 
 
 def test_the_awaited_row_is_told_as_soon_as_it_comes(routing: RoutingTable) -> None:
@@ -193,6 +193,17 @@ def test_rows_that_nobody_needs_are_said_once_and_when_asked_for(routing: Routin
     assert rows(routing, 3600 * SECOND, everybody) == {}
     routing.on_requests(B, [SequenceRequest(A, 1, 20)], 3600 * SECOND)
     assert set(rows(routing, 3600 * SECOND + 1, everybody)) == {A}
+
+
+@pytest.mark.parametrize(("metric", "at_once"), [(3000, False), (500, True)])
+def test_a_route_that_turned_is_told_at_once_where_it_is_much_better(
+    routing: RoutingTable, metric: int, at_once: bool
+) -> None:
+    routing.on_rows(A, [(FAR, 7, 4000)], 0)
+    rows(routing)
+    assert routing.on_rows(B, [(FAR, 7, metric)], 1) == [RouteChanged(FAR, B)]
+    assert (FAR in rows(routing, 2)) is at_once
+    assert at_once or rows(routing, 2 * REFRESH_MAX_NS)[FAR] == RouteRow(FAR, 7, metric + 256)
 
 
 def test_a_row_that_somebody_needs_now_is_told_at_once(routing: RoutingTable) -> None:

@@ -37,8 +37,6 @@ HOLD_NS: Final = 7_000_000_000
 periods where these are longer."""
 REQUESTED_NS: Final = 2_000_000_000
 """Lifetime of a neighbour's request for a newer row."""
-REQUESTED_ROWS: Final = 2
-"""Consecutive beacons that carry a requested row once it is known."""
 RETRACTIONS: Final = 2
 """Retractions of a lost route: one datagram may be lost."""
 SOURCE_GC_NS: Final = 180_000_000_000
@@ -53,13 +51,11 @@ BETTER_RATIO: Final = 0.25
 BETTER_BY: Final = 256
 """A route that is not feasible is requested where the present one is worse by this share of it, at least by
 one hop without loss (RFC 8966, section 3.8.2.2)."""
-SEEK_AGAIN_NS: Final = 500_000_000
+SEEK_AGAIN_NS: Final = 1_000_000_000
 """The same destination is not requested again within this time."""
 DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
 _FAR_NS: Final = 1 << 62
-_TRIGGERED_UPDATE: Final = 96
-"""Difference to the advertised metric that triggers an update with the next beacon."""
 
 
 class RouteChanged(msgspec.Struct, frozen=True, gc=False):
@@ -194,7 +190,7 @@ class RoutingTable:
                 self._select(destination, now_ns, changes)  # its retractions were lost
             destination.requested_until_ns = now_ns + REQUESTED_NS
             destination.requested_sequence = sequence
-            destination.requested_rows = REQUESTED_ROWS
+            destination.requested = True
             answered = destination.via != 0 and not newer(sequence, destination.sequence)
             if answered or hops_left <= 1 or now_ns - destination.forwarded_ns < FORWARD_AGAIN_NS:
                 continue
@@ -220,7 +216,7 @@ class RoutingTable:
                 continue  # it asks for what it has from us, or before it has our retraction
             destination.requested_until_ns = now_ns + REQUESTED_NS
             destination.requested_sequence = sequence
-            destination.requested_rows = max(destination.requested_rows, 1)
+            destination.requested = True
             if not newer(sequence, destination.sequence) or hops <= 1:
                 continue
             if now_ns - destination.forwarded_ns >= FORWARD_AGAIN_NS:
@@ -269,11 +265,11 @@ class RoutingTable:
             if destination.is_due(now_ns) or (destination.linked and destination.hw not in linked):
                 if destination.via or destination.retractions:
                     due.append(destination)
-            elif destination.requested_rows and destination.via:
+            elif destination.requested and destination.via:
                 if now_ns >= destination.requested_until_ns:
-                    destination.requested_rows = 0
+                    destination.requested = False
                 elif not newer(destination.requested_sequence, destination.sequence):
-                    destination.requested_rows -= 1
+                    destination.requested = False
                     due.append(destination)
         if len(due) > room:
             due.sort(key=_urgency)
@@ -415,8 +411,9 @@ class RoutingTable:
         destination.changed_ns = now_ns
         destination.retractions = 0
         destination.request_until_ns = NEVER_NS
-        if abs(total - destination.advertised_metric) >= _TRIGGERED_UPDATE:
-            destination.due_ns = now_ns
+        before = destination.advertised_metric
+        if is_much_worse(total, before) or is_much_worse(before, total):
+            destination.due_ns = now_ns  # a little better or worse waits for its next row
         changes.append(RouteChanged(destination.hw, via))
 
     def _ask(self, destination: DestinationRoutes, now_ns: int) -> None:
