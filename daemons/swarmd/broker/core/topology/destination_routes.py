@@ -7,8 +7,8 @@ from swarmd.broker.core.beacon.beacon import INFINITY, NEVER_NS
 WORSE_RATIO: Final = 2
 WORSE_BY: Final = 256
 """A metric above the ratio of another and this, one hop without loss, is much worse than it: smaller changes
-wait for their next row. With a ratio of 1.5, and turned routes advertised at once, 100 nodes at 10 m/s sent
-an eighth more (tests/simulation/directory/table.py)."""
+wait for their next row. With a ratio of 1.5, and turned routes advertised at once, 100 nodes at 10 m/s sent a
+seventh to two fifths more (tests/simulation/directory/table.py)."""
 HELD_NS: Final = 5_000_000_000
 """Time for which a route that became much worse is advertised with its former sequence number."""
 
