@@ -8,6 +8,7 @@ from random import Random
 
 import pytest
 
+from swarmware.model.clock import utc_ns
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders, open_sender
 from swarmware.transport.shm.layout import RingFull
 from swarmware.transport.shm.notifier import ReaderNotifier
@@ -219,6 +220,16 @@ def test_every_reader_that_comes_within_a_tick_of_the_kernel_is_woken(
         assert doorbell.drain()
     for doorbell in doorbells:
         doorbell.close()
+
+
+def test_a_doorbell_that_the_writer_entered_itself_long_before_its_first_frame_is_rung(
+    notifier: ReaderNotifier, doorbell: Doorbell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # between the entry and its listing the process stands still for a second
+    monkeypatch.setattr("swarmware.transport.shm.readers.utc_ns", lambda: utc_ns() + 1_000_000_000)
+    notifier.add(doorbell.name)
+    notifier.notify()
+    assert doorbell.drain()
 
 
 def test_a_name_that_the_writer_has_dropped_is_rung_again_when_it_is_entered_again(

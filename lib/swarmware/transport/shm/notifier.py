@@ -53,11 +53,11 @@ class ReaderNotifier:
             while not folder.add(name):
                 self.close()
                 folder = self._open()
-            if self._crowded(folder):
+            if self._crowded():
                 for other in folder.names(sys.maxsize):
                     if not self._doorbells.ring(other):
                         folder.remove(other)
-                if self._crowded(folder):
+                if self._crowded():
                     folder.remove(name)
                     raise RingFull(
                         f"{self.path}: {ENTRIES} processes of this user read this ring, which is the limit"
@@ -76,9 +76,9 @@ class ReaderNotifier:
         self._look()
         return self._names
 
-    @staticmethod
-    def _crowded(folder: ReadersFolder) -> bool:
-        folder.names()
+    def _crowded(self) -> bool:
+        folder = self._open()
+        self._names = folder.names()  # kept: `notify()` lists the folder only when it has changed since
         return folder.crowded
 
     def _open(self) -> ReadersFolder:
