@@ -72,12 +72,13 @@ class Tree(Service):
         node.access_rules.check()
         access = node.access_rules.access
         self._access_version = node.access_rules.version
+        files: dict[Path, template.TemplateFile] = {}
         self._tree = SwarmTree(
             str(node.address),
-            template.load(node.config.template, folder).resources,
+            template.load(node.config.template, folder, files).resources,
             config,
             epoch=int.from_bytes(os.urandom(4)) // 2 + 1,
-            templates=_templates(folder),
+            templates=_templates(folder, files),
             keep=config.kept(node.config.kind),
             access=access,
         )
@@ -325,12 +326,12 @@ class Tree(Service):
             self._driver.defer(self._tree.on_value(item, self.module.now_ns()))
 
 
-def _templates(folder: Path) -> list[tuple[Resource, ...]]:
+def _templates(folder: Path, files: dict[Path, template.TemplateFile]) -> list[tuple[Resource, ...]]:
     """Every valid template: other platforms may have it."""
     found = []
     for name in template.names_in(folder):
         try:
-            found.append(template.load(name, folder).resources)
+            found.append(template.load(name, folder, files).resources)
         except ConfigError as error:
             log.warning("invalid template: %s", error)
     return found

@@ -95,15 +95,14 @@ def schema() -> dict[str, Any]:
     } | out
 
 
-def load(name: str, folder: Path) -> Template:
+def load(name: str, folder: Path, files: dict[Path, TemplateFile] | None = None) -> Template:
     """The template `<folder>/<name>.toml` with everything it inherits.
+
+    `files`: those that were read for other templates, which share their bases; those read now are added.
 
     Raises: ConfigError naming file, path and what was expected.
     """
-    return _load(name, folder, {})
-
-
-def _load(name: str, folder: Path, files: dict[Path, TemplateFile]) -> Template:
+    files = {} if files is None else files
     merged: dict[str, dict[str, Any]] = {}
     origin: dict[str, str] = {}
     top = _merge(name, folder, (), merged, origin, files)
@@ -136,7 +135,7 @@ def whole(folder: Path) -> list[Template]:
     """
     names, files = names_in(folder), dict[Path, TemplateFile]()
     parts = {parent for name in names for parent in _parents(_read(folder / (name + _ENDING), files))}
-    return [found for name in names if (found := _load(name, folder, files)).kinds or name not in parts]
+    return [found for name in names if (found := load(name, folder, files)).kinds or name not in parts]
 
 
 def _merge(

@@ -36,19 +36,35 @@ def test_the_shipped_schema_is_the_one_of_the_code() -> None:
     assert shipped == json.loads(json.dumps(template.schema())), "make docs"
 
 
-def test_all_templates_of_a_folder_are_read_with_each_file_parsed_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    parsed: list[str] = []
+@pytest.fixture
+def parsed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Files, as often as they are parsed."""
+    found: list[str] = []
     toml = document.toml
 
     def counting(text: str, source: str) -> dict[str, object]:
-        parsed.append(source)
+        found.append(source)
         return toml(text, source)
 
     monkeypatch.setattr(document, "toml", counting)
+    return found
+
+
+def test_all_templates_of_a_folder_are_read_with_each_file_parsed_once(parsed: list[str]) -> None:
     found = template.whole(SHARE / "templates")
     assert {kind for one in found for kind in one.kinds} >= {"uav", "ugv", "gcs"}
+    assert sorted(parsed) == [str(path) for path in SHIPPED]
+
+
+def test_templates_that_are_loaded_one_after_another_share_the_files_of_their_bases(
+    parsed: list[str],
+) -> None:
+    folder = SHARE / "templates"
+    alone = [template.load(name, folder) for name in template.names_in(folder)]
+    assert len(parsed) > len(SHIPPED)
+    parsed.clear()
+    files: dict[Path, template.TemplateFile] = {}
+    assert [template.load(name, folder, files) for name in template.names_in(folder)] == alone
     assert sorted(parsed) == [str(path) for path in SHIPPED]
 
 
