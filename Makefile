@@ -11,7 +11,7 @@ SITE ?= share/doc/site
 # tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
-.PHONY: lab test simulations lint check hooks bench bench-links figures docs site dist boot-test clean
+.PHONY: lab test simulations lint check quick hooks bench bench-links figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -21,8 +21,8 @@ test: $(VENV)/.test ## all tests; those that compute one per core, those that wa
 	$(RUN) pytest -q -n 4 --dist loadfile $(LABS:%=--ignore=%) tests/integration
 	$(RUN) pytest -q -n 3 --dist loadfile --no-loadscope-reorder $(LABS)
 
-simulations: $(VENV)/.test ## the simulations with all their seeds; test runs a part of them
-	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation
+simulations: $(VENV)/.test ## simulations with all their seeds, properties with all their examples; test runs a part
+	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/unit
 
 lint: $(VENV)/.test ## style, types, layering
 	$(BIN)/ruff check .
@@ -30,7 +30,10 @@ lint: $(VENV)/.test ## style, types, layering
 	$(BIN)/mypy lib daemons cli tests share/swarm/examples share/doc/generate.py
 	$(BIN)/lint-imports --no-cache
 
-check: lint ## the fast part: lint, unit and architecture tests
+check: $(VENV)/.test ## the fast part: lint, unit and architecture tests; types are checked on one core, beside the tests
+	@$(MAKE) --no-print-directory -j2 lint quick
+
+quick: $(VENV)/.test # the tests of check alone
 	$(RUN) pytest -q -n auto --dist worksteal tests/architecture tests/unit
 
 hooks: $(VENV)/.test ## git runs the quick checks before each commit (.pre-commit-config.yaml)

@@ -6,8 +6,10 @@ import inspect
 
 import pytest
 from hypothesis import settings
+from tests.simulation.seeds import examples
 
-settings.register_profile("swarm", deadline=None)  # no test judges wall time: the machine may be busy
+# no test judges wall time: the machine may be busy
+settings.register_profile("swarm", deadline=None, max_examples=examples(30, 100))
 settings.load_profile("swarm")
 gc.disable()  # what collecting the tests makes stays until the end
 

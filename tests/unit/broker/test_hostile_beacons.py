@@ -4,6 +4,7 @@ from typing import Final
 
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from tests.simulation.seeds import examples
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import (
@@ -117,7 +118,7 @@ def protocol() -> BeaconProtocol:
     return mine
 
 
-@settings(max_examples=40, deadline=None, phases=[Phase.generate])
+@settings(max_examples=examples(15, 40), deadline=None, phases=[Phase.generate])
 @given(st.lists(datagrams(), min_size=1, max_size=25), st.booleans())
 def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
     received: list[tuple[Header, bytes, int]], in_hurry: bool

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.simulation.seeds import examples
 from tests.unit.mission.results import result
 
 from swarmd.mission.checking import refuse
@@ -329,7 +330,7 @@ def nearly_sound(draw: st.DrawFn) -> dict[str, Any]:
 GRAPHS = st.dictionaries(NAMES, BLOCKS, max_size=5) | nearly_sound()
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(60, 300))
 @given(GRAPHS)
 def test_a_mission_without_findings_has_a_start_an_end_and_no_successor_that_is_missing(
     blocks: dict[str, Any],

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.simulation.seeds import examples
 from tests.unit.mission.nets import choice, lattice, net, tangle, wide
 
 from swarmware.mission import instants, meetings, soundness
@@ -48,7 +49,7 @@ def both(text: str) -> tuple[set[tuple[str, str]], set[tuple[str, str]]] | None:
 TWO_TOKENS = ("error", "two-tokens")
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(100, 300))
 @given(st.integers(0, 2**32))
 def test_the_same_is_found_in_a_net_with_and_without_reduction(seed: int) -> None:
     compared = both(tangle(Random(seed)))

@@ -8,6 +8,7 @@ import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.simulation.seeds import examples
 
 from swarmware.mission import catalogue
 from swarmware.mission.binding import Binding
@@ -116,7 +117,7 @@ def body(draw: st.DrawFn) -> dict[str, Any]:
     return found
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(60, 300))
 @given(body())
 def test_loader_and_schema_agree_about_the_form_of_every_block(block: dict[str, Any]) -> None:
     document = {"mission": {"a": block}}

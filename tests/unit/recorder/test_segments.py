@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from tests.simulation.seeds import examples
 
 from swarmware.errors import InvalidInput
 from swarmware.recorder import ring as ring_module
@@ -96,7 +97,9 @@ def cut_file(tmp_path: Path, name: str) -> tuple[Path, int]:
 
 
 @given(data=st.data())
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(
+    max_examples=examples(40, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
+)
 def test_a_cut_at_any_byte_loses_only_what_stood_behind_it(tmp_path: Path, data: st.DataObject) -> None:
     path, size = cut_file(tmp_path, "00000001.mcap")
     try:

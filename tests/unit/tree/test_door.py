@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.simulation.seeds import examples
 from tests.unit.tree.pair import BATTERY, FAULTS, POSE, STEP, S, Tree, core, value
 
 from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify
@@ -139,7 +140,7 @@ def sendable(tree: Tree, now_ns: int) -> None:
 
 
 @given(st.lists(STEPS, max_size=12))
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=examples(40, 120))
 def test_nothing_that_comes_in_ends_the_tree_or_makes_it_say_what_cannot_be_sent(steps: list[object]) -> None:
     tree, now_ns = core("uav1"), 0
     tree.on_up("uav7", 5, True, 0)
