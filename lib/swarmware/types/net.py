@@ -190,6 +190,11 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     waiting_frames: int = 0
     """Frames that wait for the link now, or have not been acknowledged."""
     waiting_bytes: int = 0
+    capacity_bytes_s: float | None = None
+    """What it carried to the neighbour while it was the limit, with headers; udp alone. None: it never was,
+    so its capacity is not known."""
+    capacity_ns: int = 0
+    """Own clock when that was measured last."""
 
 
 @register

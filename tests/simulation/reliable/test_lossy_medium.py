@@ -73,7 +73,12 @@ def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns
         while not pair.sent or len(pair.end(1)) < 200:
             pair.send(ITEM_BYTES)
 
+    measured: list[float] = []
+    """Capacity of the link at the end of each rate, as share of what it lets through."""
+
     def rate(bit_s: float) -> None:
+        carried = there.rate_bit_s * (1 - loss) / 8
+        measured.append((pair.end(1).rate.capacity_bytes_s or 0.0) / carried)
         there.rate_bit_s = bit_s
 
     start_ns = pair.now_ns
@@ -81,6 +86,8 @@ def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns
     pair.at(start_ns + 8 * S, lambda: rate(0.5e6))
     pair.at(start_ns + 16 * S, lambda: rate(5e6))
     pair.run(start_ns + 24 * S)
+    rate(5e6)
+    assert measured == pytest.approx([1.0, 1.0, 1.0], abs=0.2), "the capacity is known"
 
     def passed(first_s: int, last_s: int) -> float:
         """Share of the rate that carried items."""

@@ -70,7 +70,14 @@ def neighbour(name: str, state: LinkStatus, rtt_ms: float | None = 2.5) -> Neigh
 
 
 def test_every_counter_and_gauge_is_read_back_by_the_parser_of_prometheus() -> None:
-    link = LinkTraffic("uav2", LinkTransport.UDP, sent_bytes=1234, repeated_bytes=99, waiting_frames=3)
+    link = LinkTraffic(
+        "uav2",
+        LinkTransport.UDP,
+        sent_bytes=1234,
+        repeated_bytes=99,
+        waiting_frames=3,
+        capacity_bytes_s=60_000.0,
+    )
     channel = ChannelTraffic("nav/pose", offered_frames=10, held_back=4, delivered_frames=6)
     outage = LinkOutage("uav3", "main", 9, 1, OutageCause.SILENT, OutagePhase.OVER, 1.1, 4.5, 0.2, 0.0)
     found = samples(
@@ -93,6 +100,7 @@ def test_every_counter_and_gauge_is_read_back_by_the_parser_of_prometheus() -> N
     assert read(found, "swarm_link_sent_bytes_total", neighbour="uav2", transport="udp") == 1234
     assert read(found, "swarm_link_repeated_bytes_total", neighbour="uav2", transport="udp") == 99
     assert read(found, "swarm_link_waiting_frames", neighbour="uav2", transport="udp") == 3
+    assert read(found, "swarm_link_capacity_bytes_per_second", neighbour="uav2", transport="udp") == 60_000
     assert read(found, "swarm_channel_offered_frames_total", channel="nav/pose") == 10
     assert read(found, "swarm_channel_held_back_total", channel="nav/pose") == 4
     assert read(found, "swarm_channel_delivered_frames_total", channel="nav/pose") == 6
@@ -113,6 +121,7 @@ def test_each_counter_of_the_tables_is_on_the_page() -> None:
         OutageTable(),
     )
     left_out = {"platform", "transport", "channel", "max_hz", "repeated_bytes"}
+    left_out |= {"capacity_bytes_s", "capacity_ns"}  # only of links on which it was measured
     for prefix, table in (("swarm_link_", LinkTraffic), ("swarm_channel_", ChannelTraffic)):
         for field in msgspec.structs.fields(table):
             assert field.name in left_out or f"{prefix}{field.name}" in page, field.name

@@ -15,7 +15,7 @@ from swarmware.types.channel import (
     ChannelStates,
     CompressionState,
 )
-from swarmware.types.net import ChannelTraffic, Traffic
+from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Traffic
 from swarmware.types.tree import TreeEntry, TreeListing, TreeValue
 
 LIDAR, CAMERA, POSE = "sensor/lidar", "sensor/camera", "nav/pose"
@@ -71,7 +71,11 @@ def test_a_fair_rate_is_below_the_limit_in_force() -> None:
 
 def session(output: str = "table", *entries: TreeEntry) -> ScriptedSession:
     counters = ChannelTraffic(LIDAR, offered_frames=10, offered_bytes=12_000)
-    traffic = msgspec.convert([0] * 16 + [1.0, [], [], [msgspec.to_builtins(counters)]], Traffic)
+    slow = LinkTraffic("gcs", LinkTransport.UDP, capacity_bytes_s=60_000.0, capacity_ns=-3_000_000_000)
+    links = [LinkTraffic("gcs", LinkTransport.TCP), slow]
+    traffic = msgspec.convert(
+        [0] * 16 + [1.0, [], msgspec.to_builtins(links), [msgspec.to_builtins(counters)]], Traffic
+    )
     limits = registry.encode(ChannelLimits((ChannelLimit("sensor/*", ChannelSettings(100.0)),)))
 
     def value(path: str, data: bytes) -> TreeValue:
@@ -104,6 +108,21 @@ async def test_the_needs_of_a_platform_are_printed_with_the_command_that_makes_t
     assert structured.document["fits"] is True
     by_path = {one["path"]: one["sent_bytes_s"] for one in structured.document["channels"]}
     assert by_path[LIDAR] == pytest.approx(100 * 1200 * 0.25)
+
+
+async def test_the_measured_capacity_is_shown_beside_the_stated_one_and_counts_without_it() -> None:
+    both = session()
+    await show_needs(both, "**", "gcs", 1e6)
+    assert "a link of 1000.0 kB/s: fits; measured 3 s ago: 60.0 kB/s, does not fit" in both.stdout.getvalue()
+    alone = session()
+    await show_needs(alone, "**", "gcs", None)
+    assert "a link of 60.0 kB/s: does not fit (measured 3 s ago)" in alone.stdout.getvalue()
+    measured = session("json")
+    await show_needs(measured, "**", "gcs", None)
+    assert measured.document["capacity_bytes_s"] == measured.document["measured_bytes_s"] == 60_000.0
+    assert measured.document["fits"] is False
+    with pytest.raises(NotFound, match=r"link uav1 to uav2: .*not measured.*expected --capacity"):
+        await show_needs(session(), "**", "uav2", None)
 
 
 async def test_a_pattern_of_nothing_that_is_written_is_named() -> None:

@@ -176,9 +176,11 @@ def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
 def fill(lane: NotificationLane, now_ns: int) -> list[int]:
     """Serials of notifications of 8 kB until the window is full."""
     serials: list[int] = []
+    feed = Feed(LIDAR, Rule("**"), now_ns)
     while lane.has_room:
-        notify = TreeNotify("uav1", 1, 0, (item("sensor/lidar", 1, bytes(8_192)),))
-        serials.append(lane.send(notify, [], now_ns).serial)
+        packets = [item("sensor/lidar", 1, bytes(8_192))]
+        notify = TreeNotify("uav1", 1, 0, tuple(packets))
+        serials.append(lane.send(notify, [(feed, packets)], now_ns).serial)
     return serials
 
 
@@ -199,6 +201,22 @@ def test_a_link_that_delivers_nothing_in_time_gets_less_at_a_time_and_more_again
         few = fill(lane, second * S)
         most = max(most, len(few))
     assert most == IN_FLIGHT_BYTES // 8_192
+
+
+def test_what_failed_is_repeated_by_as_much_as_the_link_delivers() -> None:
+    lane = NotificationLane(LaneNumber.STREAMS)
+    first = fill(lane, 0)
+    for serial in first:
+        lane.failed(serial, 2 * S, (S,))
+    assert lane.due_ns() == 3 * S
+    under_way = [notify.serial for notify in lane.repeat(3 * S)]
+    assert under_way == first[: len(first) // 2], "half of what failed"
+    assert lane.due_ns() is None, "the rest waits for these"
+    assert not lane.has_room
+    while under_way:
+        lane.delivered(under_way.pop(0), 4 * S)
+        under_way += [notify.serial for notify in lane.repeat(4 * S)]
+    assert not lane, "all have arrived"
 
 
 def test_a_single_loss_among_deliveries_changes_nothing() -> None:

@@ -174,13 +174,21 @@ def channels(ctx: click.Context) -> None:
 
 @cmd.command()
 @click.argument("pattern", default="**")
-@click.option("--capacity", required=True, metavar="RATE", help="Of the link: 250kbit, 5mbit, 1gbit.")
 @click.option(
-    "--link", metavar="PLATFORM", default="", help="Receiver whose rules count; none: those for all."
+    "--capacity", metavar="RATE", help="Of the link: 250kbit, 5mbit, 1gbit; none: as it was measured."
+)
+@click.option(
+    "--link",
+    metavar="PLATFORM",
+    default="",
+    help="Receiver whose rules and measured capacity count; none: rules for all.",
 )
 @click.pass_context
-def needs(ctx: click.Context, pattern: str, capacity: str, link: str) -> None:
+def needs(ctx: click.Context, pattern: str, capacity: str | None, link: str) -> None:
     """Compare what resources need with the capacity of a link, and show the rates at which they fit.
+
+    The capacity is stated, or measured by the node while the link was the limit; where it is both, both are
+    compared.
 
     Example: swarmctl traffic needs 'sensor/**' --capacity 1mbit --node uav1
     """
@@ -189,6 +197,8 @@ def needs(ctx: click.Context, pattern: str, capacity: str, link: str) -> None:
     from swarmctl.terminal.quantities import bit_rate_bytes_s
     from swarmware.types.channel import check_rule_names
 
+    if not (capacity or link):
+        raise click.UsageError("expected --capacity, or --link with a neighbour whose link was measured")
     chosen, local = at_path(ctx, pattern)
     check_rule_names(local, link)
-    run_each(chosen, show_needs, local, link, bit_rate_bytes_s(capacity))
+    run_each(chosen, show_needs, local, link, bit_rate_bytes_s(capacity) if capacity else None)

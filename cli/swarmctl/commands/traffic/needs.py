@@ -44,6 +44,11 @@ class LinkNeeds(msgspec.Struct, frozen=True):
     link: str
     """Receivers whose rules count; empty: the rules for all."""
     capacity_bytes_s: float
+    """As it was stated; else as it was measured."""
+    measured_bytes_s: float | None
+    """Capacity that the platform has measured, while the link was the limit; None: not measured."""
+    measured_s: float | None
+    """Time since then."""
     written_bytes_s: float
     sent_bytes_s: float
     fits: bool
@@ -108,17 +113,26 @@ def _fair_share(needs: list[float], capacity: float) -> float | None:
     return None
 
 
-async def show_needs(session: Session, pattern: str, link: str, capacity_bytes_s: float) -> None:
-    """Prints the needs of matching resources and whether a link of this capacity has room for them.
+async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: float | None) -> None:
+    """Prints the needs of matching resources and whether a link has room for them.
 
-    Raises: NotFound when no resource that is written matches; as `Session.ask`.
+    `stated_bytes_s`: its capacity; None: as it was measured.
+    Raises: NotFound when no resource that is written matches, or the capacity was neither stated nor
+    measured; as `Session.ask`.
     """
     target = session.platform
+    traffic = await session.ask("sys/broker/traffic", Empty(), Traffic)
+    measured = _measured(traffic, link)
+    capacity_bytes_s = stated_bytes_s if measured is None or stated_bytes_s is not None else measured[0]
+    if capacity_bytes_s is None:
+        raise NotFound(
+            f"link {target} to {link}: its capacity is not measured, because it has not been the limit of"
+            " frames in datagrams; expected --capacity"
+        )
     listed = await pages(session, names.join(target, pattern), target)
     entries = [one for one in listed.entries if one.kind in VALUED and one.measured_hz]
     if not entries:
         raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
-    traffic = await session.ask("sys/broker/traffic", Empty(), Traffic)
     states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
     board = await owned(session, names.join(target, "net/limits"))
     sizes = {
@@ -139,11 +153,23 @@ async def show_needs(session: Session, pattern: str, link: str, capacity_bytes_s
     channels = compare(entries, sizes, limits, ratios, link, capacity_bytes_s)
     sent = sum(one.sent_bytes_s for one in channels)
     written = sum(one.written_bytes_s for one in channels)
-    found = LinkNeeds(target, link, capacity_bytes_s, written, sent, sent <= capacity_bytes_s, channels)
+    measured_bytes_s, measured_s = (None, None) if measured is None else measured
+    fits = sent <= capacity_bytes_s
+    found = LinkNeeds(
+        target, link, capacity_bytes_s, measured_bytes_s, measured_s, written, sent, fits, channels
+    )
     if session.settings.structured:
         session.out.document(found)
         return
     _show(session, found)
+
+
+def _measured(traffic: Traffic, link: str) -> tuple[float, float] | None:
+    """Capacity in bytes per second of the link to a neighbour, and how many seconds ago it was measured."""
+    for one in traffic.links:
+        if one.platform == link and one.capacity_bytes_s is not None:
+            return one.capacity_bytes_s, (traffic.at_ns - one.capacity_ns) / 1e9
+    return None
 
 
 def _show(session: Session, found: LinkNeeds) -> None:
@@ -170,7 +196,14 @@ def _show(session: Session, found: LinkNeeds) -> None:
         )
         for one in found.channels
     ]
-    verdict = "fits" if found.fits else "does not fit"
+    verdict = _verdict(found, found.capacity_bytes_s)
+    if found.measured_bytes_s is not None and found.measured_s is not None:
+        when = f"measured {found.measured_s:.0f} s ago"
+        if found.measured_bytes_s == found.capacity_bytes_s:
+            verdict = f"{verdict} ({when})"
+        else:
+            measured = f"{found.measured_bytes_s / 1000:.1f} kB/s, {_verdict(found, found.measured_bytes_s)}"
+            verdict = f"{verdict}; {when}: {measured}"
     title = (
         f"{found.platform}: {found.written_bytes_s / 1000:.1f} kB/s are written,"
         f" {found.sent_bytes_s / 1000:.1f} kB/s sent to each receiver; a link of"
@@ -182,3 +215,7 @@ def _show(session: Session, found: LinkNeeds) -> None:
             to = f" --link {found.link}" if found.link else ""
             path = f"/{found.platform}/{one.path}"
             session.out.say(f"it fits with: swarmctl traffic set {path}{to} --rate {one.fair_hz:.1f}hz")
+
+
+def _verdict(found: LinkNeeds, capacity_bytes_s: float) -> str:
+    return "fits" if found.sent_bytes_s <= capacity_bytes_s else "does not fit"

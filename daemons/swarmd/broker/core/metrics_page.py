@@ -144,6 +144,17 @@ def _link_families(traffic: Traffic) -> list[MetricFamily]:
             "Bytes that wait now",
             samples("waiting_bytes"),
         ),
+        MetricFamily(
+            "swarm_link_capacity_bytes_per_second",
+            MetricKind.GAUGE,
+            "bytes_per_second",
+            "What the link carried when it was the limit last",
+            tuple(
+                (labels(one.platform, one.transport), one.capacity_bytes_s)
+                for one in traffic.links
+                if one.capacity_bytes_s is not None
+            ),
+        ),
     ]
 
 

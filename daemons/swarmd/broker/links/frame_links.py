@@ -245,6 +245,8 @@ class FrameLinks:
             row.repeated_bytes += link.repeated_bytes - repeated
             row.delivered_frames += link.arrived_frames - arrived
             self._counted[link.hw] = link.session, link.repeated_bytes, link.arrived_frames
+            if link.rate.capacity_bytes_s is not None:
+                row.capacity_bytes_s, row.capacity_ns = link.rate.capacity_bytes_s, link.rate.capacity_ns
 
     def waiting(self, hw: int) -> tuple[int, int]:
         """Frames that wait for a neighbour or have not arrived, and their bytes."""

@@ -30,6 +30,12 @@ LOSS_EXCESS: Final = 0.2
 PACING_GAIN: Final = 1.25
 """RFC 9002, section 7.7: the window is sent a little faster than in a round trip."""
 BURST: Final = 4 * PACKET_BYTES
+BUSY_NS: Final = TARGET_NS // 5
+"""Queueing delay that shows that the link carries what it can."""
+BUSY_ROUNDS: Final = 4
+"""Round trips without a break in which packets were acknowledged."""
+CAPACITY_NS: Final = 1_000_000_000
+"""Time over which the measured capacity is a mean."""
 
 
 class RateControl:
@@ -52,6 +58,12 @@ class RateControl:
         """Bytes that left the link in this round, acknowledged or lost."""
         self._is_used = False
         """The window was the limit in this round."""
+        self._arrived = 0
+        """Bytes that were acknowledged in this round."""
+        self.capacity_bytes_s: float | None = None
+        """Bytes per second that arrived while the link was the limit; None: it never was."""
+        self.capacity_ns = now_ns
+        """When that was measured last."""
         self._acknowledged_packets = 0
         self._lost_packets = 0
         self._allowance = float(BURST)
@@ -106,6 +118,7 @@ class RateControl:
         """A packet has arrived."""
         self.in_flight -= size
         self._passed += size
+        self._arrived += size
         self._acknowledged_packets += 1
 
     def on_lost(self, size: int) -> None:
@@ -133,6 +146,8 @@ class RateControl:
             return
         queueing_ns, elapsed_ns = self.queueing_ns, now_ns - self._round_ns
         base_ns = self.base_ns or smoothed_ns
+        if self._is_used and queueing_ns > BUSY_NS and elapsed_ns < BUSY_ROUNDS * smoothed_ns:
+            self._on_busy(elapsed_ns, now_ns)
         if queueing_ns > TARGET_NS:
             self._starting = False
             if self.window <= WINDOW_MIN:
@@ -150,8 +165,15 @@ class RateControl:
             growth = self.window if self._starting else max(GROWTH * self.window, PACKET_BYTES) * share
             self.window = min(self.window + growth, WINDOW_MAX)
         self._round_ns = now_ns
-        self._samples = self._passed = 0
+        self._samples = self._passed = self._arrived = 0
         self._is_used = False
+
+    def _on_busy(self, elapsed_ns: int, now_ns: int) -> None:
+        """The link was the limit in this round: what arrived is what it carries."""
+        found = self._arrived * 1e9 / elapsed_ns
+        before = found if self.capacity_bytes_s is None else self.capacity_bytes_s
+        self.capacity_bytes_s = before + min(1.0, elapsed_ns / CAPACITY_NS) * (found - before)
+        self.capacity_ns = now_ns
 
     def _exceeds_usual_loss(self) -> bool:
         packets = self._acknowledged_packets + self._lost_packets

@@ -1,4 +1,6 @@
-"""The window of a link: what makes it grow, what makes it shrink."""
+"""The window of a link: what makes it grow, what makes it shrink, and the capacity that it shows."""
+
+import pytest
 
 from swarmware.transport.delivery.rate_control import (
     BASE_NS,
@@ -150,3 +152,28 @@ def test_a_round_trip_that_is_known_from_beacons_shows_the_queue_at_once() -> No
     rate.on_round_trip(5 * RTT, 0)
     assert rate.queueing_ns == 4 * RTT
     assert RateControl(0).queueing_ns == 0
+
+
+def test_the_capacity_is_what_arrives_while_the_link_is_the_limit() -> None:
+    rounds = Rounds()
+    rounds.round(RTT)
+    rounds.round(RTT)
+    assert rounds.rate.capacity_bytes_s is None, "an empty queue says that it carries more"
+    busy = RTT + TARGET_NS // 2
+    rounds.round(busy)
+    assert rounds.rate.capacity_bytes_s == pytest.approx(20 * PACKET_BYTES * 1e9 / busy)
+    for _ in range(100):
+        rounds.round(busy, arrived=10, lost=10)
+    assert rounds.rate.capacity_bytes_s == pytest.approx(10 * PACKET_BYTES * 1e9 / busy, rel=0.1)
+    measured_ns = rounds.now_ns
+    rounds.round(busy, used=False)
+    rounds.round(RTT)
+    assert rounds.rate.capacity_ns == measured_ns, "the sender had no more to send, or there is no queue"
+
+
+def test_a_break_is_no_slow_link() -> None:
+    rounds = Rounds()
+    rounds.round(RTT)
+    rounds.now_ns += 100 * RTT
+    rounds.round(RTT + TARGET_NS)
+    assert rounds.rate.capacity_bytes_s is None

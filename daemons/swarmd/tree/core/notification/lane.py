@@ -147,17 +147,30 @@ class NotificationLane:
 
     def due_ns(self) -> int | None:
         """When a retransmission is due; None: none is."""
-        waits = any(not flight.in_flight for flight in self._unacknowledged.values())
-        return self.backoff_until_ns if waits else None
+        return self.backoff_until_ns if self._repeatable() else None
 
     def repeat(self, now_ns: int) -> Iterator[TreeNotify]:
-        """Retransmit the notifications whose sending failed."""
+        """Retransmit notifications whose sending failed; those for which there is no room follow when these
+        are delivered."""
         first = next(iter(self._unacknowledged), 0)
-        for flight in self._unacknowledged.values():
-            if not flight.in_flight:
-                flight.in_flight = True
-                flight.sent_ns = now_ns
-                yield msgspec.structs.replace(flight.notify, first=first)
+        for flight in self._repeatable():
+            flight.in_flight = True
+            flight.sent_ns = now_ns
+            yield msgspec.structs.replace(flight.notify, first=first)
+
+    def _repeatable(self) -> list[UnacknowledgedNotification]:
+        """The oldest ones whose sending failed, as many as the maximum in flight permits.
+
+        All of them at once would fail again on a slow link, for ever.
+        """
+        failed = [flight for flight in self._unacknowledged.values() if not flight.in_flight]
+        size, found = self._size - sum(flight.size for flight in failed), list[UnacknowledgedNotification]()
+        for flight in failed:
+            if size and size + flight.size > self._limit:
+                break
+            size += flight.size
+            found.append(flight)
+        return found
 
     def delivered(self, serial: int, now_ns: int) -> UnacknowledgedNotification | None:
         """The notification was acknowledged; None: it was before."""
