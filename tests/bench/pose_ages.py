@@ -1,10 +1,11 @@
 """Ages of poses by distance, and bytes of beacons, in swarms of whole broker cores in virtual time.
 
-    python tests/bench/pose_ages.py [--beacons signed] [--json] [--seed N]
+    python tests/bench/pose_ages.py [--beacons signed] [--relay-bytes N] [--json] [--seed N]
 
 Every node subscribes to the poses of all others at 10 Hz; nodes move at 5 m/s, and radios lose datagrams by
-distance. Some beacons are signed (`swarmctl keys beacons sampled`), or all of them. The figures depend on the
-seeds only, not on the machine. Hops are those over links that deliver at least 85 %.
+distance. Some beacons are signed (`swarmctl keys beacons sampled`), or all of them, with proofs of relayed
+values. The figures depend on the seeds only, not on the machine. Hops are those over links that deliver at
+least 85 %.
 """
 
 import argparse
@@ -16,15 +17,11 @@ from typing import Final
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from tests.simulation.directory.test_boards_in_the_air import Air
+from tests.simulation.directory.test_boards_in_the_air import Air, SignedAir
+
+from swarmd.broker.config import Config
 
 HOPS_SHOWN: Final = 5
-
-
-class SignedAir(Air):
-    """Brokers that sign every beacon."""
-
-    signs_all = True
 
 
 def measure(first_seed: int, air_class: type[Air] = Air) -> dict[str, dict[str, float]]:
@@ -63,8 +60,12 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--beacons", choices=["signed", "sampled"], default="sampled")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="first seed")
+    parser.add_argument("--relay-bytes", type=float, metavar="N", help="relay_bytes_s of the broker")
     options = parser.parse_args()
-    found = measure(options.seed, SignedAir if options.beacons == "signed" else Air)
+    air_class = SignedAir if options.beacons == "signed" else Air
+    if options.relay_bytes is not None:
+        air_class.config = Config(relay_bytes_s=options.relay_bytes)
+    found = measure(options.seed, air_class)
     if options.json:
         print(json.dumps(found))
         return

@@ -157,7 +157,7 @@ class BeaconTransport:
         )
         signatures = self._core.signatures
         if signatures is not None and outgoing.is_signed:
-            body = bytearray(signatures.signed(sequence, clear, body, tx_ns))
+            body = bytearray(signatures.signed(sequence, clear, body, beacon.values, tx_ns))
         data = clear + self._sealer.seal(sequence, clear, bytes(body))
         if self._udp.has_group and (self._unreturned < UNRETURNED_MAX or sequence % PROBE_EVERY == 0):
             self._to_group(data)

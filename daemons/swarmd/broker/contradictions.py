@@ -14,7 +14,8 @@ from swarmware.transport.security.keys import Keys
 from swarmware.types.net import Denial
 
 RELAY: Final = "relay"
-"""Verb of a denial: the platform relayed a value that the beacons of its origin contradict."""
+"""Verb of a denial: the platform relayed a value that the beacons of its origin contradict, or that its
+origin has not signed where every beacon is signed."""
 
 KEY: Final = "key"
 """Verb of a denial: a node signs its beacons with another key than the roster has."""
@@ -38,10 +39,14 @@ class ContradictionReports:
             relay, origin = nodes.platform(each.relay_hw), nodes.platform(each.origin_hw)
             role = roles.get(relay)
             path = join(origin, self._core.board_path(each.origin_hw, each.data_id))
+            name = UNKNOWN if role is None else role.name.lower()
+            if each.is_unsigned:
+                reason = f"a value of {path} without a valid signature of {origin}, relayed by {relay}"
+                self._denials.on_denial(Denial(relay, name, RELAY, path, 1, reason), now_ns)
+                continue
             # a relay that received the origin itself states two hops
             source = "" if each.hops <= 2 else f", or of a node between it and {origin}"
             reason = f"a value of {path} that {origin} never sent: forged by {relay}{source}"
-            name = UNKNOWN if role is None else role.name.lower()
             self._denials.on_denial(Denial(relay, name, RELAY, path, 1, reason), now_ns)
 
     def on_impersonation(self, found: ReportImpersonation, now_ns: int) -> None:

@@ -286,6 +286,8 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Requests for the metrics page that were malformed, too long, too many, or without the token."""
     other_swarm: int = 0
     """Datagrams of another swarm on the same network, as their sessions state."""
+    unsigned_values: int = 0
+    """Relayed values of boards without a valid signature of their origin, where every beacon is signed."""
 
 
 CERTAINLY_HOSTILE: Final = (
@@ -296,6 +298,7 @@ CERTAINLY_HOSTILE: Final = (
     "unknown_keys",
     "contradicted",
     "impersonated",
+    "unsigned_values",
 )
 """Counters of `Refused` that input of a valid member never increments."""
 HOSTILE: Final = (

@@ -25,6 +25,7 @@ from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmware.errors import Denied
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
+from swarmware.module.stream import StreamReader
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import Root
 from swarmware.transport.security.seal import Sealer
@@ -58,12 +59,13 @@ class Forger:
             beacon: Beacon,
             address: tuple[str, int],
             rx_ns: int,
+            *proof: object,
             **signed: bool,
         ) -> ReceivedBeacon | None:
             if any(value.payload == INVENTED for value in beacon.values):
                 name = protocol.identity.platform
                 self.believed[name] = self.believed.get(name, 0) + 1
-            return on_beacon(protocol, header, beacon, address, rx_ns, **signed)
+            return on_beacon(protocol, header, beacon, address, rx_ns, *proof, **signed)  # type: ignore[arg-type]  # passed on
 
         monkeypatch.setattr(BrokerCore, "compose", composed)
         monkeypatch.setattr(BeaconProtocol, "on_beacon", received)
@@ -118,6 +120,20 @@ class Poses:
         assert reader.value.y_m == 0.0
 
 
+async def is_reported(
+    receiver: Station, denials: StreamReader[Denial], caplog: pytest.LogCaptureFixture
+) -> None:
+    """The receiver has said that a member sealed beacons of uav1: in the event, by doctor, and in the
+    journal."""
+    denial = await denials.next(PATIENCE_S)
+    assert denial.verb == "beacon"
+    assert "in the name of uav1 that uav1 never sent: sealed by a member" in denial.reason
+    found = await found_by_doctor(receiver, "denied")
+    assert "revoke it" in found.advice
+    assert "impersonated" in (await found_by_doctor(receiver, "refused")).text
+    assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
+
+
 @on_uvloop
 async def test_after_the_first_evidence_none_of_a_thousand_false_beacons_is_believed(
     tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture
@@ -144,13 +160,7 @@ async def test_after_the_first_evidence_none_of_a_thousand_false_beacons_is_beli
             await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= before + TRIES // 2)
         assert forger.believed.get("uav3", 0) == first, "none of the second thousand"
         assert receiver.states()["uav1"] == "up"
-        denial = await denials.next(PATIENCE_S)
-        assert denial.verb == "beacon"
-        assert "in the name of uav1 that uav1 never sent: sealed by a member" in denial.reason
-        found = await found_by_doctor(receiver, "denied")
-        assert "revoke it" in found.advice
-        assert "impersonated" in (await found_by_doctor(receiver, "refused")).text
-        assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
+        await is_reported(receiver, denials, caplog)
         print(f"{first} of the first {TRIES} were believed, 0 of the next")
 
 
@@ -175,13 +185,7 @@ async def test_where_every_beacon_is_signed_none_of_a_thousand_false_ones_is_bel
         assert forger.believed == {}, "by nobody, not the first one either"
         assert counted.impersonated >= counted.unsigned, "each one that is refused is evidence"
         assert receiver.states()["uav1"] == "up"
-        denial = await denials.next(PATIENCE_S)
-        assert denial.verb == "beacon"
-        assert "in the name of uav1 that uav1 never sent: sealed by a member" in denial.reason
-        found = await found_by_doctor(receiver, "denied")
-        assert "revoke it" in found.advice
-        assert "impersonated" in (await found_by_doctor(receiver, "refused")).text
-        assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
+        await is_reported(receiver, denials, caplog)
 
 
 @on_uvloop

@@ -35,6 +35,10 @@ class Forger:
         self.sent = 0
         self.ahead_ns = 0
         self.forges = False
+        self.stolen = 0
+        """Beacons with a false value that has the proof of a true one."""
+        self.keeps = False
+        """It relays the true values, too; one of them is invented with the proof of the true one."""
         self._compose = BeaconProtocol.compose
 
     def compose(self, protocol: BeaconProtocol, now_ns: int, **signed: bool) -> OutgoingBeacon:
@@ -49,6 +53,12 @@ class Forger:
             )
             for each in range(EACH)
         )
+        if self.keeps:
+            true = outgoing.beacon.relays
+            relays = (*true, *relays)
+            if true and true[0].proof is not None:
+                relays = (msgspec.structs.replace(true[0], payload=payload), *relays[1:])
+                self.stolen += 1
         self.sent += EACH
         return msgspec.structs.replace(
             outgoing, beacon=msgspec.structs.replace(outgoing.beacon, relays=relays)
@@ -133,3 +143,48 @@ async def test_where_the_origin_is_not_received_invented_values_end_soon_after_t
         await until(0.0)
         # the origin has received them
         await line["uav3"].until_counted(lambda traffic: traffic.refused.contradicted > 0)
+
+
+@on_uvloop
+async def test_where_every_beacon_is_signed_none_of_a_thousand_invented_values_is_taken_anywhere(
+    tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    async with swarm(tmp_path, *NAMES, hear=LINE, sign_beacons=True) as line, AsyncExitStack() as stack:
+        owner, pose = line["uav1"], plan(line)
+        writer = line["uav3"].app.writer("nav/pose", Pose)
+        denials = owner.app.stream_reader("net/denials", Denial)
+        await owner.until_reaches(uav3="uav2")
+        taken: list[Pose] = []
+
+        async def drive() -> None:
+            for step in count():
+                writer.write(Pose.planar(float(step), 0.0))
+                await asyncio.sleep(0.05)
+
+        async def arrive(number: int) -> None:
+            seen = len(taken)
+            while len(taken) < seen + number:
+                await pose.changed()
+                if pose.value is not None:
+                    taken.append(pose.value)
+
+        driving = asyncio.create_task(drive(), name="uav3 moves")
+        stack.callback(driving.cancel)
+        await arrive(1)
+        assert (await owner.traffic()).refused.unsigned_values == 0
+        forger.ahead_ns, forger.keeps, forger.forges = 500_000_000, True, True
+        await owner.until_counted(lambda traffic: traffic.refused.unsigned_values >= TRIES)
+        forger.forges = False
+        await arrive(2)
+        assert forger.sent >= TRIES
+        assert forger.stolen > 0
+        assert {value.y_m for value in taken} == {0.0}
+        denial = await denials.next(PATIENCE_S)
+        assert (denial.platform, denial.verb, denial.path) == ("uav2", "relay", "/uav3/nav/pose")
+        assert denial.reason.endswith("without a valid signature of uav3, relayed by uav2")
+        found = await found_by_doctor(owner, "denied")
+        assert found.text.startswith("operator@uav2: /uav3/nav/pose: ")
+        assert "revoke it" in found.advice
+        assert "unsigned_values" in (await found_by_doctor(owner, "refused")).text
+        assert any("valid signature of uav3" in record.getMessage() for record in caplog.records)

@@ -203,7 +203,9 @@ class BrokerNode:
         signatures = self.core.signatures
         if signatures is not None and outgoing.is_signed:
             clear, body = clear_and_body(data)
-            data = data[: -len(body)] + signatures.signed(outgoing.sequence, clear, body, now_ns)
+            data = data[: -len(body)] + signatures.signed(
+                outgoing.sequence, clear, body, outgoing.beacon.values, now_ns
+            )
             assert len(data) - len(clear) - _SESSION.size <= BODY_LIMIT
         size = wire_bytes(data)
         self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, datagram_digest(data), now_ns)

@@ -14,6 +14,7 @@ from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys
 from tests.simulation.directory.radios import RadioSwarm
 from tests.simulation.seeds import seeds
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock
@@ -31,6 +32,7 @@ class Air(RadioSwarm):
     """Beacons are signed, as with keys: one in five seconds."""
     signs_all = False
     """All of them are, and others are not taken."""
+    config = Config()
 
     def __init__(self, seed: int, count: int, degree: float, speed_m_s: float) -> None:
         super().__init__(seed, count, degree, delay_s=DELAY_S)
@@ -49,14 +51,14 @@ class Air(RadioSwarm):
             self,
             name,
             VirtualClock(self, self.offset_s[name]),
+            config=self.config,
             write_boards=self.write_pose,
             on_value=self.take_pose,
             signing=SimulatedKeys(name) if self.signs else None,
         )
         self.brokers[name] = node
-        if self.signs_all and node.core.signatures is not None and node.core.sources is not None:
-            node.core.signatures.always = True
-            node.core.sources.require(True, node.clock.now_ns())
+        if self.signs_all:
+            node.core.require_signatures(True, node.clock.now_ns())
         wants = tuple(
             BoardSubscription(other, "nav/pose", "Pose", POSE) for other in self.names if other != name
         )
@@ -111,6 +113,12 @@ class Air(RadioSwarm):
         return hops
 
 
+class SignedAir(Air):
+    """Brokers that sign every beacon."""
+
+    signs_all = True
+
+
 def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
     ages_s: dict[int, list[float]] = defaultdict(list)
     bytes_s: list[float] = []
@@ -134,6 +142,22 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
     assert np.mean(bytes_s) <= 2200, "bytes per node and second"
     # of all swarms together: in one of them a single node at the edge decides about three hops
     for hops, limit_s in ((1, 0.15), (2, 0.3), (3, 0.65)):
+        assert np.quantile(np.array(ages_s[hops]), 0.95) <= limit_s
+
+
+def test_where_every_beacon_is_signed_poses_travel_far_with_proofs_and_no_true_one_is_refused() -> None:
+    ages_s: dict[int, list[float]] = defaultdict(list)
+    for seed in seeds(2, 5):
+        air = SignedAir(seed, count=12, degree=5.0, speed_m_s=5.0)
+        air.run_for(3.0)
+        air.fly(3.0, look=True)
+        for node in air.brokers.values():
+            refused = node.core.counters.refused
+            assert (refused.unsigned_values, refused.contradicted, refused.impersonated) == (0, 0, 0)
+        for hops, found_s in air.ages_s.items():
+            ages_s[hops] += found_s
+    assert max(ages_s) >= 3, "these seeds show nothing about many hops"
+    for hops, limit_s in ((1, 0.3), (2, 0.8), (3, 2.5)):
         assert np.quantile(np.array(ages_s[hops]), 0.95) <= limit_s
 
 

@@ -60,9 +60,10 @@ class Member:
         header = Header(0, self.hw, sequence, now_ns // 1000 & 0xFFFF_FFFF, self.session)
         clear = codec.encode_header(header)
         hello = Hello(1, 0, 0, 0, 0, PlatformCode.UAV, self.name, period_ms=100)
-        body = codec.encode(Beacon(hello=hello, values=(BoardValue(1, 0, True, content),)))
+        values = (BoardValue(1, 0, True, content),)
+        body = codec.encode(Beacon(hello=hello, values=values))
         if signed or (signed is None and self.signatures.reserved_bytes(now_ns)):
-            body = self.signatures.signed(sequence, clear, body, now_ns)
+            body = self.signatures.signed(sequence, clear, body, values, now_ns)
         digest = datagram_digest(clear + body)
         self.signatures.on_sent(sequence, digest)
         return SealedBeacon(header, codec.decode(body), SealedDatagram(clear, body, digest, self.host, True))

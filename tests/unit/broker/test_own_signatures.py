@@ -75,7 +75,7 @@ def test_another_content_with_a_used_number_is_recognised() -> None:
 def test_a_signature_has_its_stated_size_and_does_not_change_the_rest() -> None:
     member = Member("uav1")
     bare = codec.encode(Beacon(rows=(RouteRow(9, 1, 256),)))
-    body = member.signatures.signed(7, b"clear", bare, 0)
+    body = member.signatures.signed(7, b"clear", bare, (), 0)
     assert len(body) == len(bare) + PART_BYTES
     found = codec.decode(body)
     assert found.signature is not None
@@ -91,6 +91,6 @@ def test_a_signature_that_is_cut_short_or_odd_is_not_a_body(length: int) -> None
 
 
 def test_a_part_behind_the_signature_makes_the_body_invalid() -> None:
-    body = Member("uav1").signatures.signed(7, b"clear", codec.encode(Beacon()), 0)
+    body = Member("uav1").signatures.signed(7, b"clear", codec.encode(Beacon()), (), 0)
     with pytest.raises(WireError, match="signature is not its last part"):
         codec.decode(codec.append_statement(body, bytes((99, 0, 0))))

@@ -10,7 +10,7 @@ from swarmd.broker.core.admission.sessions import ALIVE_NS, ENDED_NS, Sessions, 
 from swarmd.broker.core.admission.sources import ASK_AGAIN_NS, REMIND_NS
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon
-from swarmd.broker.core.beacon.beacon_signature import BARE_PART_BYTES, PART_BYTES
+from swarmd.broker.core.beacon.beacon_signature import PART_BYTES, VALUE_PART_BYTES
 from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 
 TRIES: Final = 1000
@@ -113,13 +113,13 @@ def test_a_signature_on_each_beacon_has_no_digests_of_those_before() -> None:
     member = Member("uav1")
     member.signatures.always = True
     bare = codec.encode(Beacon())
-    assert member.signatures.reserved_bytes(0) == BARE_PART_BYTES == 72 < PART_BYTES
+    assert member.signatures.reserved_bytes(0) == VALUE_PART_BYTES == 70 < PART_BYTES
     for sequence in range(1, 20):
-        body = member.signatures.signed(sequence, b"clear", bare, sequence * PERIOD)
+        body = member.signatures.signed(sequence, b"clear", bare, (), sequence * PERIOD)
         found = codec.decode(body).signature
         assert found is not None
         assert (found.groups, found.signs_all_s) == ((), ALL_NS // SECOND)
-        assert len(body) - len(bare) == BARE_PART_BYTES
+        assert len(body) - len(bare) == VALUE_PART_BYTES
 
 
 def test_false_beacons_do_not_keep_a_session_that_has_ended() -> None:

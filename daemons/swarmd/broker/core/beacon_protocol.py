@@ -5,6 +5,8 @@ from typing import Final
 
 import msgspec
 
+from swarmd.broker.core.admission.relay_proofs import RelayProofs
+from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, BoardValue, Header, Hello
 from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
@@ -19,7 +21,9 @@ from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, MIN_HZ, Slowdown,
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, HelloSchedule, Moment, NodeIdentity
 from swarmd.broker.core.beacon.medium_parts import media_bytes
+from swarmd.broker.core.beacon.proof_parts import proofs_bytes
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
+from swarmd.broker.core.beacon.value_proof import ValueProof
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
@@ -69,8 +73,9 @@ class BeaconProtocol:
         structures: StructureBroadcasts | None = None,
         media: MediumTable | None = None,
         channels: ChannelTable | None = None,
+        signing: SigningKeys | None = None,
     ) -> None:
-        """`media`: where there are several; None: one network."""
+        """`media`: where there are several; None: one network. `signing`: None without keys."""
         self._media = media
         self.identity = identity
         self.topology = topology
@@ -79,7 +84,10 @@ class BeaconProtocol:
         self.nodes = NodeTable(identity.hw)
         self.published = PublishedBoards()
         self.relay_cache = RelayCache()
-        self._received = ReceivedValues(identity.hw, self.relay_cache, counters, topology.neighbours.get)
+        self._proofs = RelayProofs(signing, self.nodes.platform) if signing is not None else None
+        self._received = ReceivedValues(
+            identity.hw, self.relay_cache, counters, topology.neighbours.get, self._proofs
+        )
         self.hellos = HelloSchedule(identity, busy_hz)
         self._composed: list[BoardValue] = []
         """Own values of the beacon that was composed last."""
@@ -113,6 +121,12 @@ class BeaconProtocol:
         self.published.offer(plan.offers, self.channels.max_hz)
         return self._received.subscribe(plan.wants), structures
 
+    def require_proofs(self, signs: bool, from_ns: int) -> None:
+        """Sets whether each relayed value is proven; those of others from an instant on."""
+        if self._proofs is not None:
+            self.relay_cache.proven = signs
+            self._proofs.require(signs, from_ns)
+
     @property
     def busy(self) -> bool:
         """Whether boards of this node have subscribers, or boards of others are relayed."""
@@ -141,11 +155,12 @@ class BeaconProtocol:
         beacon: Beacon,
         address: tuple[str, int],
         rx_ns: int,
+        proof: ValueProof | None = None,
         *,
         is_signed: bool = False,
     ) -> ReceivedBeacon | None:
-        """Takes an authenticated beacon; `is_signed`: by its sender. None: it is malformed, or the neighbour
-        table is full."""
+        """Takes an authenticated beacon; `is_signed`: by its sender, `proof`: of its values to others. None:
+        it is malformed, or the neighbour table is full."""
         hw = header.sender_hw
         if hw in (0, self.identity.hw):
             self.counters.refused.malformed += 1
@@ -183,9 +198,12 @@ class BeaconProtocol:
             self.nodes.announce_again()
         values = []
         if beacon.values or beacon.relays:
-            values = self._received.take(neighbour, header, beacon, rx_ns)
+            signature, clock_high = beacon.signature, neighbour.clock_us >> 32 & 0xFFFF
+            if signature is not None and signature.clock_high != clock_high:
+                proof = None  # of other stamps than the hello's clock gives: no node could verify it
+            values = self._received.take(neighbour, header, beacon, rx_ns, proof)
         contradictions, self.relay_cache.contradictions = self.relay_cache.contradictions, []
-        self.counters.refused.contradicted += len(contradictions)
+        self.counters.refused.contradicted += sum(not each.is_unsigned for each in contradictions)
         structure: StructureBroadcast | None = None
         if (beacon.structure is not None or beacon.structure_questions) and neighbour.hello is not None:
             name = neighbour.hello.name
@@ -287,7 +305,7 @@ class BeaconProtocol:
         span_s = min(max((now_ns - self._sent_ns) / 1e9, 1 / hz), SILENCE_NS / 1e9 + 1 / hz)
         self._relay_room = min(self._relay_room, self._relay_bytes_s / hz) + self._relay_bytes_s * span_s
         relays = self.relay_cache.compose(now_ns, min(room, int(self._relay_room)), common, needed)
-        self._relay_room -= sum(relay_bytes(relay.payload) for relay in relays)
+        self._relay_room -= sum(relay_bytes(relay.payload) for relay in relays) + proofs_bytes(relays)
         self._relaying = bool(relays) or (self._relaying and self.relay_cache.relayed_recently(now_ns))
         beacon = Beacon(
             hello,

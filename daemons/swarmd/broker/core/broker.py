@@ -108,6 +108,7 @@ class BrokerCore:
             structures=StructureBroadcasts(identity.hw, session, signing, self.counters.refused),
             media=self.media,
             channels=channels,
+            signing=signing,
         )
         self.exchange = exchange
         if exchange is not None:
@@ -128,7 +129,8 @@ class BrokerCore:
         signs = signing is not None and not signing.is_open
         self.signatures = OwnSignatures(identity.hw, session, signing) if signing and signs else None
         self.sources = Sources(signing, protocol.nodes.platform) if signing and signs else None
-        self._require_signatures(now_ns)
+        if exchange is not None:
+            self.require_signatures(exchange.signs_beacons, now_ns)
         self._schedule = BeaconSchedule(now_ns, chance)
         self._publish_ns = now_ns
         self._tables_changed = False
@@ -292,7 +294,8 @@ class BrokerCore:
             self.media.on_beacon(header, by, address, now_ns)
             self.media.on_listings(hw, beacon.media, now_ns)
             address = self.media.address(hw, MAIN) or address
-        received = self._protocol.on_beacon(header, beacon, address, now_ns, is_signed=bool(is_signed))
+        proof = sources.proof(header, beacon, datagram) if sources and is_signed else None
+        received = self._protocol.on_beacon(header, beacon, address, now_ns, proof, is_signed=bool(is_signed))
         if received is None:
             self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
             return True, actions
@@ -410,7 +413,7 @@ class BrokerCore:
     def _on_roster(self, change: RosterChange, actions: list[Action], now_ns: int) -> None:
         assert self.exchange is not None, "without keys there is no roster"
         self._protocol.hellos.set_roster_version(change.roster.version)
-        self._require_signatures(now_ns + ENFORCED_NS)
+        self.require_signatures(self.exchange.signs_beacons, now_ns + ENFORCED_NS)
         self._triggered = True
         self.add_members((member.platform for member in change.roster.valid()), now_ns)
         gone = {member.platform for member in change.gone}
@@ -425,11 +428,12 @@ class BrokerCore:
             self._protocol.drop_subscriptions(gone)
             actions.append(KeepMirrors(self._protocol.wants()))
 
-    def _require_signatures(self, from_ns: int) -> None:
-        """Follows the roster: whether every beacon is signed; those of others from an instant on."""
-        if self.exchange is not None and self.signatures is not None and self.sources is not None:
-            self.signatures.always = self.exchange.signs_beacons
-            self.sources.require(self.exchange.signs_beacons, from_ns)
+    def require_signatures(self, signs: bool, from_ns: int) -> None:
+        """Sets whether every beacon is signed and each relayed value proven, of others from an instant on."""
+        if self.signatures is not None and self.sources is not None:
+            self.signatures.always = signs
+            self.sources.require(signs, from_ns)
+            self._protocol.require_proofs(signs, from_ns)
 
     # beacons
 
@@ -443,9 +447,8 @@ class BrokerCore:
         try:
             if sessions.meets:
                 protocol.structures.offer()
-            signature_bytes = 0
-            if self.signatures is not None:
-                signature_bytes = self.signatures.reserved_bytes(now_ns, must_sign=sessions.must_sign)
+            own = self.signatures
+            signature_bytes = own.reserved_bytes(now_ns, must_sign=sessions.must_sign) if own else 0
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting) + signature_bytes
             outgoing = protocol.compose(now_ns, is_signed=signature_bytes > 0)
         finally:

@@ -3,8 +3,10 @@
 from collections.abc import Callable, Collection
 from typing import Final
 
-from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header
-from swarmd.broker.core.boards.claims import SETTLED_NS, OriginBeacon, OwnClaims
+from swarmd.broker.core.admission.relay_proofs import RelayProofs
+from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, RelayedValue
+from swarmd.broker.core.beacon.value_proof import ValueProof
+from swarmd.broker.core.boards.claims import SETTLED_NS, Contradiction, OriginBeacon, OwnClaims
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
@@ -36,8 +38,10 @@ class ReceivedValues:
         cache: RelayCache,
         counters: Counters,
         find: Callable[[int], Neighbour | None],
+        proofs: RelayProofs | None,
     ) -> None:
         """`find`: the neighbour of a hardware id."""
+        self._proofs = proofs
         self._own_hw = own_hw
         self._cache = cache
         self._counters = counters
@@ -73,9 +77,15 @@ class ReceivedValues:
         return None if subscription is None else subscription.want.path
 
     def take(
-        self, neighbour: Neighbour, header: Header, beacon: Beacon, rx_ns: int
+        self,
+        neighbour: Neighbour,
+        header: Header,
+        beacon: Beacon,
+        rx_ns: int,
+        proof: ValueProof | None = None,
     ) -> list[tuple[BoardSubscription, RemoteValue]]:
-        """Takes the values of a beacon; returns the new ones of subscribed boards."""
+        """Takes the values of a beacon; returns the new ones of subscribed boards. `proof`: of its own
+        values."""
         found: list[tuple[BoardSubscription, RemoteValue]] = []
         hw, clock_us, cache = neighbour.hw, neighbour.clock_us, self._cache
         wants, find = self._subscriptions, self._find
@@ -83,14 +93,17 @@ class ReceivedValues:
             is_newest = header.sequence == neighbour.top
             is_settled = rx_ns - neighbour.since_ns > SETTLED_NS
             origin = OriginBeacon(header.sequence, neighbour.window if is_newest else 0, is_settled)
-            for value in beacon.values:
-                remote = cache.on_own_value(hw, value, clock_us, origin, rx_ns)
+            for position, value in enumerate(beacon.values):
+                remote = cache.on_own_value(hw, value, clock_us, origin, rx_ns, proof, position)
                 subscription = wants.get((hw, value.data_id))
                 if subscription is not None:
                     self._count(subscription, len(value.payload), remote)
                     if remote is not None:
                         found.append((subscription.want, remote))
-        for relay in beacon.relays:
+        relays = beacon.relays
+        if self._proofs is not None and self._proofs.is_used:
+            relays = self._proven(self._proofs, hw, relays, rx_ns)
+        for relay in relays:
             origin_hw = relay.origin_hw
             if origin_hw == self._own_hw:
                 if (false := self._own_claims.on_claim(hw, relay, rx_ns)) is not None:
@@ -112,6 +125,8 @@ class ReceivedValues:
                     relay.packed,
                     relay.payload,
                     rx_ns,
+                    relay.proof,
+                    relay.position,
                 )
             subscription = wants.get((origin_hw, relay.data_id))
             if subscription is not None:
@@ -119,6 +134,28 @@ class ReceivedValues:
                 if remote is not None:
                     found.append((subscription.want, remote))
         return found
+
+    def _proven(
+        self, proofs: RelayProofs, hw: int, relays: Collection[RelayedValue], rx_ns: int
+    ) -> tuple[RelayedValue, ...]:
+        """The relayed values that need no proof yet, or have a valid one; the others are not taken, and
+        refused where the key of their origin is known."""
+        taken: list[RelayedValue] = []
+        required = proofs.is_required(rx_ns)
+        for relay in relays:
+            if not required if relay.proof is None else self._is_true(proofs, relay, rx_ns):
+                taken.append(relay)
+            elif proofs.is_known(relay.origin_hw):  # else its name is still to come
+                self._counters.refused.unsigned_values += 1
+                false = Contradiction(hw, relay.origin_hw, relay.data_id, relay.hops, is_unsigned=True)
+                self._cache.contradictions.append(false)
+        return tuple(taken)
+
+    def _is_true(self, proofs: RelayProofs, relay: RelayedValue, rx_ns: int) -> bool:
+        """Whether its origin sent a value; no proof is verified of what is not used, or of own boards, which
+        are compared."""
+        is_unused = relay.origin_hw == self._own_hw or not self._cache.would_take(relay, rx_ns)
+        return is_unused or proofs.is_valid(relay)
 
     def on_sent(self, values: Collection[BoardValue], sequence: int, tx_ns: int) -> None:
         """Takes the own values of a sent beacon: relays may state others."""

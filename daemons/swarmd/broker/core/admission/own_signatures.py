@@ -1,14 +1,15 @@
 """Signatures of the own beacons: every one where the roster says so, or while another member forges some;
 otherwise one every few seconds."""
 
+from collections.abc import Iterable
 from typing import Final
 
 from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon import beacon_signature
-from swarmd.broker.core.beacon.beacon import NEVER_NS
+from swarmd.broker.core.beacon import beacon_signature, value_proof
+from swarmd.broker.core.beacon.beacon import NEVER_NS, BoardValue, decode_age, encode_age
 from swarmd.broker.core.beacon.beacon_history import BeaconHistory
-from swarmd.broker.core.beacon.beacon_signature import BARE_PART_BYTES, PART_BYTES, signed_content
+from swarmd.broker.core.beacon.beacon_signature import PART_BYTES, VALUE_PART_BYTES, signed_content
 
 PERIOD_NS: Final = 5_000_000_000
 """Period of signatures: 17 B/s, which the budget of beacons has left (tests/bench/pose_ages.py)."""
@@ -50,23 +51,49 @@ class OwnSignatures:
         for what it answers."""
         self._is_asked = self._is_asked or must_sign
         if self.always:
-            return BARE_PART_BYTES
+            return VALUE_PART_BYTES
         is_due = self._is_asked or now_ns - self._signed_ns >= PERIOD_NS - EARLY_NS
         return PART_BYTES if is_due or self.signs_all(now_ns) else 0
 
-    def signed(self, sequence: int, clear: bytes, body: bytes | bytearray, now_ns: int) -> bytes:
-        """The body of a beacon with its signature behind it; `clear`: its clear header."""
-        self._is_asked, self._signed_ns = False, now_ns
-        salt, groups = 0, tuple[int, ...]()
-        if self.always:  # with no digests of others before it, and as long as stated also after a change
-            self._all_until_ns = now_ns + ALL_NS
-        else:
-            salt = self._salt(sequence)
-            groups = tuple(group or 0 for group in self._history.groups(salt, sequence))
-        left_s = max(0, self._all_until_ns - now_ns) // _SECOND_NS
-        statement = beacon_signature.encode_statement(min(left_s, beacon_signature.SECONDS_MAX), salt, groups)
+    def signed(
+        self,
+        sequence: int,
+        clear: bytes,
+        body: bytes | bytearray,
+        values: Iterable[BoardValue],
+        tx_ns: int,
+    ) -> bytes:
+        """The body of a beacon with its signature behind it; `clear`: its clear header, `values`: of the
+        body."""
+        self._is_asked, self._signed_ns = False, tx_ns
+        if self.always:  # as long as stated also after a change
+            self._all_until_ns = tx_ns + ALL_NS
+            return self._with_proof(clear, body, values, tx_ns // 1000)
+        salt = self._salt(sequence)
+        groups = tuple(group or 0 for group in self._history.groups(salt, sequence))
+        statement = beacon_signature.encode_statement(self._left_s(tx_ns), salt, groups)
         stated = codec.append_statement(body, statement)
         return stated + self._keys.sign(signed_content(self._own_hw, self._session, clear, stated))
+
+    def _with_proof(
+        self, clear: bytes, body: bytes | bytearray, values: Iterable[BoardValue], clock_us: int
+    ) -> bytes:
+        """The body with a signature that proves each value; their stamps are as receivers compute them."""
+        statement = beacon_signature.encode_value_statement(self._left_s(clock_us * 1000), clock_us)
+        stated = codec.append_statement(body, statement)
+        hashed = value_proof.body_hash(clear, stated)
+        leaves = [
+            value_proof.value_hash(
+                value.data_id, clock_us - decode_age(encode_age(value.age_us)), value.packed, value.payload
+            )
+            for value in values
+        ]
+        proof = value_proof.prove(self._session, hashed, leaves, b"")
+        return stated + self._keys.sign(proof.signed_content(self._own_hw))
+
+    def _left_s(self, now_ns: int) -> int:
+        left_s = max(0, self._all_until_ns - now_ns) // _SECOND_NS
+        return min(left_s, beacon_signature.SECONDS_MAX)
 
     def _salt(self, sequence: int) -> int:
         """A number that no other node can compute before this beacon; digests of earlier ones need it."""

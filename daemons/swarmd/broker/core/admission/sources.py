@@ -16,6 +16,7 @@ from swarmd.broker.core.beacon.beacon import NEVER_NS, Beacon, Header
 from swarmd.broker.core.beacon.beacon_history import BeaconHistory
 from swarmd.broker.core.beacon.beacon_signature import BeaconSignature, signed_content
 from swarmd.broker.core.beacon.session_checks import CheckKind
+from swarmd.broker.core.beacon.value_proof import ValueProof, body_hash, prove, value_hash
 from swarmware.model.names import Address, hardware_id
 from swarmware.transport.sodium import verify
 
@@ -162,6 +163,8 @@ class Sources:
         self._keys = keys
         self._platform_of = platform_of
         self._all: dict[int, _Source] = {}
+        self._proven: tuple[SealedDatagram, ValueProof] | None = None
+        """The last datagram with a proof: it is needed twice."""
         self._signed_from_ns: int | None = None
         """From when on no unsigned beacon is taken; None: some are."""
 
@@ -206,9 +209,29 @@ class Sources:
         public = self._keys.sign_public_of(platform)
         if public is None:
             return None
+        proof = self.proof(header, beacon, datagram)
+        if proof is not None:
+            return verify(public, found.value, proof.signed_content(header.sender_hw))
         signed = datagram.body[: found.signed_bytes]
         content = signed_content(header.sender_hw, header.session, datagram.clear, signed)
         return verify(public, found.value, content)
+
+    def proof(self, header: Header, beacon: Beacon, datagram: SealedDatagram) -> ValueProof | None:
+        """What proves the values of a beacon to others, if its signature is valid; None: it proves none."""
+        found = beacon.signature
+        if found is None or found.clock_high is None or header.session is None:
+            return None
+        if self._proven is not None and self._proven[0] is datagram:
+            return self._proven[1]
+        clock_us = found.clock_high << 32 | header.tx_us
+        leaves = [
+            value_hash(value.data_id, clock_us - value.age_us, value.packed, value.payload)
+            for value in beacon.values
+        ]
+        hashed = body_hash(datagram.clear, datagram.body[: found.signed_bytes])
+        proof = prove(header.session, hashed, leaves, found.value)
+        self._proven = datagram, proof
+        return proof
 
     def judge(
         self,

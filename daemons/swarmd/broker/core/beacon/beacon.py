@@ -12,6 +12,7 @@ from swarmd.broker.core.beacon.beacon_signature import BeaconSignature
 from swarmd.broker.core.beacon.medium_parts import MediumListing
 from swarmd.broker.core.beacon.session_checks import SessionCheck
 from swarmd.broker.core.beacon.structure_parts import StructurePart
+from swarmd.broker.core.beacon.value_proof import ValueProof
 
 NEVER_NS: Final = -(1 << 62)
 """Before every instant: clocks may be negative, simulated ones have offsets."""
@@ -145,7 +146,7 @@ class BoardValue(msgspec.Struct, frozen=True, gc=False):
 
 
 class RelayedValue(msgspec.Struct, frozen=True, gc=False):
-    """Relayed value of another node's board, authenticated by the group key only."""
+    """Relayed value of another node's board, authenticated by its proof, or by the group key only."""
 
     origin_hw: int
     data_id: int
@@ -157,6 +158,10 @@ class RelayedValue(msgspec.Struct, frozen=True, gc=False):
     """Hops from the origin to the receiver of this datagram."""
     packed: bool
     payload: bytes
+    proof: ValueProof | None = None
+    """That the origin sent it; only where every beacon is signed."""
+    position: int = 0
+    """Among the values of the beacon that the proof is of."""
 
 
 class Beacon(msgspec.Struct, frozen=True, gc=False):

@@ -12,6 +12,7 @@ import msgspec
 from swarmd.broker.core.beacon import (
     beacon_signature,
     medium_parts,
+    proof_parts,
     request_parts,
     session_checks,
     structure_parts,
@@ -168,6 +169,9 @@ def encode(beacon: Beacon) -> bytes:
         if beacon.neighbour_requests:
             present |= Section.EXTRA
             out.append(request_parts.encode_requests(beacon.neighbour_requests))
+        if proofs := proof_parts.encode_proofs(beacon.relays):
+            present |= Section.EXTRA
+            out.append(proofs)
     except (struct.error, ValueError, OverflowError) as error:
         raise WireError(f"beacon: cannot be encoded: {error}") from error
     out[0] = bytes((present,))
@@ -223,6 +227,7 @@ def _decode(data: bytes) -> Beacon:
         contents[_STRUCTURE], contents[_QUESTIONS] = structure_parts.decode(data, start)
         contents[_SIGNATURE] = beacon_signature.decode(data, start)
         contents[_MEDIA] = medium_parts.decode_media(data, start)
+        contents[_RELAYS] = proof_parts.decode_proofs(data, start, contents[_RELAYS])
         contents[_NEIGHBOUR_REQUESTS] = request_parts.decode_requests(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
@@ -429,6 +434,7 @@ _SECTIONS: Final = (
 )
 """In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
 parts."""
+_RELAYS: Final = 6
 _STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA, _NEIGHBOUR_REQUESTS = range(len(_SECTIONS), len(_SECTIONS) + 5)
 """Fields of `Beacon` behind those of the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

@@ -58,13 +58,15 @@ class Claim(NamedTuple):
 
 
 class Contradiction(msgspec.Struct, frozen=True, gc=False):
-    """A relayed value that the beacons of its origin contradict."""
+    """A relayed value that the beacons of its origin contradict, or that has no valid proof."""
 
     relay_hw: int
     origin_hw: int
     data_id: int
     hops: int
     """Hops from the origin, as the relay states them; 2: it states that it received the origin itself."""
+    is_unsigned: bool = False
+    """It has no valid proof, where every beacon is signed: no member that knows the roster relays it."""
 
 
 class Claims:

@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Callable
+from itertools import chain
 from typing import Final
 
 import msgspec
 
 from swarmd.broker.core.beacon.beacon import HOPS_MAX, NEVER_NS, BoardValue, RelayedValue
 from swarmd.broker.core.beacon.beacon_codec import relay_bytes
+from swarmd.broker.core.beacon.proof_parts import PART_HEAD_BYTES, group_bytes
+from swarmd.broker.core.beacon.value_proof import ValueProof
 from swarmd.broker.core.boards.claims import Claim, Claims, Contradiction, OriginBeacon
 
 PERIOD_NS: Final = 130_000_000
@@ -55,6 +58,8 @@ class _CachedValue:
         "origin_hw",
         "packed",
         "payload",
+        "position",
+        "proof",
         "relayed",
         "relayed_ns",
         "rx_ns",
@@ -80,6 +85,10 @@ class _CachedValue:
         self.direct = False
         """The origin itself sent it."""
         self.claims = Claims()
+        self.proof: ValueProof | None = None
+        """Valid, of the beacon that brought it; where every beacon is signed."""
+        self.position = 0
+        """Among the values of that beacon."""
 
 
 class RelayCache:
@@ -94,12 +103,21 @@ class RelayCache:
         """The last value given to `on_value` was older than the cached one."""
         self.contradictions: list[Contradiction] = []
         """Relayed values that were contradicted since they were last taken from here."""
+        self.proven = False
+        """Whether only values with a proof are relayed."""
 
     def on_own_value(
-        self, origin_hw: int, value: BoardValue, clock_us: int, beacon: OriginBeacon, rx_ns: int
+        self,
+        origin_hw: int,
+        value: BoardValue,
+        clock_us: int,
+        beacon: OriginBeacon,
+        rx_ns: int,
+        proof: ValueProof | None = None,
+        position: int = 0,
     ) -> RemoteValue | None:
         """Takes a value from its origin, whose clock was `clock_us` when it sent it. It replaces any value
-        that came from a relay. None: it is not new."""
+        that came from a relay. None: it is not new. `proof`: of the values of the beacon."""
         stamp_us, payload = clock_us - value.age_us, value.payload
         key = origin_hw, value.data_id
         entry = self._entries.get(key)
@@ -114,6 +132,8 @@ class RelayCache:
             value.packed,
             payload,
             rx_ns,
+            proof,
+            position,
             replaces=of_relay,
         )
         entry = self._entries.get(key)
@@ -160,21 +180,26 @@ class RelayCache:
         packed: bool,
         payload: bytes,
         rx_ns: int,
+        proof: ValueProof | None = None,
+        position: int = 0,
         *,
         replaces: bool = False,
     ) -> RemoteValue | None:
         """Takes a value of a beacon, the sender's own (`hops` 1) or relayed by it. None: it is not newer.
 
-        `replaces`: it is taken unless it is the same, however old it is.
+        `proof`: a valid one; `replaces`: it is taken unless it is the same, however old it is.
         """
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             if len(self._entries) >= ENTRY_LIMIT:
                 return None
             entry = self._entries[origin_hw, data_id] = _CachedValue(origin_hw, data_id)
-        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns) and not (
+        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns, proof) and not (
             replaces and (payload != entry.payload or entry.stamp_us - stamp_us > COARSE_US)
         ):
+            is_same = payload == entry.payload and abs(stamp_us - entry.stamp_us) <= COARSE_US
+            if entry.proof is None and proof is not None and is_same:
+                entry.stamp_us, entry.proof, entry.position = stamp_us, proof, position
             self._on_repeated(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
             return None
         entry.changed = entry.changed or payload != entry.payload
@@ -187,16 +212,35 @@ class RelayCache:
         entry.relayed = False
         entry.holders = {sender_hw, origin_hw}
         entry.direct = sender_hw == origin_hw
+        entry.proof, entry.position = proof, position
         return RemoteValue(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
 
+    def would_take(self, value: RelayedValue, rx_ns: int) -> bool:
+        """Whether a relayed value is newer than the known one, or that has no proof."""
+        entry = self._entries.get((value.origin_hw, value.data_id))
+        if entry is None or entry.proof is None:
+            return True
+        return self._is_newer(entry, value.stamp_us, value.age_us, value.payload, rx_ns, value.proof)
+
     @staticmethod
-    def _is_newer(entry: _CachedValue, stamp_us: int, age_us: int, payload: bytes, rx_ns: int) -> bool:
+    def _is_newer(
+        entry: _CachedValue,
+        stamp_us: int,
+        age_us: int,
+        payload: bytes,
+        rx_ns: int,
+        proof: ValueProof | None = None,
+    ) -> bool:
+        if proof is not None and entry.proof is not None and proof.session != entry.proof.session:
+            return proof.session > entry.proof.session
         ahead_us = stamp_us - entry.stamp_us
         rounding_us = FINE_US if max(age_us, entry.age_us) < _COARSE_FROM_US else COARSE_US
         if ahead_us > rounding_us:
             return True
         if ahead_us > 0:
             return payload != entry.payload  # ages are rounded: the same value may appear slightly newer
+        if proof is not None and entry.proof is not None:
+            return False  # of the same clock
         # far behind, and nothing newer for long: the origin's clock was restarted
         return ahead_us < -OLDEST_NS // 1000 and rx_ns - entry.rx_ns > RESTART_NS
 
@@ -241,9 +285,13 @@ class RelayCache:
             if self._is_due(entry, now_ns, common)
         ]
         due.sort(key=_first, reverse=True)
-        out: list[RelayedValue] = []
+        groups: dict[int, list[RelayedValue]] = {}
         for _, entry in due:
+            proof = entry.proof if self.proven else None
+            group = groups.get(id(proof), [])
             size = relay_bytes(entry.payload)
+            if proof is not None:
+                size += _more_bytes(proof, group, entry.position) + (0 if groups else PART_HEAD_BYTES)
             if size > room:
                 continue
             if not needed(entry.origin_hw, entry.holders):
@@ -257,18 +305,19 @@ class RelayCache:
             late_ns = now_ns - entry.relayed_ns - period_ns
             entry.relayed_ns = now_ns - (late_ns if late_ns < period_ns else 0)  # keeps the mean period
             age_us = entry.age_us + (now_ns - entry.rx_ns) // 1000
-            out.append(
-                RelayedValue(
-                    entry.origin_hw,
-                    entry.data_id,
-                    entry.stamp_us,
-                    age_us,
-                    entry.hops + 1,
-                    entry.packed,
-                    entry.payload,
-                )
+            relay = RelayedValue(
+                entry.origin_hw,
+                entry.data_id,
+                entry.stamp_us,
+                age_us,
+                entry.hops + 1,
+                entry.packed,
+                entry.payload,
+                proof,
+                entry.position if proof is not None else 0,
             )
-        return out
+            groups[id(proof)] = [*group, relay]
+        return list(chain.from_iterable(groups.values()))
 
     def has_changes(
         self, now_ns: int, common: frozenset[int], needed: Callable[[int, set[int]], bool]
@@ -281,6 +330,8 @@ class RelayCache:
 
     def _is_due(self, entry: _CachedValue, now_ns: int, common: frozenset[int]) -> bool:
         if entry.relayed or entry.origin_hw in common or entry.hops >= HOPS_MAX:
+            return False
+        if self.proven and entry.proof is None:
             return False
         return now_ns - entry.rx_ns <= OLDEST_NS and self._waited(entry, now_ns) >= 1.0
 
@@ -307,6 +358,12 @@ class RelayCache:
 
 def _period_ns(entry: _CachedValue) -> int:
     return PERIOD_NS + FURTHER_NS * (entry.hops - 1)
+
+
+def _more_bytes(proof: ValueProof, group: list[RelayedValue], position: int) -> int:
+    """Bytes that a value adds to the proof of those that are relayed already."""
+    before = [relay.position for relay in group]
+    return group_bytes(proof, [*before, position]) - (group_bytes(proof, before) if before else 0)
 
 
 def _first(entry: tuple[float, _CachedValue]) -> float:

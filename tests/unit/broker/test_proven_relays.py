@@ -1,0 +1,250 @@
+"""Relayed values where every beacon is signed: only what its origin has signed is taken, and relayed."""
+
+from collections.abc import Callable, Iterable
+from typing import Final
+
+import msgspec
+import pytest
+from tests.unit.broker.signed_beacons import SESSION, Member, MemberKeys, SealedBeacon
+
+from swarmd.broker.core.admission import relay_proofs
+from swarmd.broker.core.admission.relay_proofs import REMEMBERED, RelayProofs
+from swarmd.broker.core.admission.sources import Sources
+from swarmd.broker.core.beacon import beacon_codec as codec
+from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, RelayedValue
+from swarmd.broker.core.boards.claims import OriginBeacon
+from swarmd.broker.core.boards.relay_cache import RelayCache
+from swarmd.broker.core.received_values import ReceivedValues
+from swarmd.broker.core.topology.neighbour import Neighbour
+from swarmd.broker.core.traffic import Counters
+from swarmware.model.names import data_id, hardware_id
+from swarmware.transport.sodium import verify
+from swarmware.types.net import BoardSubscription
+
+TRIES: Final = 1000
+PERIOD: Final = 200_000_000
+NAMES: Final = {hardware_id(name): name for name in ("uav1", "uav2", "uav3")}
+UAV1, UAV2, UAV3 = NAMES
+POSE: Final = data_id("nav/pose", "Pose")
+ROOM: Final = 1100
+
+
+def needed(_origin_hw: int, _holders: set[int]) -> bool:
+    return True
+
+
+class Origin(Member):
+    """uav1, which signs every beacon."""
+
+    def __init__(self, *, session: int = SESSION, key: str = "") -> None:
+        super().__init__("uav1", session=session, key=key)
+        self.signatures.always = True
+        self.sequence = 100
+
+    def values(self, now_ns: int, *payloads: bytes) -> SealedBeacon:
+        """A beacon with the values of some boards."""
+        self.sequence += 1
+        header = Header(0, self.hw, self.sequence, now_ns // 1000 & 0xFFFF_FFFF, self.session)
+        clear = codec.encode_header(header)
+        values = tuple(
+            BoardValue(POSE + number, 1000, True, payload) for number, payload in enumerate(payloads)
+        )
+        body = codec.encode(Beacon(values=values))
+        signed = self.signatures.signed(self.sequence, clear, body, values, now_ns)
+        shell = self.beacon(self.sequence, now_ns).datagram
+        datagram = msgspec.structs.replace(shell, clear=clear, body=signed)
+        return SealedBeacon(header, codec.decode(signed), datagram)
+
+
+class Relay:
+    """uav2, which receives uav1 itself."""
+
+    def __init__(self) -> None:
+        self.cache = RelayCache()
+        self.cache.proven = True
+
+    def hear(self, sent: SealedBeacon, now_ns: int, *, proven: bool = True) -> None:
+        sources = Sources(MemberKeys("uav2"), lambda hw: NAMES.get(hw, ""))
+        assert sources.is_signed(sent.header, sent.beacon, sent.datagram)
+        proof = sources.proof(sent.header, sent.beacon, sent.datagram) if proven else None
+        beacon = OriginBeacon(sent.header.sequence, 1, False)
+        for position, value in enumerate(sent.beacon.values):
+            self.cache.on_own_value(UAV1, value, now_ns // 1000, beacon, now_ns, proof, position)
+
+    def say(self, now_ns: int, room: int = ROOM) -> tuple[RelayedValue, ...]:
+        """What its next beacon relays, after its way through the air."""
+        relays = tuple(self.cache.compose(now_ns, room, frozenset(), needed))
+        body = codec.encode(Beacon(relays=relays))
+        assert len(body) <= room + 2
+        return codec.decode(body).relays
+
+
+class Receiver:
+    """uav3, which does not receive uav1."""
+
+    def __init__(self, required_from_ns: int | None = 0) -> None:
+        self.cache = RelayCache()
+        self.cache.proven = required_from_ns is not None
+        self.counters = Counters()
+        proofs = RelayProofs(MemberKeys("uav3"), lambda hw: NAMES.get(hw, ""))
+        if required_from_ns is not None:
+            proofs.require(True, required_from_ns)
+        self._received = ReceivedValues(UAV3, self.cache, self.counters, lambda _: None, proofs)
+        self._received.subscribe(
+            [BoardSubscription("uav1", "nav/pose", "Pose", POSE + number) for number in range(9)]
+        )
+
+    def take(self, relays: Iterable[RelayedValue], now_ns: int) -> list[bytes]:
+        beacon, header = Beacon(relays=tuple(relays)), Header(0, UAV2, 5, 0)
+        taken = self._received.take(Neighbour(UAV2, now_ns), header, beacon, now_ns)
+        return [value.payload for _, value in taken]
+
+    @property
+    def refused(self) -> int:
+        return self.counters.refused.unsigned_values
+
+    def reported(self) -> list[tuple[int, int]]:
+        """Relay and origin of what was refused since the last call."""
+        found, self.cache.contradictions = self.cache.contradictions, []
+        assert all(each.is_unsigned for each in found)
+        return [(each.relay_hw, each.origin_hw) for each in found]
+
+
+def test_true_values_arrive_over_one_relay_and_over_two_and_together_need_one_signature(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    verified: list[bytes] = []
+
+    def counting(public: bytes, signature: bytes, data: bytes) -> bool:
+        verified.append(signature)
+        return verify(public, signature, data)
+
+    monkeypatch.setattr(relay_proofs, "verify", counting)
+    origin, relay, receiver, last = Origin(), Relay(), Receiver(), Receiver()
+    for step in range(1, 20):
+        now_ns = step * PERIOD * 3
+        payloads = [bytes((step, board)) for board in range(4)]
+        relay.hear(origin.values(now_ns, *payloads), now_ns)
+        assert sorted(receiver.take(relay.say(now_ns), now_ns)) == payloads
+        assert receiver.take(relay.say(now_ns), now_ns) == [], "once"
+        further = receiver.cache.compose(now_ns, ROOM, frozenset(), needed)
+        assert sorted(last.take(further, now_ns)) == payloads
+    assert receiver.refused == last.refused == 0
+    assert len(verified) == 19 * 2
+
+
+def stolen(relay: RelayedValue, number: int) -> RelayedValue:
+    return msgspec.structs.replace(relay, payload=b"invented", stamp_us=relay.stamp_us + 1000 * (number + 1))
+
+
+def reproved(relay: RelayedValue, number: int, key: str, session: int = SESSION) -> RelayedValue:
+    """The invented value in a beacon that the relay signs in the name of the origin, or in its own."""
+    forger = Origin(key=key, session=session)
+    now_ns = (relay.stamp_us + 2000 * (number + 1)) * 1000
+    sent = forger.values(now_ns, b"invented")
+    sources = Sources(MemberKeys("uav2"), lambda hw: NAMES.get(hw, ""))
+    proof = sources.proof(sent.header, sent.beacon, sent.datagram)
+    stamp_us = now_ns // 1000 - 1000
+    return msgspec.structs.replace(
+        relay, data_id=POSE, payload=b"invented", stamp_us=stamp_us, proof=proof, position=0
+    )
+
+
+INVENTIONS: Final[dict[str, Callable[[RelayedValue, int], RelayedValue]]] = {
+    "without a proof": lambda relay, number: msgspec.structs.replace(stolen(relay, number), proof=None),
+    "with the key of the relay": lambda relay, number: reproved(relay, number, "uav2"),
+    "in another session": lambda relay, number: reproved(relay, number, "uav2", SESSION + number),
+    "of another member": lambda relay, number: msgspec.structs.replace(
+        relay, origin_hw=UAV2, payload=b"%d" % number
+    ),
+}
+
+
+@pytest.mark.parametrize("invention", INVENTIONS)
+def test_none_of_a_thousand_invented_values_is_taken_and_each_is_counted_and_reported(invention: str) -> None:
+    origin, relay, receiver = Origin(), Relay(), Receiver()
+    relay.hear(origin.values(PERIOD, b"true"), PERIOD)
+    [true] = relay.say(PERIOD)
+    assert receiver.take([true], PERIOD) == [b"true"]
+    for number in range(TRIES):
+        assert receiver.take([INVENTIONS[invention](true, number)], PERIOD + number) == []
+    assert receiver.refused == TRIES
+    victim = UAV2 if invention == "of another member" else UAV1
+    assert receiver.reported() == [(UAV2, victim)] * TRIES
+    relay.hear(origin.values(9 * PERIOD, b"next"), 9 * PERIOD)
+    assert receiver.take(relay.say(9 * PERIOD), 9 * PERIOD) == [b"next"]
+
+
+def test_another_value_under_a_true_proof_is_refused_each_time() -> None:
+    origin, relay, receiver = Origin(), Relay(), Receiver()
+    relay.hear(origin.values(PERIOD, b"true", b"also"), PERIOD)
+    true, _ = relay.say(PERIOD)
+    for number in range(TRIES):
+        on_wire = codec.decode(codec.encode(Beacon(relays=(stolen(true, number),)))).relays
+        assert receiver.take(on_wire, PERIOD) == []
+    assert receiver.refused == TRIES
+
+
+def test_a_recorded_value_does_not_replace_a_newer_one_nor_one_of_a_later_session() -> None:
+    origin, relay, receiver = Origin(), Relay(), Receiver()
+    recorded = []
+    for step in (100, 200):
+        relay.hear(origin.values(step * PERIOD, b"%d" % step), step * PERIOD)
+        recorded.append(relay.say(step * PERIOD))
+        receiver.take(recorded[-1], step * PERIOD)
+    late_ns = 400 * PERIOD
+    assert receiver.take(recorded[0], late_ns) == [], "not after a silence either"
+    restarted, relay = Origin(session=SESSION + 1), Relay()
+    relay.hear(restarted.values(PERIOD, b"restarted"), PERIOD)
+    assert receiver.take(relay.say(PERIOD), late_ns) == [b"restarted"], "its clock began again"
+    assert receiver.take(recorded[1], late_ns + PERIOD) == []
+    assert receiver.refused == 0, "they were sent once"
+
+
+def test_values_of_a_node_without_a_known_name_are_not_taken_and_no_offence() -> None:
+    receiver = Receiver()
+    unknown = RelayedValue(hardware_id("uav9"), POSE, 5, 0, 2, True, b"value")
+    assert receiver.take([unknown], PERIOD) == []
+    assert receiver.cache.newest(unknown.origin_hw, POSE) is None
+    assert (receiver.refused, receiver.reported()) == (0, [])
+
+
+@pytest.mark.parametrize("required_from_ns", [None, 2 * PERIOD])
+def test_until_proofs_are_required_values_without_one_are_taken(required_from_ns: int | None) -> None:
+    receiver = Receiver(required_from_ns)
+    bare = RelayedValue(UAV1, POSE, 5, 0, 2, True, b"value")
+    assert receiver.take([bare], PERIOD) == [b"value"]
+    later = msgspec.structs.replace(bare, stamp_us=2_000_000, payload=b"later")
+    assert receiver.take([later], 3 * PERIOD) == ([b"later"] if required_from_ns is None else [])
+    assert receiver.refused == (required_from_ns is not None)
+
+
+def test_what_came_without_a_proof_is_relayed_when_its_origin_repeats_it_with_one() -> None:
+    origin, relay = Origin(), Relay()
+    first = origin.values(PERIOD, b"same")
+    relay.hear(first, PERIOD, proven=False)
+    assert relay.say(PERIOD) == ()
+    assert not relay.cache.has_changes(PERIOD, frozenset(), needed)
+    relay.hear(first, PERIOD)
+    [relayed] = relay.say(PERIOD)
+    assert Receiver().take([relayed], PERIOD) == [b"same"]
+
+
+@pytest.mark.parametrize(("room", "count"), [(0, 0), (60, 0), (150, 0), (230, 1), (500, 6), (1100, 9)])
+def test_fewer_values_are_relayed_where_room_is_short_and_never_without_proof(room: int, count: int) -> None:
+    origin, relay, receiver = Origin(), Relay(), Receiver()
+    relay.hear(origin.values(PERIOD, *(bytes(40) for _ in range(9))), PERIOD)
+    relayed = relay.say(PERIOD, room)
+    assert len(relayed) == count
+    assert all(value.proof is not None for value in relayed)
+    assert len(receiver.take(relayed, PERIOD)) == len(relayed)
+
+
+def test_only_the_newest_signatures_are_remembered() -> None:
+    origin, relay = Origin(), Relay()
+    proofs = RelayProofs(MemberKeys("uav3"), lambda hw: NAMES.get(hw, ""))
+    for step in range(1, REMEMBERED + 10):
+        relay.hear(origin.values(step * PERIOD * 4, b"%d" % step), step * PERIOD * 4)
+        [value] = relay.say(step * PERIOD * 4)
+        assert proofs.is_valid(value)
+    assert len(proofs._valid) == REMEMBERED
