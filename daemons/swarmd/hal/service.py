@@ -22,6 +22,7 @@ from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
+from swarmware.types.health import Level
 from swarmware.types.vehicle import DriverState, DriverTable, LineLoad
 
 if TYPE_CHECKING:
@@ -107,6 +108,9 @@ class Hal(Service):
                 stage_phase_ns(processes, _stage(device)),
                 actuator=isinstance(device, Actuator),
             )
+            if isinstance(device, Actuator):
+                # now: a check that is first reported in need is a new resource, which all others are told of
+                self._report_failsafe(device, "ok", "")
             group.create_task(self._keep(device, schedule), name=f"driver:{device.name}")
         self._check_lines()
 
@@ -225,6 +229,9 @@ class Hal(Service):
             log.warning("driver %s: fail-safe (%s): %s", actuator.name, level, reason)
         else:
             log.info("driver %s: set-points arrive again", actuator.name)
+        self._report_failsafe(actuator, level, reason)
+
+    def _report_failsafe(self, actuator: Actuator, level: Level, reason: str) -> None:
         self.health.report(
             f"failsafe/{_check_name(actuator)}",
             _FAILSAFE[level],

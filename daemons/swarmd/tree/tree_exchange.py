@@ -118,7 +118,7 @@ class TreeExchange:
             self.asked += 1
             try:
                 reply = await self._module.request(
-                    path, action.request, StructureReply, timeout_s=self._answer_s
+                    path, action.request, StructureReply, timeout_s=self._answer_by_s()
                 )
             except SwarmError as error:
                 log.debug("structure of %s: %s", action.platform, error)
@@ -135,7 +135,7 @@ class TreeExchange:
                     path,
                     msgspec.structs.replace(action.request, reads=READABLE),
                     SubscribeReply,
-                    timeout_s=self._answer_s,
+                    timeout_s=self._answer_by_s(),
                 )
             except SwarmError as error:
                 log.debug("subscription at %s: %s", action.platform, error)
@@ -147,9 +147,13 @@ class TreeExchange:
         """Sends a notification and feeds the core its result."""
         path = _at(action.platform, "notify")
         notify = await self.coder.coded(action)
-        outcome = await self._module.send(path, notify, timeout_s=self._answer_s, kind=action.kind)
+        outcome = await self._module.send(path, notify, timeout_s=self._answer_by_s(), kind=action.kind)
         now_ns = self._module.now_ns()
         self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))
+
+    def _answer_by_s(self) -> float:
+        """Time-out of a request; what arrives later than that is refused, and sent again."""
+        return self._answer_s + self._tree.patience_s(self._module.now_ns())
 
 
 def _at(node: str, verb: str) -> str:

@@ -155,6 +155,12 @@ async def test_the_fail_safe_of_an_actuator_is_shown_and_reported(tmp_path: Path
         assert await state_of(checks, "hal/failsafe/valve", "ok")
 
 
+async def test_the_check_of_a_fail_safe_is_there_before_it_is_needed(tmp_path: Path) -> None:
+    async with running(tmp_path, [Valve()], FAST) as other:
+        checks = other.reader("health/checks/hal", CheckReports)
+        assert await state_of(checks, "hal/failsafe/valve", "ok")
+
+
 async def state_of(board: BoardReader[CheckReports], check: str, wanted: str) -> bool:
     async with asyncio.timeout(20.0):
         while True:

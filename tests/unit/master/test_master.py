@@ -56,6 +56,16 @@ async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_on
         assert full.endpoint == node.messaging.address
 
 
+async def test_a_table_that_says_the_same_is_not_published_again(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
+        alone = await table_where(m, lambda names: names == {"planner"})
+        for path in ("sensor/a", "sensor/b", "sensor/c"):
+            m.reader(path, Int)  # in the application file, not in the table
+        async with Module("pilot", node=node):
+            both = await table_where(m, lambda names: names == {"planner", "pilot"})
+        assert both.version == alone.version + 1
+
+
 async def test_a_holder_that_becomes_the_preferred_one_goes_on_counting_its_tables(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         board = m.reader("register/apps", ApplicationTable)

@@ -315,3 +315,13 @@ def test_a_member_at_a_later_visit_ends_the_wait_of_those_at_an_earlier_one() ->
     e.arrive("a", gate=BarrierSpec("x", 2))
     e.arrive("b", "c", gate=BarrierSpec("x", 1))
     assert outcomes(e.talk(S)) == {"b": "error:broken", "c": "error:broken"}
+
+
+def test_the_others_were_not_silent_while_this_node_did_not_listen() -> None:
+    e = Ensemble()
+    e.arrive("a", "b")
+    late = e.of["a"]
+    late.on_own_delay(2 * S)
+    assert late.advance(5 * S - 1) == [], "three seconds without the two that it was late"
+    assert [passed.result.label for passed in late.advance(5 * S + 1)] == ["error:broken"]
+    assert [passed.result.label for passed in e.of["b"].advance(3 * S + 1)] == ["error:broken"]

@@ -29,12 +29,13 @@ class Values:
 
     def __init__(self) -> None:
         self.battery: float | None = 1.0
+        self.pose_age_s: float | None = 0.0
 
     def value(self, path: str, field: str) -> Scalar | None:
         return self.battery
 
     def age_s(self, path: str) -> float | None:
-        return 0.0
+        return self.pose_age_s
 
 
 class Member1:
@@ -285,6 +286,57 @@ def test_a_requirement_that_cannot_be_told_is_given_three_checks() -> None:
     assert words(m.core.on_timer(S)) == []
     assert words(m.core.on_timer(2 * S)) == []
     assert words(m.core.on_timer(3 * S)) == ["state:ending", "cancel 1"]
+
+
+def with_pose(text: str) -> str:
+    return text.replace('{"mission"', '{"requires": ["age(nav/pose) < 2"], "mission"', 1)
+
+
+def test_an_age_is_judged_without_the_time_for_which_the_node_itself_was_late() -> None:
+    m = Member1()
+    m.order(with_pose(ARM))
+    m.values.pose_age_s = 2.5
+    late = until(m.core, S) + S // 2
+    assert words(m.core.on_timer(late)) == [], "two turns of half a second each"
+    m.values.pose_age_s = 3.1
+    assert words(m.core.on_timer(2 * S)) == ["state:ending", "cancel 1"]
+
+
+def test_an_age_is_judged_as_it_is_on_a_node_that_is_not_late() -> None:
+    m = Member1()
+    m.order(with_pose(ARM))
+    m.values.pose_age_s = 2.5
+    assert words(m.core.on_timer(until(m.core, S))) == ["state:ending", "cancel 1"]
+
+
+def test_an_age_that_is_not_known_is_not_known_on_a_late_node_either() -> None:
+    m = Member1()
+    m.order(with_pose(ARM))
+    m.values.pose_age_s = None
+    now = until(m.core, S) + S // 2
+    assert words(m.core.on_timer(now)) == []
+    assert words(m.core.on_timer(2 * S)) == []
+    assert words(m.core.on_timer(3 * S)) == ["state:ending", "cancel 1"]
+
+
+def test_a_member_that_was_late_itself_waits_longer_for_the_others_at_a_barrier() -> None:
+    text = net(s="Start>x", x={"type": "Barrier", "id": "x", "timeout_s": 60, "next": "e"}, e="End")
+    ends = {}
+    for late_ns in (0, 2 * S):
+        m = Member1()
+        m.order(text, members=(A, B))
+        ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
+        m.core.on_states([("b", ready, ())], 0)
+        now = m.core.deadline_ns()
+        while m.core.phase is not MissionPhase.RUNNING:
+            m.core.on_timer(now)
+            now = max(m.core.deadline_ns(), now)
+        m.core.on_timer(now + late_ns)
+        while m.core.phase is MissionPhase.RUNNING:
+            now = m.core.deadline_ns()
+            m.core.on_timer(now)
+        ends[late_ns] = now
+    assert ends[2 * S] == pytest.approx(ends[0] + 2 * S, abs=S // 5)
 
 
 @pytest.mark.parametrize(

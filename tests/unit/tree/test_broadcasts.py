@@ -9,6 +9,7 @@ from tests.unit.tree.pair import BATTERY, CONFIG, POSE, STEP, TEMPLATE, S, Tree,
 from swarmd.tree.core.action import RequestStructure, RequestSubscription
 from swarmd.tree.core.replicas.received_broadcasts import ReceivedBroadcasts
 from swarmd.tree.core.replicas.replica import Replica
+from swarmd.tree.core.replicas.replica_timeouts import PATIENCE
 from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmd.tree.core.tree import BROADCAST_LIMIT
 from swarmware.model.names import Address
@@ -85,6 +86,21 @@ def test_a_structure_that_no_beacon_brings_is_requested_and_that_node_not_waited
     uav.on_timer(9 * S)
     meet(gcs, uav, 9 * S)
     assert requests(gcs) == 1, "a former version, or a structure that is too large"
+
+
+def test_a_node_that_is_late_itself_waits_longer_for_a_beacon_with_a_structure() -> None:
+    gcs, uav = two()
+    meet(gcs, core("uav2", epoch=3))
+    gcs.on_timer(WAIT_NS + S)
+    gcs.drain()
+    now_ns = WAIT_NS + S
+    assert gcs.patience_s(now_ns) == PATIENCE
+    meet(gcs, uav, now_ns)
+    gcs.on_timer(now_ns + WAIT_NS)
+    assert requests(gcs) == 0
+    gcs.on_timer(now_ns + WAIT_NS + PATIENCE * S)
+    assert requests(gcs) == 1
+    assert gcs.patience_s(now_ns + 60 * S) == 0
 
 
 def test_after_a_beacon_with_its_structure_a_node_is_waited_for_again() -> None:

@@ -12,6 +12,7 @@ from swarmd.health.core.reports import RegisteredCheck, RegisteredChecks
 from swarmd.health.core.rules import AgeRule, LimitRule
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource
+from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,
@@ -37,8 +38,6 @@ GUARD: Final = "guard"
 """The application that starts all others, and the only one on which the monitor acts."""
 VALUES_NS: Final = 1_000_000_000
 """Period of sampling values with limits."""
-STALL_NS: Final = 1_000_000_000
-"""A monitor that was delayed for longer extends the time of heartbeats by its delay."""
 
 
 class ReadInputs(msgspec.Struct, frozen=True):
@@ -99,6 +98,7 @@ class MonitorCore:
         self._grace_ns = round(config.grace_s * 1e9)
         self._period_ns = round(1e9 / config.look_hz)
         self._next_read_ns: int | None = None
+        self._delay = OwnDelay()
         self._next_values_ns = 0
         self._ages: dict[str, AgeRule] = {}
         self._rules: dict[str, LimitRule] = {}
@@ -356,10 +356,11 @@ class MonitorCore:
             self._actions.append(FaultChanged(fault))
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Inputs are to be read; a delay of the monitor itself extends the time of heartbeats."""
-        due_ns = now_ns if self._next_read_ns is None else self._next_read_ns
-        if now_ns - due_ns > STALL_NS:
-            self.apps.extend_heartbeats(now_ns - due_ns)
+        """Inputs are to be read; a delay of the monitor itself extends ages and the time of heartbeats."""
+        if late_ns := self._delay.on_turn(self._next_read_ns, now_ns):
+            self.apps.extend_heartbeats(late_ns)
+            for age in self._ages.values():
+                age.extend(late_ns)
         self._next_read_ns = (now_ns // self._period_ns + 1) * self._period_ns
         values = now_ns >= self._next_values_ns
         if values:

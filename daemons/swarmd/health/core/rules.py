@@ -71,6 +71,11 @@ class AgeRule:
         """Time since the last sample that found a new value; infinite without a value."""
         return math.inf if self._changed_ns is None else (now_ns - self._changed_ns) / 1e9
 
+    def extend(self, late_ns: int) -> None:
+        """The monitor was delayed, and so was the owner of the resource where both share an event loop."""
+        if self._changed_ns is not None:
+            self._changed_ns += late_ns
+
     def on_sample(self, position: int, now_ns: int) -> bool:
         """Sample the position of the ring; True if another state is confirmed."""
         if position != self._position or self._changed_ns is None:

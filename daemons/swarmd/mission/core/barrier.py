@@ -132,6 +132,12 @@ class Barriers:
         for peer in self._peers.values():
             peer.received_ns = peer.alive_ns = now_ns
 
+    def on_own_delay(self, late_ns: int) -> None:
+        """This node did not listen for this time, in which the others were not silent."""
+        for peer in self._peers.values():
+            peer.received_ns += late_ns
+            peer.alive_ns += late_ns
+
     def on_alive(self, platform: str, now_ns: int) -> None:
         """Datagrams of a member arrive, even if its mission state was lost."""
         peer = self._peers.get(platform)

@@ -10,6 +10,7 @@ import msgspec
 from swarmd.mission.config import Config
 from swarmd.mission.core.announcement import Announcer
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
+from swarmd.mission.core.delayed_lookup import DelayedLookup
 from swarmd.mission.core.player import Player
 from swarmd.mission.core.run import (
     PLAYING,
@@ -35,6 +36,7 @@ from swarmware.mission.condition import Lookup
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.runtime.core import AT_ONCE
+from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
@@ -44,6 +46,8 @@ _SAFE: Final = frozenset({"land", "return"})
 """Built-in missions that end on the ground: a lost link does not replace them."""
 CHECK_NS: Final = 1_000_000_000
 """Period of evaluating the requirements (S2.35)."""
+TURNS: Final = 2
+"""Turns of a late event loop from a measurement to the value that is computed from it."""
 REQUIREMENT_MISSES: Final = 3
 """Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
 
@@ -77,6 +81,7 @@ class MissionExecutor:
         self._chance = chance
         self._config = config
         self._announcer = Announcer()
+        self._delay = OwnDelay()
         self._lead = lead
         self._tokens = count(1)
         self._phase = MissionPhase.IDLE
@@ -185,6 +190,7 @@ class MissionExecutor:
     ) -> list[Action]:
         """States of several platforms were received at the same instant."""
         if self._barriers is not None:
+            self._listen(now_ns)
             for platform, state, results in states:
                 self._barriers.on_state(platform, state, results, now_ns)
         return self._settle(now_ns)
@@ -261,6 +267,7 @@ class MissionExecutor:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Handles time-outs, common times, lost members and requirements."""
+        self._listen(now_ns)
         if self._player is not None:
             self._feed(self._player.advance(now_ns), now_ns)
             self._empty_queue(now_ns)
@@ -279,6 +286,12 @@ class MissionExecutor:
             AT_ONCE if announce_ns is None else announce_ns,
         ]
         return min(instant for instant in instants if instant is not None)
+
+    def _listen(self, now_ns: int) -> None:
+        """Others are not silent while this core is not called."""
+        late_ns = self._delay.on_turn(self.deadline_ns(), now_ns)
+        if late_ns and self._barriers is not None:
+            self._barriers.on_own_delay(late_ns)
 
     def _settle(self, now_ns: int) -> list[Action]:
         """Completes the event: processes the queue until it is empty and no wait at a barrier ends."""
@@ -436,8 +449,9 @@ class MissionExecutor:
         if self._run is None:
             return
         unmet: list[str] = []
+        lookup = DelayedLookup(self._lookup, TURNS * self._delay.recent_ns(now_ns))
         for condition in self._run.mission.requires:
-            holds = condition.holds(self._lookup)
+            holds = condition.holds(lookup)
             misses = 0 if holds else self._misses.get(condition.text, 0) + 1
             self._misses[condition.text] = misses
             if holds is False or misses >= REQUIREMENT_MISSES:

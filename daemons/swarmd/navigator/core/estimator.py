@@ -12,7 +12,7 @@ from swarmware.types.vehicle import GnssFix, Imu, Pose
 
 _PREDICTION_MAX_S: Final = 0.5
 """Longest prediction in one step."""
-_LATE_MAX_NS: Final = 1_000_000_000
+_LATE_MAX_NS: Final = 2_000_000_000
 """Maximum delay of a step that is not counted in the age of measurements."""
 _SLOW_M_S: Final = 0.15
 """Speed of the fixes above which a vehicle moves: the inertial unit does not measure steady motion."""

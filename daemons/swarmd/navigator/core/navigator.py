@@ -1,5 +1,7 @@
 """The navigator's core: measurements and a goal in, pose, set-point and status out."""
 
+from typing import Final
+
 import msgspec
 
 from swarmd.navigator.config import Config
@@ -7,8 +9,12 @@ from swarmd.navigator.core.controller import Controller
 from swarmd.navigator.core.estimation import PoseEstimation
 from swarmd.navigator.core.guidance import Guidance
 from swarmware.geometry.geodesy import Origin
+from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.control import ControlState
 from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
+
+TURNS: Final = 2
+"""Turns of a late event loop from a measurement to its use: its driver is delayed, then the navigator."""
 
 
 class NavigatorOutput(msgspec.Struct, frozen=True):
@@ -29,6 +35,7 @@ class NavigatorCore:
         hovers = controller.flies and controller.circle_m == 0.0
         self._estimation = PoseEstimation(config.estimator, origin, hovers=hovers)
         self._guidance = Guidance(config, platform, controller)
+        self._delay = OwnDelay()
 
     def set_config(self, config: Config) -> None:
         """Replaces weights and gains, also while moving (S2.46)."""
@@ -79,7 +86,9 @@ class NavigatorCore:
         return self._config.period_s(resting=self.resting)
 
     def step(self, now_ns: int, late_ns: int = 0) -> NavigatorOutput:
-        """Computes pose, set-point and status for this instant; `late_ns`: as of the estimation."""
+        """Computes pose, set-point and status for this instant; `late_ns`: after the step was due."""
+        self._delay.on_turn(now_ns - late_ns, now_ns)
+        late_ns = max(late_ns, TURNS * self._delay.recent_ns(now_ns))
         self._estimation.on_setpoint(self._guidance.setpoint)
         pose = self._estimation.step(now_ns, late_ns)
         output = self._guidance.step(pose, now_ns)

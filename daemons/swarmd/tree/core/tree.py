@@ -5,7 +5,7 @@ from typing import Final
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action
-from swarmd.tree.core.replicas.replica_timeouts import ReplicaTimeouts
+from swarmd.tree.core.replicas.replica_timeouts import PATIENCE, ReplicaTimeouts
 from swarmd.tree.core.replicas.replicas import Replicas
 from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts
 from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
@@ -13,6 +13,7 @@ from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.access import Access, Sender
 from swarmware.model.names import MAIN, Address
 from swarmware.model.resource import Kind, Link, Resource
+from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.channel import ChannelLimit, ChannelProtocol, settings_of
 from swarmware.types.net import StructureBroadcast
 from swarmware.types.tree import (
@@ -66,7 +67,9 @@ class SwarmTree:
             retry_ns=retry_ns,
         )
         self.subscribers = Subscribers(self.address, self.local, intervals, emit, access or Access())
+        self._delay = OwnDelay()
         timeouts = ReplicaTimeouts(
+            delay=self._delay,
             lease_ns=_ns(config.lease_s),
             retry_ns=retry_ns,
             forget_ns=_ns(config.forget_s),
@@ -216,6 +219,7 @@ class SwarmTree:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Handles what is due: leases, retries, ended owners."""
+        self._delay.on_turn(self.deadline_ns(), now_ns)
         if self.local.advance(now_ns):
             self.subscribers.on_structure(now_ns)
         self.replicas.advance(now_ns)
@@ -230,6 +234,10 @@ class SwarmTree:
             if when is not None and (soonest is None or when < soonest):
                 soonest = when
         return soonest
+
+    def patience_s(self, now_ns: int) -> float:
+        """Time by which others have longer to answer, as the own node is late."""
+        return PATIENCE * self._delay.recent_ns(now_ns) / 1e9
 
     # -- for the broker
 

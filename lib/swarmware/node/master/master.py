@@ -7,6 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final, Protocol
 
+import msgspec
+
 from swarmware.errors import Conflict, Denied
 from swarmware.model import paths
 from swarmware.model.clock import Clock
@@ -96,6 +98,8 @@ class Master:
         self._version = 0
         self._timer: asyncio.TimerHandle | None = None
         self._published_s = -PAUSE_S
+        self._published: tuple[int, str, tuple[Application, ...], int] | None = None
+        """What the last table of this holder said."""
         self._role: LeaderCandidate | None = None
         if candidate:
             self._role = LeaderCandidate(
@@ -188,6 +192,7 @@ class Master:
         self._processes.close()
         self._listening = False
         self._node.unlisten(self._apps_table)
+        self._published = None
         if self._board is not None:
             self._board.close(unlink=False)
             self._board = None
@@ -209,8 +214,13 @@ class Master:
                 self._timer = self._loop.call_later(BUSY_S, self._publish)
                 return
         self._published_s = self._loop.time()
-        self._version += 1
         table = self.table(full=False)
+        content = (table.epoch, table.master, table.applications, table.omitted)
+        if content == self._published:
+            return  # an application reads or serves something else, which is not published
+        self._published = content
+        self._version += 1
+        table = msgspec.structs.replace(table, version=self._version)
         frame = Frame(
             FrameKind.BOARD,
             data_id(PATH, registry.type_name(ApplicationTable)),

@@ -428,7 +428,7 @@ class Replicas:
         if self._may_be_broadcast(replica):
             if not replica.awaits_broadcast:
                 self._set_awaiting(replica, True)
-                self._timers.set((replica.name, _Due.STRUCTURE), now_ns + self._timeouts.broadcast_ns)
+                self._timers.set((replica.name, _Due.STRUCTURE), self._timeouts.structure_due_ns(now_ns))
             return
         self._set_awaiting(replica, False)
         self._timers.drop((replica.name, _Due.STRUCTURE))
