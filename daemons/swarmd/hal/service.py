@@ -109,7 +109,7 @@ class Hal(Service):
                 actuator=isinstance(device, Actuator),
             )
             if isinstance(device, Actuator):
-                # now: a check that is first reported in need is a new resource, which all others are told of
+                # at the start: a check that is first reported in need is a new resource, announced to all
                 self._report_failsafe(device, "ok", "")
             group.create_task(self._keep(device, schedule), name=f"driver:{device.name}")
         self._check_lines()

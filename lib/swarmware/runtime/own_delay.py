@@ -1,4 +1,4 @@
-"""The delay of a core by its own event loop: time in which it did not listen, so nobody was silent."""
+"""The delay of a core by its own event loop: time in which it did not listen, so others were not silent."""
 
 from typing import Final
 

@@ -486,26 +486,3 @@ def test_a_guard_that_hangs_is_reported_once_and_stated() -> None:
     assert core.state().guard == "hung"
     core.on_died("guard#1", 7 * SECOND)
     assert core.state().guard == "absent"
-
-
-def test_the_time_for_which_the_monitor_itself_was_late_is_no_age() -> None:
-    core = monitor()
-    core.on_start((), (), 0)
-    present(core, POSE, at_ns=-20 * SECOND)
-    due_ns = core.deadline_ns()
-    assert due_ns is not None
-    core.on_timer(due_ns)
-    told(core)
-    for position, now_ns in ((1, 0), (2, SECOND // 2)):
-        look(core, "nav/pose", position, now_ns)
-    due_ns = core.deadline_ns()
-    assert due_ns is not None
-    late_ns = due_ns + 5 * SECOND
-    core.on_timer(late_ns)
-    look(core, "nav/pose", 2, late_ns)
-    assert next(iter(core.ages())).age_s(late_ns) == 0.5, "five seconds later"
-    look(core, "nav/pose", 3, late_ns + SECOND // 2)
-    assert told(core) == []
-    for half in range(2, 9):
-        look(core, "nav/pose", 3, late_ns + half * SECOND // 2)
-    assert ("age/nav/pose", "lost", Phase.CONFIRMED) in told(core)

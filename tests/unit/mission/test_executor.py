@@ -321,18 +321,18 @@ def test_an_age_that_is_not_known_is_not_known_on_a_late_node_either() -> None:
 
 def test_a_member_that_was_late_itself_waits_longer_for_the_others_at_a_barrier() -> None:
     text = net(s="Start>x", x={"type": "Barrier", "id": "x", "timeout_s": 60, "next": "e"}, e="End")
-    ends = {}
+    ends: dict[int, int] = {}
     for late_ns in (0, 2 * S):
         m = Member1()
         m.order(text, members=(A, B))
         ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
         m.core.on_states([("b", ready, ())], 0)
         now = m.core.deadline_ns()
-        while m.core.phase is not MissionPhase.RUNNING:
+        while m.phase != "running":
             m.core.on_timer(now)
             now = max(m.core.deadline_ns(), now)
         m.core.on_timer(now + late_ns)
-        while m.core.phase is MissionPhase.RUNNING:
+        while m.phase == "running":
             now = m.core.deadline_ns()
             m.core.on_timer(now)
         ends[late_ns] = now

@@ -1,0 +1,51 @@
+"""A monitor whose event loop is late: the time for which it did not look is no age."""
+
+from swarmd.health.config import Config
+from swarmd.health.core.monitor import FaultChanged, MonitorCore, RunningApp
+from swarmware.model.resource import Resource
+
+SECOND = 1_000_000_000
+HALF = SECOND // 2
+POSE = Resource(path="nav/pose", type="Pose", rate_hz=20, critical=True)
+
+
+def look(core: MonitorCore, position: int, now_ns: int) -> list[str]:
+    """States of the faults that a sample of the pose makes."""
+    (age,) = core.ages()
+    actions = core.on_age_sample(age, position, now_ns)
+    return [action.fault.state for action in actions if isinstance(action, FaultChanged)]
+
+
+def late_monitor(late_ns: int) -> tuple[MonitorCore, int]:
+    """A monitor that has just seen a pose, and is called so much after its deadline; and when that is."""
+    core = MonitorCore(Config(grace_s=1.0))
+    core.on_start((), (), 0)
+    core.on_running(RunningApp("navigator#1", "navigator", 7, -20 * SECOND, (POSE,)), 0)
+    due_ns = core.deadline_ns()
+    assert due_ns is not None
+    core.on_timer(due_ns)
+    look(core, 1, due_ns)
+    due_ns = core.deadline_ns()
+    assert due_ns is not None
+    core.on_timer(due_ns + late_ns)
+    return core, due_ns + late_ns
+
+
+def test_the_time_for_which_the_monitor_itself_was_late_is_no_age() -> None:
+    core, now_ns = late_monitor(5 * SECOND)
+    (age,) = core.ages()
+    assert age.age_s(now_ns) == 0.5, "the time between two looks"
+    look(core, 1, now_ns)
+    assert look(core, 2, now_ns + HALF) == []
+
+
+def test_a_pose_that_stays_away_is_lost_on_a_late_node_too() -> None:
+    core, now_ns = late_monitor(5 * SECOND)
+    found = [state for half in range(9) for state in look(core, 1, now_ns + half * HALF)]
+    assert found == ["stale", "lost"]
+
+
+def test_a_look_that_is_late_by_a_moment_takes_nothing_from_an_age() -> None:
+    core, now_ns = late_monitor(SECOND // 10)
+    (age,) = core.ages()
+    assert age.age_s(now_ns) == 0.6
