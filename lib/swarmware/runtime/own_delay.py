@@ -3,8 +3,9 @@
 from typing import Final
 
 from swarmware.runtime.core import AT_ONCE
-from swarmware.runtime.instant import LATE_NS
 
+LATE_NS: Final = 100_000_000
+"""A shorter delay does not count: two periods of the fastest tasks."""
 MEMORY_NS: Final = 5_000_000_000
 """Time for which a delay is remembered: values that it delayed are judged in the turns after it, too."""
 _LONG_AGO: Final = -(1 << 62)

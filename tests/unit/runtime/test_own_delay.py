@@ -3,8 +3,7 @@
 import pytest
 
 from swarmware.runtime.core import AT_ONCE
-from swarmware.runtime.instant import LATE_NS
-from swarmware.runtime.own_delay import MEMORY_NS, OwnDelay
+from swarmware.runtime.own_delay import LATE_NS, MEMORY_NS, OwnDelay
 
 S = 1_000_000_000
 

@@ -222,7 +222,7 @@ def test_an_empty_structure_and_one_that_is_too_large_are_in_no_beacon() -> None
     assert core("uav1", ()).broadcast() is None
     uav = core("uav1")
     assert len(broadcast(uav).data) <= BROADCAST_LIMIT
-    many = [Resource(path=f"a{number * 7919}/b", type="Text", owner=f"o{number}") for number in range(90)]
+    many = [Resource(path=f"a{number * 7919}/b", type="Text", owner=f"o{number}") for number in range(200)]
     uav.on_applications([*TEMPLATE, *many], (), 0)
     assert uav.broadcast() is None
 

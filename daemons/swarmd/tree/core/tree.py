@@ -26,8 +26,9 @@ from swarmware.types.tree import (
     TreeNotify,
 )
 
-BROADCAST_LIMIT: Final = 400
-"""Bytes of changes to a template in a beacon: with head and signature a third of its body."""
+BROADCAST_LIMIT: Final = 700
+"""Bytes of changes to a template in a beacon: with its head two thirds of the body. A vehicle with all its
+services has 545 (`lab run formation`)."""
 
 
 class SwarmTree:
