@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmd.navigator.config import Config
+from swarmd.navigator.core.caution import cautious
 from swarmd.navigator.core.controller import Controller
 from swarmd.navigator.core.keeper import FormationKeeper
 from swarmd.navigator.core.prediction import predicted
@@ -147,8 +148,11 @@ class Guidance:
         """The set-point of the last step."""
         return self._setpoint
 
-    def step(self, pose: Pose | None, now_ns: int) -> GuidanceOutput:
-        """Computes set-point and status for this instant; without a valid pose the vehicle stops."""
+    def step(self, pose: Pose | None, now_ns: int, delay_ns: int = 0) -> GuidanceOutput:
+        """Computes set-point and status for this instant; without a valid pose the vehicle stops.
+
+        `delay_ns`: by which the steps were late lately.
+        """
         if pose is not None and self._scan is not None:
             self._points = self._echoes(pose, self._scan, now_ns)
             self._scan = None
@@ -156,7 +160,10 @@ class Guidance:
         if pose is None or plan.target is None:
             setpoint = self._controller.stop()
         else:
-            setpoint = self._controller.steer(pose, plan.target, self._around(now_ns), now_ns)
+            around, flies = self._around(now_ns), self._controller.flies
+            setpoint = self._controller.steer(pose, plan.target, around, now_ns)
+            if self._controller.circle_m == 0.0:  # others need their airspeed
+                setpoint = cautious(setpoint, pose, around, delay_ns / 1e9, flies=flies)
         self._setpoint = setpoint
         return GuidanceOutput(setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
 
@@ -340,6 +347,7 @@ class Guidance:
                     pose.vy_m_s,
                     pose.vz_m_s,
                     platform > self._platform,
+                    max(age_s, 0.0),
                 )
             )
         fresh = now_ns - self._scan_ns < _SCAN_AGE_S * 1e9

@@ -88,8 +88,9 @@ class NavigatorCore:
     def step(self, now_ns: int, late_ns: int = 0) -> NavigatorOutput:
         """Computes pose, set-point and status for this instant; `late_ns`: after the step was due."""
         self._delay.on_turn(now_ns - late_ns, now_ns)
-        late_ns = max(late_ns, TURNS * self._delay.recent_ns(now_ns))
+        delay_ns = self._delay.recent_ns(now_ns)
+        late_ns = max(late_ns, TURNS * delay_ns)
         self._estimation.on_setpoint(self._guidance.setpoint)
         pose = self._estimation.step(now_ns, late_ns)
-        output = self._guidance.step(pose, now_ns)
+        output = self._guidance.step(pose, now_ns, delay_ns)
         return NavigatorOutput(pose, output.setpoint, output.status)

@@ -41,6 +41,8 @@ class MovingObstacle(msgspec.Struct, frozen=True, gc=False):
     vz_m_s: float
     yields: bool = False
     """Whether it gives way to this vehicle: two vehicles with the same rule would block each other."""
+    age_s: float = 0.0
+    """Age of the pose from which its position was predicted."""
 
 
 class Surroundings(msgspec.Struct, frozen=True):
