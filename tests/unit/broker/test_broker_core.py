@@ -77,6 +77,20 @@ def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:
     assert [change.after for change in actions if hasattr(change, "after")] == [LinkState.DOWN]
 
 
+@pytest.mark.parametrize(("late_s", "period_ms"), [(0.05, 500), (2.0, 800)])
+def test_a_node_that_was_late_declares_how_late_its_next_beacons_may_be(
+    late_s: float, period_ms: int
+) -> None:
+    air, one, _ = pair()
+    air.run_for(30.0)
+    due_ns = one.core.deadline_ns()
+    assert due_ns is not None
+    late_ns = due_ns + round(late_s * SECOND)
+    one.core.on_timer(late_ns)
+    declared = [one.core.compose(late_ns + second * SECOND).beacon.hello for second in range(3)]
+    assert {hello.period_ms for hello in declared if hello is not None} == {period_ms}
+
+
 def test_a_beacon_leaves_only_with_boards_that_were_read_for_it() -> None:
     air, one, _ = pair()
     air.run_for(2.0)

@@ -31,11 +31,12 @@ from swarmd.broker.core.media.medium_table import MediumTable
 from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmd.broker.core.received_values import ReceivedValues
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
-from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX
+from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, PERIODS
 from swarmd.broker.core.topology.node_table import NodeTable
 from swarmd.broker.core.topology.routing_table import RouteChanged
 from swarmd.broker.core.topology.topology import LinkChanged, Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
+from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.net import BoardSubscription, StructureBroadcast, TreePlan
 
 OWN_SHARE: Final = 700
@@ -93,6 +94,8 @@ class BeaconProtocol:
         """Own values of the beacon that was composed last."""
         self.structures = structures or StructureBroadcasts(identity.hw, 0, None, counters.refused)
         self.slowdown = Slowdown()
+        self.delay = OwnDelay()
+        """A node that is late declares a period by which neighbours keep its links when it is late again."""
         self.reserved_bytes = 0
         """Bytes of the next body kept free for session checks."""
         self._busy_hz = busy_hz
@@ -330,7 +333,7 @@ class BeaconProtocol:
             now_ns,
             self._sent_ns,
             self._gap_ns,
-            round(1e9 / self.beacon_hz()),
+            max(round(1e9 / self.beacon_hz()), round(self.delay.recent_ns(now_ns) / PERIODS)),
             self.busy,
             topology.is_changing(now_ns),
             topology.is_new(now_ns),

@@ -169,6 +169,7 @@ class BrokerCore:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Requests the inputs: datagrams are received before the silence of their sender is judged."""
+        self._protocol.delay.on_turn(self.deadline_ns(), now_ns)
         self._boards_asked = now_ns >= self._schedule.due_ns
         return [PollInputs(self._boards_asked)]
 
