@@ -200,8 +200,7 @@ class BrokerCore:
 
     def _choose_media(self, media: MediumTable, actions: list[Action], now_ns: int) -> None:
         for hw in media.advance(now_ns):
-            neighbour = self._neighbours.get(hw)
-            if neighbour is not None:
+            if (neighbour := self._neighbours.get(hw)) is not None:
                 neighbour.penalty = media.penalty(hw)
             self._tables_changed = True
             actions.append(MediumChanged(hw))
@@ -391,9 +390,8 @@ class BrokerCore:
             for link in links:
                 if link.after is LinkState.DOWN:
                     self.exchange.forget(link.hw)
-        if any(not change.via for change in routes) or any(
-            change.event is LinkEvent.SILENT for change in links
-        ):
+        is_silent = any(change.event is LinkEvent.SILENT for change in links)
+        if is_silent or any(not change.via for change in routes):
             self._triggered = True  # so that other nodes learn of it soon
 
     def on_proof(self, hw: int, session: int, now_ns: int) -> list[Action]:
