@@ -46,7 +46,13 @@ CALLS: Final = {
             "daemons/swarmd/broker/links/zap.py": "the authentication, in the context of the links",
         },
     ),
-    "write a temporary file": ({"tempfile.*"}, {"lib/swarmware/testing/process.py": "the stderr of a test"}),
+    "write a temporary file": (
+        {"tempfile.*"},
+        {
+            "lib/swarmware/testing/process.py": "the stderr of a test",
+            "lib/swarmware/testing/forked.py": "the socket and the stderr of the fork server of tests",
+        },
+    ),
 }
 """What is done in one place: the calls, and the files that make them, each with its reason."""
 
