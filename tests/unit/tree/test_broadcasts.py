@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from tests.unit.tree.pair import BATTERY, CONFIG, POSE, STEP, TEMPLATE, S, Tree, core
 
-from swarmd.tree.core.action import RequestStructure, RequestSubscription
+from swarmd.tree.core.action import PruneMirrors, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.replicas.received_broadcasts import ReceivedBroadcasts
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.core.replicas.replica_timeouts import PATIENCE
@@ -144,6 +144,34 @@ def test_an_older_structure_from_a_beacon_replaces_no_newer_one() -> None:
     assert knows(gcs, uav)
     gcs.on_broadcast(older, 3 * S)
     assert knows(gcs, uav), "its beacons still advertise the older version"
+
+
+def test_an_older_structure_from_a_beacon_replaces_none_that_a_notification_has_changed() -> None:
+    gcs, uav = two()
+    gcs.on_applications([], ("/uav1/**",), 0)
+    older = broadcast(uav)
+    meet(gcs, uav)
+    gcs.on_broadcast(older, 10)
+    for action in gcs.drain():
+        if isinstance(action, RequestSubscription):
+            reply = uav.on_subscribe_asked(action.request, None, 10)
+            gcs.on_subscribed("uav1", reply, action.request.set_digest, 10)
+    uav.drain()
+    uav.on_applications([BATTERY, POSE, STEP, Resource(path="a/b", type="Text", owner="c")], (), S)
+    uav.on_timer(2 * S)
+    for action in uav.drain():
+        if isinstance(action, SendNotify):
+            gcs.on_notify(action.notify, 2 * S)
+    replica = gcs.replicas.get("uav1")
+    assert replica is not None
+    assert replica.digest == uav.local.digest
+    gcs.on_broadcast(older, 2 * S)
+    gcs.drain()
+    gcs.on_applications([], ("/uav1/**", "/uav1/a/b"), 2 * S)
+    assert replica.digest == uav.local.digest, "its beacons still advertise the older version"
+    assert not any(isinstance(action, PruneMirrors) for action in gcs.drain()), "the value of a/b came once"
+    meet(gcs, uav, 3 * S)
+    assert knows(gcs, uav)
 
 
 @pytest.mark.parametrize(

@@ -325,7 +325,7 @@ class Replicas:
             replica.structure.on_changes_lost()
             self._request_structure(replica, now_ns)
         else:
-            replica.structure.index = index
+            replica.structure.on_changes(index)
             self._on_index(replica, known)
 
     # -- this platform

@@ -166,6 +166,11 @@ class StructureReplica:
         self._announced = (epoch, digest)
         self.compare()
 
+    def on_changes(self, index: Index) -> None:
+        """A notification has changed the structure: beacons may show the version before for a while."""
+        self._outdated = self._advertised
+        self.index = index
+
     def on_changes_lost(self) -> None:
         """Changes came that are not relative to the known structure."""
         self._on(StructureEvent.CONTRADICTED)
