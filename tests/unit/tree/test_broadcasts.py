@@ -146,31 +146,40 @@ def test_an_older_structure_from_a_beacon_replaces_no_newer_one() -> None:
     assert knows(gcs, uav), "its beacons still advertise the older version"
 
 
-def test_an_older_structure_from_a_beacon_replaces_none_that_a_notification_has_changed() -> None:
+@pytest.mark.parametrize("shown", [0, 1], ids=["before", "between"])
+def test_an_older_structure_from_a_beacon_replaces_none_that_notifications_have_changed(shown: int) -> None:
     gcs, uav = two()
     gcs.on_applications([], ("/uav1/**",), 0)
-    older = broadcast(uav)
+    former = [broadcast(uav)]
     meet(gcs, uav)
-    gcs.on_broadcast(older, 10)
+    gcs.on_broadcast(former[0], 10)
     for action in gcs.drain():
         if isinstance(action, RequestSubscription):
             reply = uav.on_subscribe_asked(action.request, None, 10)
             gcs.on_subscribed("uav1", reply, action.request.set_digest, 10)
     uav.drain()
-    uav.on_applications([BATTERY, POSE, STEP, Resource(path="a/b", type="Text", owner="c")], (), S)
-    uav.on_timer(2 * S)
-    for action in uav.drain():
-        if isinstance(action, SendNotify):
-            gcs.on_notify(action.notify, 2 * S)
     replica = gcs.replicas.get("uav1")
     assert replica is not None
-    assert replica.digest == uav.local.digest
-    gcs.on_broadcast(older, 2 * S)
+    added = [Resource(path=path, type="Text", owner="c") for path in ("a/b", "a/c")]
+    versions = [uav.local.version]
+    for turn in (1, 2):
+        uav.on_applications([BATTERY, POSE, STEP, *added[:turn]], (), turn * S)
+        uav.on_timer((turn + 1) * S)
+        for action in uav.drain():
+            if isinstance(action, SendNotify):
+                gcs.on_notify(action.notify, (turn + 1) * S)
+                uav.on_notified("gcs", action.notify, True, (turn + 1) * S)
+        former.append(broadcast(uav))
+        versions.append(uav.local.version)
+        assert replica.digest == uav.local.digest
+    for older, version in list(zip(former, versions, strict=True))[: shown + 1]:
+        gcs.on_up("uav1", version, True, 3 * S)
+        gcs.on_broadcast(older, 3 * S)
     gcs.drain()
-    gcs.on_applications([], ("/uav1/**", "/uav1/a/b"), 2 * S)
+    gcs.on_applications([], ("/uav1/**", "/uav1/a/b"), 3 * S)
     assert replica.digest == uav.local.digest, "its beacons still advertise the older version"
     assert not any(isinstance(action, PruneMirrors) for action in gcs.drain()), "the value of a/b came once"
-    meet(gcs, uav, 3 * S)
+    meet(gcs, uav, 4 * S)
     assert knows(gcs, uav)
 
 

@@ -65,6 +65,8 @@ TRANSITIONS: Final[dict[tuple[StructureState, StructureEvent], StructureState]] 
 A report that agrees does not undo one that disagreed: the beacon repeats old versions for a while. What is
 reported during a request is compared with its reply.
 """
+OUTDATED_MAX: Final = 16
+"""Versions before the known one that are remembered: those of changes within the delay of beacons."""
 ASKING: Final = frozenset({StructureState.ASKING, StructureState.ASKING_FULL})
 DUE: Final = frozenset({StructureState.STALE, StructureState.MISMATCHED})
 
@@ -83,8 +85,8 @@ class StructureReplica:
         """Version of the tree in the newest beacon or route; None: unknown."""
         self._before_request: int | None = None
         """Version that was advertised when the request was sent."""
-        self._outdated: int | None = None
-        """Advertised version that is older than the reply, and says nothing until another one comes."""
+        self._outdated: list[int | None] = []
+        """Advertised versions that are older than what is known, in their order: they say nothing."""
         self._announced: tuple[int, int | None] | None = None
         """Epoch and digest from the platform itself, not yet compared; no digest: of its epoch only."""
 
@@ -111,7 +113,7 @@ class StructureReplica:
     @property
     def is_advertised(self) -> bool:
         """Whether beacons show another version than that of the known structure, or nothing is known."""
-        return self.index is None or self._advertised not in {None, self._outdated, self._known_version}
+        return self.index is None or not self._is_past_or_known(self._advertised)
 
     @property
     def _known_version(self) -> int | None:
@@ -140,7 +142,7 @@ class StructureReplica:
 
     def on_reply(self, epoch: int, index: Index) -> None:
         """The reply has this structure; reports that came since the request may disagree with it."""
-        self._outdated = self._before_request
+        self._outdated = [self._before_request]
         self.epoch, self.index = epoch, index
         self._on(StructureEvent.STORED)
 
@@ -157,8 +159,9 @@ class StructureReplica:
 
     def on_advertised(self, version: int | None) -> None:
         """A beacon or route has this version of the tree; None: it has none."""
-        if version != self._advertised:
-            self._outdated = None  # a structure may return to a former version
+        if version != self._advertised:  # a structure may return to a version before this one
+            past = self._outdated
+            self._outdated = past[past.index(version) :] if version in past else []
         self._advertised = version
 
     def on_announced(self, epoch: int, digest: int | None) -> None:
@@ -167,8 +170,11 @@ class StructureReplica:
         self.compare()
 
     def on_changes(self, index: Index) -> None:
-        """A notification has changed the structure: beacons may show the version before for a while."""
-        self._outdated = self._advertised
+        """A notification has changed the structure: beacons may show the versions before for a while."""
+        if self._advertised != self._known_version:
+            self._outdated = [*self._outdated, self._known_version][-OUTDATED_MAX:]
+        else:
+            self._outdated = [self._advertised]
         self.index = index
 
     def on_changes_lost(self) -> None:
@@ -186,10 +192,13 @@ class StructureReplica:
         announced, self._announced = self._announced, None
         known = self._known_version
         is_refuted = announced is not None and not self._is(*announced)
-        if is_refuted or self._advertised not in {None, known, self._outdated}:
+        if is_refuted or not self._is_past_or_known(self._advertised):
             self._on(StructureEvent.CONTRADICTED)
         elif self._advertised == known or (announced is not None and announced[1] is not None):
             self._on(StructureEvent.AGREED)
+
+    def _is_past_or_known(self, version: int | None) -> bool:
+        return version in {None, self._known_version} or version in self._outdated
 
     def _is(self, epoch: int, digest: int | None) -> bool:
         return epoch == self.epoch and (digest is None or digest == self.digest)
