@@ -7,6 +7,7 @@ import pytest
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 
+from swarmd.broker.core.forwarding.frame_datagram import FRAME_MAX
 from swarmd.broker.core.topology.link_cost import PERFECT, RTT_PENALTY
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
@@ -321,7 +322,8 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
 
         await pair["uav1"].until(perfect, pair["uav1"].neighbours)
         pair["uav2"].app.inbox("cmd/note", Text)
-        await pair["uav1"].app.send(join("uav2", "cmd/note"), Text(""), timeout_s=PATIENCE_S)
+        large = Text("x" * FRAME_MAX)  # a smaller one needs no connection
+        await pair["uav1"].app.send(join("uav2", "cmd/note"), large, timeout_s=PATIENCE_S)
 
         def connected() -> bool:
             table = pair["uav1"].neighbours.value

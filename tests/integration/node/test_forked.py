@@ -50,8 +50,8 @@ def test_a_service_is_forked_and_ends_in_good_order(
             assert {entry.pid for entry in scan(tmp_path / "uav1/run")} == {process.pid}
             command = psutil.Process(process.pid).cmdline()
             assert command[1:7] == ["-m", "swarmd", "run", "timesync", "--config", str(config)]
-            assert "timesync" in process.stderr(), "what it logs is read by the test"
             assert await process.terminate() == 0
+            assert "timesync" in process.stderr(), "what it logs is read by the test"
             assert process.returncode == 0
             with pytest.raises(ProcessLookupError):
                 process.signal(signal.SIGTERM)

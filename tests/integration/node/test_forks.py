@@ -50,7 +50,11 @@ def complete(root: Path) -> dict[str, int]:
 
 
 def command(pid: int) -> list[str]:
-    return Path(f"/proc/{pid}/cmdline").read_bytes().rstrip(b"\0").decode().split("\0")
+    try:
+        line = Path(f"/proc/{pid}/cmdline").read_bytes()
+    except (FileNotFoundError, ProcessLookupError):  # it has ended meanwhile
+        return []
+    return line.rstrip(b"\0").decode().split("\0")
 
 
 def family(pid: int) -> tuple[int, int]:
