@@ -325,3 +325,19 @@ def test_the_others_were_not_silent_while_this_node_did_not_listen() -> None:
     assert late.advance(5 * S - 1) == [], "three seconds without the two that it was late"
     assert [passed.result.label for passed in late.advance(5 * S + 1)] == ["error:broken"]
     assert [passed.result.label for passed in e.of["b"].advance(3 * S + 1)] == ["error:broken"]
+
+
+def test_the_states_of_others_that_are_alive_were_not_missing_while_this_node_did_not_listen() -> None:
+    ends_ns = []
+    for late_ns in (0, 2 * S):
+        e = Ensemble()
+        e.arrive("a", gate=BarrierSpec("x", 1, timeout_s=60.0))
+        late = e.of["a"]
+        late.on_own_delay(late_ns)
+        now_ns = 0
+        while not late.advance(now_ns):
+            now_ns += S // 2
+            for other in ("b", "c"):
+                late.on_alive(other, now_ns)
+        ends_ns.append(now_ns)
+    assert ends_ns[1] - ends_ns[0] == 2 * S
