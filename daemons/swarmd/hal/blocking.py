@@ -20,18 +20,27 @@ class DeviceThread:
     """A thread that calls functions of one device, one after the other.
 
     A device that hangs delays neither the event loop nor the end of the process, which does not wait for it.
-    `on_idle` is called after each `idle_s` without another call.
+    `on_idle` is called after each `idle_s` without another call. The calls begin when those of `former`, the
+    thread before it of this device, have ended: a device that is closed and opened again has one at a time.
     """
 
     def __init__(
-        self, name: str, *, idle_s: float | None = None, on_idle: Callable[[], None] | None = None
+        self,
+        name: str,
+        former: "DeviceThread | None" = None,
+        *,
+        idle_s: float | None = None,
+        on_idle: Callable[[], None] | None = None,
     ) -> None:
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._idle_s = idle_s
         self._on_idle = on_idle
-        threading.Thread(target=self._work, name=f"hal-{name}", daemon=True).start()
+        self._thread = threading.Thread(target=self._work, args=(former,), name=f"hal-{name}", daemon=True)
+        self._thread.start()
 
-    def _work(self) -> None:
+    def _work(self, former: "DeviceThread | None") -> None:
+        if former is not None:
+            former._thread.join()
         while (call := self._next()) is not None:
             # the errors of others are passed on; those of the last call have no receiver any more
             with suppress(SwarmError, OSError):
@@ -88,6 +97,7 @@ class BlockingDevice(Device):
     """
 
     _thread: DeviceThread | None = None
+    _former: DeviceThread | None = None
 
     def connect(self) -> None:  # some devices need no opening
         """Opens the device, in its thread. Raises: DeviceError, OSError."""
@@ -97,7 +107,7 @@ class BlockingDevice(Device):
 
     async def open(self, module: Module) -> None:
         """Starts the thread, and waits until it has opened the device."""
-        self._thread = DeviceThread(self.name)
+        self._thread = self._former = DeviceThread(self.name, self._former)
         await self._thread.run(self.connect)
 
     async def in_thread(self, function: Callable[[], R]) -> R:

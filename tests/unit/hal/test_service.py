@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 from tests.unit.hal.rig import running
 
-from swarmd.hal.blocking import BlockingSensor
+from swarmd.hal.blocking import BlockingDevice, BlockingSensor
 from swarmd.hal.config import Config
 from swarmd.hal.driver import Actuator, Sensor
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
+from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.health import CheckReports
 from swarmware.types.vehicle import DriverStatus, DriverTable
 
@@ -168,3 +169,37 @@ async def state_of(board: BoardReader[CheckReports], check: str, wanted: str) ->
             if reports is not None and any(r.check == check and r.state == wanted for r in reports.reports):
                 return True
             await board.changed()
+
+
+class SlowToClose(BlockingDevice):
+    """A device whose last call takes long."""
+
+    name = "slow"
+    period_s = 1.0
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+        self.closing, self.released = threading.Event(), threading.Event()
+
+    def connect(self) -> None:
+        self.calls.append("connect")
+
+    def disconnect(self) -> None:
+        self.closing.set()
+        self.released.wait()
+        self.calls.append("disconnect")
+
+
+async def test_a_device_is_opened_again_only_when_its_last_call_has_ended(tmp_path: Path) -> None:
+    device = SlowToClose()
+    async with tmp_node(tmp_path) as node, Module("hal", node=node) as module:
+        await device.open(module)
+        await device.close()
+        again = asyncio.create_task(device.open(module), name="again")
+        await asyncio.to_thread(device.closing.wait)
+        done, _ = await asyncio.wait([again], timeout=0.05)
+        device.released.set()
+        await again
+        assert not done
+        assert device.calls == ["connect", "disconnect", "connect"]
+        await device.close()

@@ -48,6 +48,7 @@ class PwmFlight(FlightController):
         self._reported: tuple[ChassisReport, int] | None = None
         """The report that was made last, and when."""
         self._thread: DeviceThread | None = None
+        self._former: DeviceThread | None = None
         self._channels: list[PwmChannel] = []
         self._end_writer: EndWriter | None = None
         self._widths_us: Sequence[float] = ()
@@ -59,7 +60,9 @@ class PwmFlight(FlightController):
         Raises: DeviceError, DeviceGone.
         """
         self._switch, self._outputs, self._reported = MotorSwitch(), ActuatorOutputs(), None
-        self._thread = DeviceThread(self.name, idle_s=_IDLE_S, on_idle=self._stop)
+        self._thread = self._former = DeviceThread(
+            self.name, self._former, idle_s=_IDLE_S, on_idle=self._stop
+        )
         await self._thread.run(self._connect)
         await super().open(module)
         self._report(module.now_ns())
