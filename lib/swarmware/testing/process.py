@@ -14,9 +14,9 @@ from swarmware.errors import NoAnswer, SwarmError
 from swarmware.service.notify import NotificationSocket
 from swarmware.testing.forked import ForkedChild, fork_server
 
-READY_S = 20.0
+READY_S = 60.0
 """Time-out for the start of a process on a loaded machine, in seconds."""
-END_S = 10.0
+END_S = 60.0
 
 
 class Process:

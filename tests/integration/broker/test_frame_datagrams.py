@@ -2,6 +2,8 @@
 
 import asyncio
 import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from random import Random
 
@@ -76,7 +78,18 @@ async def serve(station: Station) -> list[str]:
     return taken
 
 
-async def ask(station: Station, platform: str, text: str, timeout_s: float = 10.0) -> str:
+@asynccontextmanager
+async def serving_pair(
+    root: Path, role: str = "operator"
+) -> AsyncIterator[tuple[dict[str, Station], list[str]]]:
+    """A ground station of this role and uav1, which answers its requests; what was worked on."""
+    async with swarm(root, "gcs", "uav1", roles={"gcs": role}, frames=CARRIER) as pair:
+        await pair["gcs"].until_up("uav1")
+        await pair["uav1"].until_up("gcs")
+        yield pair, await serve(pair["uav1"])
+
+
+async def ask(station: Station, platform: str, text: str, timeout_s: float = PATIENCE_S) -> str:
     answer = await station.app.request(
         f"/{platform}/{PATH}", Text(text), Text, timeout_s=timeout_s, urgent=True
     )
@@ -91,10 +104,7 @@ async def refused(station: Station) -> Refused:
 async def test_an_urgent_request_and_its_answer_take_a_datagram_each_and_no_connection(
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
-        await pair["gcs"].until_up("uav1")
-        await pair["uav1"].until_up("gcs")
-        taken = await serve(pair["uav1"])
+    async with serving_pair(tmp_path) as (pair, taken):
         monkeypatch.setattr(ZmqLinks, "send", lambda *_: [])  # what takes a connection is lost
         text = "go " * 1200  # 3.6 kB, as the order of a mission: compressed it fits one datagram
         assert await ask(pair["gcs"], "uav1", text) == f"{text} taken"
@@ -108,23 +118,20 @@ async def test_a_request_that_is_not_urgent_and_its_answer_take_datagrams_where_
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ReliableLinks, "is_clean", lambda *_: True)
-    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
-        await pair["gcs"].until_up("uav1")
-        await pair["uav1"].until_up("gcs")
-        taken = await serve(pair["uav1"])
+    async with serving_pair(tmp_path) as (pair, taken):
         with monkeypatch.context() as patch:
             patch.setattr(ZmqLinks, "send", lambda *_: [])  # what takes a connection is lost
-            await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=10)
+            await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=PATIENCE_S)
             assert taken == ["calm"]
             assert len(wire.to("uav1")) == len(wire.to("gcs")) == 1
         box = pair["uav1"].app.inbox("plan/share", Text)
         large = NOISE.randbytes(1500).hex()
-        assert await pair["gcs"].app.send("/uav1/plan/share", Text(large), timeout_s=10)
+        assert await pair["gcs"].app.send("/uav1/plan/share", Text(large), timeout_s=PATIENCE_S)
         assert box.take() == Text(large)
         assert len(wire.to("uav1")) == 1, "it does not fit a datagram"
         assert len(wire.to("gcs")) == 1, "its acknowledgement takes the same way"
         wire.lossy = frozenset({"uav1"})
-        await pair["gcs"].app.request(f"/uav1/{PATH}", Text("lost"), Text, timeout_s=10)
+        await pair["gcs"].app.request(f"/uav1/{PATH}", Text("lost"), Text, timeout_s=PATIENCE_S)
         assert taken == ["calm", "lost"], "it was repeated over the connection"
         assert len(wire.to("uav1")) == 2
 
@@ -134,10 +141,7 @@ async def test_other_frames_and_large_ones_take_the_connection(
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ReliableLinks, "is_clean", lambda *_: False)
-    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
-        await pair["gcs"].until_up("uav1")
-        await pair["uav1"].until_up("gcs")
-        await serve(pair["uav1"])
+    async with serving_pair(tmp_path) as (pair, _):
         await pair["gcs"].app.request(f"/uav1/{PATH}", Text("calm"), Text, timeout_s=PATIENCE_S)
         assert await ask(pair["gcs"], "uav1", NOISE.randbytes(1500).hex()), "too large even when compressed"
         assert wire.sent == [] or all(name == "gcs" for name, _, _ in wire.sent)
@@ -180,10 +184,7 @@ async def test_forged_replayed_and_garbage_datagrams_are_refused_and_counted(
 
 @on_uvloop
 async def test_a_lost_datagram_is_repeated_over_the_connection(tmp_path: Path, wire: Wire) -> None:
-    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
-        await pair["gcs"].until_up("uav1")
-        await pair["uav1"].until_up("gcs")
-        taken = await serve(pair["uav1"])
+    async with serving_pair(tmp_path) as (pair, taken):
         wire.lossy = frozenset({"uav1", "gcs"})
         for number in range(4):
             assert await ask(pair["gcs"], "uav1", str(number)) == f"{number} taken"
@@ -202,10 +203,7 @@ async def test_a_node_that_announces_no_port_gets_urgent_frames_over_the_connect
         return hello(hellos, at)
 
     monkeypatch.setattr(HelloSchedule, "next_hello", without_port)
-    async with swarm(tmp_path, "gcs", "uav1", frames=CARRIER) as pair:
-        await pair["gcs"].until_up("uav1")
-        await pair["uav1"].until_up("gcs")
-        taken = await serve(pair["uav1"])
+    async with serving_pair(tmp_path) as (pair, taken):
         assert await ask(pair["gcs"], "uav1", "land") == "land taken"
         assert taken == ["land"]
         assert wire.to("uav1") == []
@@ -225,10 +223,7 @@ async def test_relays_pass_urgent_frames_on_as_datagrams(tmp_path: Path, wire: W
 
 @on_uvloop
 async def test_a_datagram_needs_the_same_right_as_a_frame_of_a_connection(tmp_path: Path, wire: Wire) -> None:
-    async with swarm(tmp_path, "gcs", "uav1", roles={"gcs": "observer"}, frames=CARRIER) as pair:
-        await pair["gcs"].until_up("uav1")
-        await pair["uav1"].until_up("gcs")
-        taken = await serve(pair["uav1"])
+    async with serving_pair(tmp_path, role="observer") as (pair, taken):
         with pytest.raises(Denied, match=f"{PATH}: observer@gcs may not call it"):
             await ask(pair["gcs"], "uav1", "land")
         assert taken == []

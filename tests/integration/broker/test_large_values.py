@@ -28,7 +28,7 @@ async def test_a_value_of_64_mib_arrives_whole_and_one_byte_more_is_refused(tmp_
         text = "x" * (VALUE_LIMIT - OVERHEAD)
         with pytest.raises(OutOfRange, match=f"{VALUE_LIMIT + 1} bytes: expected at most {VALUE_LIMIT}"):
             await app.send("/uav2/map/tile", Text(text + "x"))
-        assert await app.send("/uav2/cmd/order", Text("first"), timeout_s=10)
+        assert await app.send("/uav2/cmd/order", Text("first"), timeout_s=PATIENCE_S)
         loop = asyncio.get_running_loop()
         sending = asyncio.create_task(app.send("/uav2/map/tile", Text(text), timeout_s=100))
         times: list[float] = []

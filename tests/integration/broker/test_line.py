@@ -185,7 +185,7 @@ async def test_boards_travel_over_the_middle_to_those_who_want_them(tmp_path: Pa
         line["uav1"].plan(offers=[("nav/pose", Pose)])
         line["uav3"].plan(wants=[("uav1", "nav/pose", Pose)])
         pose.write(Pose.planar(1.0, 2.0, yaw_rad=0.5))
-        first = await mirror.changed(10)
+        first = await mirror.changed(PATIENCE_S)
         assert (first.x_m, first.y_m) == (1.0, 2.0)
         assert first.yaw_rad == pytest.approx(0.5, abs=1e-3)
         for step in range(10):
@@ -211,7 +211,7 @@ async def test_nobody_relays_where_all_hear_each_other(tmp_path: Path) -> None:
         cell["uav3"].plan(wants=[("uav1", "nav/pose", Pose)])
         for step in range(20):
             pose.write(Pose.planar(float(step), 0.0))
-            await mirror.changed(10)
+            await mirror.changed(PATIENCE_S)
         middle = next(link for link in (await cell["uav2"].traffic()).links if link.platform == "*")
         assert middle.sent_bytes / middle.sent_frames < 150
 
@@ -225,7 +225,7 @@ async def test_a_value_that_stood_before_anybody_wanted_it_comes_too(tmp_path: P
         await pair["uav2"].until_up("uav1")
         reader = pair["uav2"].app.reader("/uav1/power/level", Float)
         pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
-        assert (await reader.changed(10)).value == 12.5
+        assert (await reader.changed(PATIENCE_S)).value == 12.5
 
 
 @on_uvloop
@@ -255,7 +255,7 @@ async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: P
         await pair["uav1"].app.request(
             "sys/broker/set_channel", SetChannel("power/*"), ChannelLimits, timeout_s=PATIENCE_S
         )
-        assert (await reader.changed(10)).value == 1.0
+        assert (await reader.changed(PATIENCE_S)).value == 1.0
 
 
 @on_uvloop
@@ -355,7 +355,7 @@ async def test_a_mirror_that_nobody_reads_any_more_is_taken_away(tmp_path: Path)
         pair["uav1"].plan(offers=[("power/level", Float)])
         pair["uav2"].plan(wants=[("uav1", "power/level", Float)])
         reader = pair["uav2"].app.reader("/uav1/power/level", Float)
-        await reader.changed(10)
+        await reader.changed(PATIENCE_S)
         assert reader.alive
         pair["uav2"].plan(wants=[])
         before = pair["uav2"].counters.sequence

@@ -29,7 +29,7 @@ async def test_a_node_commands_no_other_platform_and_an_operator_does(tmp_path: 
         assert refused.status is Status.REFUSED
         assert "cmd/goto: node@uav2 may not call it; expected role operator" in refused.detail
         with pytest.raises(Denied, match="sys/vehicle/arm: node@uav2 may not call it"):
-            await cell["uav2"].app.request("/uav1/sys/vehicle/arm", Text("on"), Text, timeout_s=10)
+            await cell["uav2"].app.request("/uav1/sys/vehicle/arm", Text("on"), Text, timeout_s=PATIENCE_S)
         seen = [await denials.next(PATIENCE_S), await denials.next(PATIENCE_S)]
         assert {(one.platform, one.role, one.path) for one in seen} == {
             ("uav2", "node", "cmd/goto"),

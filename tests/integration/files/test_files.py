@@ -6,6 +6,7 @@ import pytest
 from tests.integration.broker.namespace import figures_of
 from tests.integration.files.lossyfile import SERVICES
 from tests.integration.tree.pair import on_uvloop, platforms
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import Conflict, InvalidInput, OutOfRange
 from swarmware.model.digest import blake2b
@@ -53,7 +54,7 @@ async def test_what_a_node_refuses_of_files_it_says(tmp_path: Path) -> None:
         assert not (await ask("sys/files/offer", offer, FileProgress)).complete
         assert (await ask("sys/files/write", FileBlock("map", DIGEST, 0, CONTENT), FileProgress)).complete
         assert (await ask("sys/files/offer", offer, FileProgress)).complete, "it is there"
-        assert (await received.next(5)).name == "map"
+        assert (await received.next(PATIENCE_S)).name == "map"
         assert (await ask("sys/files/read", FileRead("map", DIGEST, 0), FileData)).data == CONTENT
         with pytest.raises(Conflict, match="changed"):
             await ask("sys/files/read", FileRead("map", bytes(32), 0), FileData)

@@ -58,7 +58,7 @@ async def known(module: Module, check: str) -> Any:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             with contextlib.suppress(SwarmError):
-                report = await module.request("sys/health/state", Empty(), HealthReport)
+                report = await module.request("sys/health/state", Empty(), HealthReport, timeout_s=PATIENCE_S)
                 for one in report.checks:
                     if one.check == check:
                         return one
@@ -175,8 +175,8 @@ async def test_a_resource_whose_owner_is_gone_without_goodbye_is_lost(tmp_path: 
         writing = asyncio.create_task(keep_writing(probe, heat))
         try:
             with contextlib.suppress(NoAnswer):
-                unexpected = await faults.next(timeout_s=2.0)
-                raise AssertionError(unexpected)
+                while True:  # a busy computer may have faults of its own
+                    assert (await faults.next(timeout_s=2.0)).check != "age/motor/heat"
         finally:
             writing.cancel()
             await asyncio.wait([writing])
@@ -184,11 +184,10 @@ async def test_a_resource_whose_owner_is_gone_without_goodbye_is_lost(tmp_path: 
         assert (stale.state, stale.level) == ("stale", "warn")
         lost = await fault(faults, "age/motor/heat", Phase.CONFIRMED)
         assert (lost.state, lost.level) == ("lost", "error")
-        assert state.value is not None
         async with asyncio.timeout(PATIENCE_S):
-            while state.value.level != "error":
+            while state.value is None or "age/motor/heat=lost" not in state.value.faults:
                 await state.changed()
-        assert state.value.faults == ("age/motor/heat=lost",)
+        assert state.value.level == "error"
 
 
 async def keep_writing(module: Module, board: Any) -> None:

@@ -59,6 +59,6 @@ async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(t
         assert starting_pid("nosuch", run_dir) == started.pid
         ended: asyncio.Future[ExitStatus] = asyncio.get_running_loop().create_future()
         child = SupervisedProcess(started, ended.set_result)
-        assert await asyncio.wait_for(ended, 20.0) == ExitStatus(code=6)
+        assert await asyncio.wait_for(ended, PATIENCE_S) == ExitStatus(code=6)
         child.close()
         assert starting_pid("nosuch", run_dir) == 0

@@ -212,7 +212,7 @@ def test_a_device_that_is_plugged_in_gets_its_driver_and_its_branch_of_the_tree(
                 )
                 return list(found.entries)
 
-            await m.reader("hal/drivers", DriverTable).changed(20.0)
+            await m.reader("hal/drivers", DriverTable).changed(PATIENCE_S)
             assert await entries() == []
             line = PseudoTerminal(folder / "gnss0", lambda data: None)
             fixes = m.reader("sensor/gnss_left", GnssFix)

@@ -97,7 +97,9 @@ async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
 
             with pytest.raises(SwarmError, match="cannot be stored"):
                 await set_gain(module, 2.0)
-            kept = await module.request("sys/tree/get", TreeGet(f"/uav1/{GAIN}"), TreeValue, timeout_s=10)
+            kept = await module.request(
+                "sys/tree/get", TreeGet(f"/uav1/{GAIN}"), TreeValue, timeout_s=PATIENCE_S
+            )
             assert (msgspec.msgpack.decode(kept.data), kept.version) == ([1.5], 1)
 
             filler.unlink()

@@ -169,7 +169,7 @@ async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(
             assert await operator.send("cmd/abort", MissionAbort(reason=f"no {number}"))
         await operator.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
         await operator.send("test/private", Text("x"))
-        assert (await aborts.next(5.0)).reason == "no 0"
+        assert (await aborts.next(PATIENCE_S)).reason == "no 0"
         await flushed(operator)
         entries = list(FolderSource([log]).entries(Query(pattern="/*/{cmd,sys,test}/**")))
     found = [(entry.queue, entry.path, entry.kind, entry.sender) for entry in entries]

@@ -9,6 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
+from tests.patience import PATIENCE_S
 
 from swarmd.mission.config import Config
 from swarmd.mission.service import Mission
@@ -45,11 +46,12 @@ P = ParamSpec("P")
 
 STATE = "mission/state"
 FAST = Config(
+    # what is awaited here comes at once, or after a moment on a busy computer; what does not come is short
     leader_patience_s=0.2,
     position_patience_s=0.2,
-    start_timeout_s=3.0,
-    order_timeout_s=2.0,
-    navigator_timeout_s=0.6,
+    start_timeout_s=PATIENCE_S,
+    order_timeout_s=PATIENCE_S,
+    navigator_timeout_s=PATIENCE_S,
     blocked_patience_s=0.2,
 )
 
@@ -160,18 +162,18 @@ class Swarm:
         self.operator = operator
         self.changed = asyncio.Event()
         self.orders: list[OrderReceipt] = []
-        self.arrived: dict[str, list[int]] = {}
-        """Platform → when requests came off its link, on its clock."""
+        self.arrived: dict[str, int] = {}
+        """Platform → when the first request came off its link, on its clock."""
         self.answered: dict[str, list[str]] = {}
-        """Platform → what it had stated of its mission when it answered the requests of others."""
+        """Platform → what it had stated of its mission when it first answered a request of others."""
 
     def __getitem__(self, name: str) -> Member:
         return self.members[name]
 
     async def ask(self, path: str, request: msgspec.Struct, reply: type[T]) -> T:
-        return await self.operator.request(path, request, reply, timeout_s=5.0)
+        return await self.operator.request(path, request, reply, timeout_s=PATIENCE_S)
 
-    async def until(self, what: Callable[[], bool], timeout_s: float = 30.0) -> None:
+    async def until(self, what: Callable[[], bool], timeout_s: float = PATIENCE_S) -> None:
         """Waits until it is so; looked at whenever a mission takes a step anywhere."""
         try:
             async with asyncio.timeout(timeout_s):
@@ -189,7 +191,7 @@ class Swarm:
         """Waits until the ground station has heard everybody."""
         boards = self.operator.readers("/*/mission/state", MissionState)
         path = join(asker, "sys/mission/status")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while len((await self.ask(path, Empty(), MissionStatus)).others) < len(self.members) - 1:
                 await boards.changed()
 
@@ -256,11 +258,12 @@ def _carry(
         return
     if frame.kind is FrameKind.REQUEST:
         arrived_ns = node.clock.now_ns()
-        found.arrived.setdefault(node.platform, []).append(arrived_ns)
+        found.arrived.setdefault(node.platform, arrived_ns)
         frame.extension = with_sender(frame.extension, None, arrived_ns)
     elif frame.kind is FrameKind.REPLY and (sender := by_hardware.get(frame.sender_hw)) is not None:
         stated = [step.event for step in iter(steps.take, None)]
-        found.answered.setdefault(sender.platform, []).extend(stated)
+        # the first one: of a busy computer requests are repeated, and so are their answers
+        found.answered.setdefault(sender.platform, stated)
     node.messaging.deliver(frame)
 
 

@@ -84,7 +84,7 @@ async def flood(config_dir: str, count: str) -> None:
     """Sends many messages at once and says what became of them."""
     async with Module("flooder", config_dir=config_dir) as m:
         outcomes = await asyncio.gather(
-            *(m.send("cmd/goto", Goal(number, GoalKind.GOTO), timeout_s=20) for number in range(int(count)))
+            *(m.send("cmd/goto", Goal(number, GoalKind.GOTO), timeout_s=60) for number in range(int(count)))
         )
         say("delivered", sum(outcome.delivered for outcome in outcomes))
 

@@ -163,7 +163,10 @@ async def test_a_guard_that_cannot_be_configured_ends_the_node_with_its_exit_cod
             pass
 
 
-def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_parent(tmp_path: Path) -> None:
+def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_parent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fork, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
     config = make_node(tmp_path, services={"timesync": {}}, processes="per-daemon")
     run_dir = tmp_path / "uav1/run"
     (run_dir / FOLDER).mkdir(parents=True)

@@ -62,11 +62,11 @@ def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -
         async with Module("test", config_dir=config_dir) as m:
             count = m.reader("test/count", Int)
             async with spawn(config_dir, "steady", env=env) as process:
-                assert (await count.changed(5)).value > 1000
+                assert (await count.changed(PATIENCE_S)).value > 1000
                 beats = m.reader("app/steady/status", AppStatus)
                 assert beats.value is not None
                 assert beats.value.state == "running", "a node that is ready says so at once"
-                status = await beats.changed(5)
+                status = await beats.changed(PATIENCE_S)
                 assert (status.pid, status.restarts) == (process.pid, 0)
                 (entry,) = [entry for entry in scan(load_node(config_dir).run_path) if entry.name == "steady"]
                 assert entry.config == {"start": 1000}
@@ -133,16 +133,16 @@ def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing
             count = m.reader("test/count", Int)
             board = m.reader("test/fragile", Text)
             status = m.reader("app/fragile/status", AppStatus)
-            life = await board.changed(5)
+            life = await board.changed(PATIENCE_S)
             for restarts, order in enumerate(("boom", "return", "boom"), 1):
-                before = (await count.changed(5)).value
+                before = (await count.changed(PATIENCE_S)).value
                 assert await m.send("test/order", Text(order), timeout_s=PATIENCE_S)
-                while (again := await board.changed(10)) == life:
+                while (again := await board.changed(PATIENCE_S)) == life:
                     pass
                 life = again
-                while (await status.changed(10)).restarts < restarts:
+                while (await status.changed(PATIENCE_S)).restarts < restarts:
                     assert board.value is not None
-                assert (await count.changed(5)).value > before
+                assert (await count.changed(PATIENCE_S)).value > before
                 pid = await m.request("test/pid", Int(0), Int, timeout_s=PATIENCE_S)
                 assert pid.value == process.pid, "in the same process"
             said = process.stderr()
@@ -179,7 +179,7 @@ def test_a_step_that_holds_the_event_loop_is_named(setting: Setting) -> None:
         ):
             status = m.reader("app/steady/status", AppStatus)
             await m.request("test/block", Int(150), Int, timeout_s=PATIENCE_S)
-            while (await status.changed(5)).loop_lag_ms < 100:
+            while (await status.changed(PATIENCE_S)).loop_lag_ms < 100:
                 pass
             held_ms = re.findall(r"serve test/block held the event loop for (\d+) ms", process.stderr())
             assert len(held_ms) == 1
@@ -194,7 +194,7 @@ def test_a_service_that_does_not_finish_is_not_waited_for(setting: Setting) -> N
     async def run() -> None:
         async with spawn(config_dir, "stubborn", "steady", env=env) as process:
             process.signal(signal.SIGINT)
-            assert await process.wait(8) == 0
+            assert await process.wait(PATIENCE_S) == 0
             assert "stubborn: did not finish" in process.stderr()
         assert (load_node(config_dir).data_path / "stopped").exists()
 

@@ -55,7 +55,7 @@ class Worker(threading.Thread):
 
     def end(self) -> None:
         self._loop.call_soon_threadsafe(self._end.set)
-        self.join(20)
+        self.join(PATIENCE_S)
 
 
 def test_modules_in_several_threads_all_receive_their_messages(config_dir: Path) -> None:
@@ -66,13 +66,13 @@ def test_modules_in_several_threads_all_receive_their_messages(config_dir: Path)
                 for worker, board in zip(workers, boards, strict=True):
                     assert await module.send(f"{worker.name}/number", Int(number), timeout_s=PATIENCE_S)
                     while board.value != Int(2 * number):
-                        await board.changed(10)
+                        await board.changed(PATIENCE_S)
 
     workers = [Worker(number, config_dir) for number in range(LOOPS)]
     try:
         for worker in workers:
             worker.start()
-            assert worker.joined.wait(20)
+            assert worker.joined.wait(PATIENCE_S)
         assert len({worker.endpoint for worker in workers}) == LOOPS
         asyncio.run(run(workers))
     finally:

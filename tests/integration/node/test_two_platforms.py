@@ -60,7 +60,7 @@ def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
                 outcome = await near.send("/uav2/cmd/goto", Goal(number, GoalKind.GOTO))
                 assert outcome.delivered
                 assert outcome.where == "uav2:far#1"
-                assert (await inbox.next(1)).seq == number
+                assert (await inbox.next(PATIENCE_S)).seq == number
                 assert inbox.meta is not None
                 assert inbox.meta.sender_hw == near.node.hardware
             assert await near.request("/uav2/sys/double", Int(4), Int, timeout_s=PATIENCE_S) == Int(8)
@@ -94,7 +94,7 @@ def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
                 near.send("/uav2/cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=PATIENCE_S)
             )
             await asyncio.sleep(0.05)
-            assert [(await inbox.next(1)).seq, (await inbox.next(5)).seq] == [1, 3]
+            assert [(await inbox.next(PATIENCE_S)).seq, (await inbox.next(PATIENCE_S)).seq] == [1, 3]
             assert (await waiting).delivered
 
     asyncio.run(run())
@@ -109,7 +109,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
             await asyncio.sleep(0)
             assert set(m.entry.reads) == {"/*/nav/pose", "/uav3/nav/pose"}
 
-            waiting = asyncio.create_task(poses.changed(5))
+            waiting = asyncio.create_task(poses.changed(PATIENCE_S))
             await asyncio.sleep(0.01)
             data_id = names.data_id("nav/pose", "Pose")
             mirrors = {}
@@ -149,7 +149,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
             mirrors["ugv1"].publish(
                 encode(Frame(FrameKind.BOARD, data_id, payload=registry.encode(Pose(7.0, 7.0))))
             )
-            assert "ugv1" in await poses.changed(5)
+            assert "ugv1" in await poses.changed(PATIENCE_S)
             assert poses["ugv1"].value == Pose(7.0, 7.0)
             for mirror in mirrors.values():
                 mirror.close()
@@ -219,7 +219,7 @@ def test_garbage_at_the_socket_is_counted_and_dropped(tmp_path: Path) -> None:
                     payload=registry.encode(Goal(5, GoalKind.GOTO)),
                 )
                 socket.send(encode(good))
-                assert (await inbox.next(5)).seq == 5
+                assert (await inbox.next(PATIENCE_S)).seq == 5
             assert node.messaging.counters().malformed == 5
 
     with no_leaks(tmp_path):

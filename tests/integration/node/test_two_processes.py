@@ -44,13 +44,13 @@ def test_a_board_and_a_stream_of_another_process_are_read(config_dir: Path) -> N
             assert (pose.value, pose.age_s) == (None, None)
             async with actor("publish", config_dir) as publisher:
                 assert await publisher.line() == "ready"
-                first = await pose.changed(5)
-                assert (await pose.changed(5)).x_m > first.x_m
+                first = await pose.changed(PATIENCE_S)
+                assert (await pose.changed(PATIENCE_S)).x_m > first.x_m
                 alive, age_s = pose.alive, pose.age_s
                 assert alive
                 assert age_s is not None
                 assert 0 <= age_s < 5
-                numbers = [(await steps.next(5)).value for _ in range(50)]
+                numbers = [(await steps.next(PATIENCE_S)).value for _ in range(50)]
                 assert numbers == list(range(numbers[0], numbers[0] + 50))
                 assert numbers[0] == 1, "a stream opened before its writer misses nothing"
                 assert steps.lost == 0
@@ -68,7 +68,7 @@ def test_a_killed_writer_comes_back_to_the_same_readers(config_dir: Path) -> Non
             for _ in range(3):
                 async with actor("publish", config_dir) as publisher:
                     await publisher.line()
-                    await pose.changed(5)
+                    await pose.changed(PATIENCE_S)
                     sequence = pose.sequence
                     await publisher.kill()
                 assert not pose.alive
@@ -208,9 +208,9 @@ def test_the_smallest_module_of_the_examples_works(config_dir: Path) -> None:
             pose.write(Pose(0.0, 8.0))
             path = m.stream_reader("plan/path", Pose)
             async with run_python(example, env={"SWARM_CONFIG": str(config_dir)}) as hello:
-                while not await m.send("cmd/goto", Goal(1, GoalKind.GOTO, x_m=4.0), timeout_s=10):
+                while not await m.send("cmd/goto", Goal(1, GoalKind.GOTO, x_m=4.0), timeout_s=PATIENCE_S):
                     assert hello.returncode is None, hello.stderr()
-                steps = [await path.next(5) for _ in range(4)]
+                steps = [await path.next(PATIENCE_S) for _ in range(4)]
             assert [(step.x_m, step.y_m) for step in steps] == [(1, 6), (2, 4), (3, 2), (4, 0)]
 
     asyncio.run(run())

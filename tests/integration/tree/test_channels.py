@@ -170,7 +170,9 @@ async def test_a_board_with_a_buffer_hands_its_values_of_an_outage_later_and_nev
         await ask(gcs, "set_channel", SetChannel("power/*", ChannelSettings(buffer_s=60.0), link="gcs"))
 
         async def waiting() -> int:
-            states = await uav.probe.request("sys/tree/channels", Empty(), ChannelStates, timeout_s=5)
+            states = await uav.probe.request(
+                "sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+            )
             return max((channel.waiting for channel in states.channels), default=0)
 
         await gcs.end("broker")

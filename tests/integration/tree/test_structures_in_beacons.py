@@ -46,7 +46,7 @@ async def test_nodes_join_by_beacons_not_by_requests_for_structures(tmp_path: Pa
         await until_all_know(nodes, "plan/other")
         requests = [(await in_sync(node, 3)).requests_sent for node in nodes]
         # a large structure is requested, and so is one before multicast is known to reach its node
-        assert sum(requests) <= 2, f"{requests}: by requests alone it were one for each of the others"
+        assert sum(requests) <= 4, f"{requests}: by requests alone it were one for each of the others, 12"
 
 
 @on_uvloop
@@ -54,6 +54,7 @@ async def test_a_tree_that_starts_again_gets_all_structures_from_beacons(tmp_pat
     async with platforms(tmp_path, *NAMES[:3], tree=BEACONS_ONLY, services=APART) as nodes:
         for node in nodes:
             await in_sync(node, 2)
+        asked = (await in_sync(nodes[1], 2)).requests_sent  # before multicast was known to reach a node
         received = nodes[1].probe.stream_reader("net/structures", StructureBroadcast)
         await nodes[0].end("tree")
         await nodes[0].start("tree")
@@ -62,7 +63,7 @@ async def test_a_tree_that_starts_again_gets_all_structures_from_beacons(tmp_pat
                 if structure.node == "uav1":
                     break
         assert (await in_sync(nodes[0], 2)).requests_sent == 0
-        assert (await in_sync(nodes[1], 2)).requests_sent == 0
+        assert (await in_sync(nodes[1], 2)).requests_sent == asked
 
 
 @on_uvloop

@@ -151,7 +151,9 @@ async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owne
         with pytest.raises(NotFound, match="did you mean /uav1/plan/step"):
             await gcs.get("/uav1/plan/stop")
         with pytest.raises(NotFound, match=r"'uav7': not known to gcs; expected one of gcs, uav1"):
-            await gcs.probe.request("sys/tree/get", TreeGet("/uav7/plan/step"), TreeValue, timeout_s=5)
+            await gcs.probe.request(
+                "sys/tree/get", TreeGet("/uav7/plan/step"), TreeValue, timeout_s=PATIENCE_S
+            )
         with pytest.raises(NotFound, match="a branch has no value"):
             await gcs.get("/uav1/net")
         with pytest.raises(NotFound, match="no value yet"):
@@ -183,9 +185,9 @@ async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tm
             expected = rf"asked of gcs; expected a request to its owner, /uav1/sys/tree/{verb}"
             for one in (uav, gcs):
                 with pytest.raises(Denied, match=expected):
-                    await one.probe.request(f"/gcs/sys/tree/{verb}", request, reply, timeout_s=5)
+                    await one.probe.request(f"/gcs/sys/tree/{verb}", request, reply, timeout_s=PATIENCE_S)
         with pytest.raises(Denied, match="asked of gcs"):
-            await uav.probe.request("/gcs/sys/tree/get", TreeGet(path), TreeValue, timeout_s=5)
+            await uav.probe.request("/gcs/sys/tree/get", TreeGet(path), TreeValue, timeout_s=PATIENCE_S)
         with pytest.raises(Denied, match="asked of gcs"):
             await uav.probe.request(
                 "/gcs/sys/tree/type", TypeRequest("Text", "uav1"), TypeDescription, timeout_s=5

@@ -62,7 +62,7 @@ async def test_gstreamer_decodes_the_video_by_the_printed_command(tmp_path: Path
     )
     async with swarm(tmp_path, "uav1") as nodes, video(nodes["uav1"]):
         start = VideoStart("camera", f"127.0.0.1:{free_port()}", max_bit_s=1_000_000)
-        sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=10)
+        sent = await nodes["uav1"].app.request("sys/video/start", start, VideoSession, timeout_s=PATIENCE_S)
         [printed] = [line for line in receivers(sent, tmp_path) if line.startswith("gst-launch-1.0")]
         words = shlex.split(printed.replace("autovideosink", shown))[1:]
         receiver = await asyncio.create_subprocess_exec(

@@ -15,6 +15,8 @@ from tests.unit.hal.test_servo import chip, number
 
 from swarmd.hal.buses.end_writer import EndWriter
 from swarmd.hal.buses.pwm import PwmChannel
+from swarmd.hal.driver import DeviceError
+from swarmware.testing.leaks import no_leaks
 
 DRIVER = """
 import sys
@@ -92,6 +94,12 @@ def test_a_process_that_something_ended_is_started_again(
     channel.close()
     writer.close()
     assert number(folder / "pwm0", "duty_cycle") == 1_000_000
+
+
+def test_one_that_ends_at_its_start_is_an_error_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with no_leaks(), pytest.raises(DeviceError, match="ended at its start"):
+        EndWriter([])
 
 
 def test_a_file_that_is_gone_does_not_keep_the_others_from_their_values(tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ class EndWriter:
         ready = self._process.stdout
         assert ready is not None
         if not ready.read(1):
+            self.close()
             raise DeviceError(f"{_PROGRAM}: ended at its start; expected a process that waits")
 
     def _started(self) -> subprocess.Popen[bytes]:
