@@ -16,8 +16,8 @@ from swarmd.broker.core.boards.claims import Claim, Claims, Contradiction, Origi
 PERIOD_NS: Final = 130_000_000
 """Mean period in which a value is relayed that its origin sent itself: with three of four beacons at 10 Hz.
 Of 16 moving nodes each sends 2.1 kB/s, and at two hops 95 % of the poses are younger than 0.28 s; of 100
-nodes 3.7 kB/s and 0.26 s (tests/bench/pose_ages.py)."""
-FURTHER_NS: Final = 400_000_000
+nodes 3.6 kB/s and 0.26 s (tests/bench/pose_ages.py)."""
+FURTHER_NS: Final = 500_000_000
 """What each further hop from the origin adds to the period."""
 REPEAT_NS: Final = 800_000_000
 """Period in which an unchanged value is relayed again; its origin repeats it every second."""
