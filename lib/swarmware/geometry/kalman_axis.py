@@ -4,6 +4,7 @@ Without a library: libraries need numpy, which the node of an air vehicle does n
 matrices of this size.
 """
 
+import math
 from typing import Final
 
 FIRST_SPEED_SIGMA_M_S: Final = 0.5
@@ -28,12 +29,20 @@ class KalmanAxis:
         self.vv = FIRST_SPEED_SIGMA_M_S**2
         self._noise = accel_sigma * accel_sigma
 
-    def predict(self, accel: float, dt_s: float) -> None:
-        """Predicts the state and its covariance by dt at constant acceleration."""
+    @property
+    def v_sigma(self) -> float:
+        """Standard deviation of the velocity."""
+        return math.sqrt(max(self.vv, 0.0))
+
+    def predict(self, accel: float, dt_s: float, accel_sigma: float | None = None) -> None:
+        """Predicts the state and its covariance by dt at constant acceleration.
+
+        `accel_sigma`: of this acceleration, where it is not that of the measured ones.
+        """
         half = dt_s * dt_s / 2
         self.p += self.v * dt_s + accel * half
         self.v += accel * dt_s
-        q = self._noise
+        q = self._noise if accel_sigma is None else accel_sigma * accel_sigma
         self.pp += dt_s * (2 * self.pv + dt_s * self.vv) + q * half * half
         self.pv += dt_s * self.vv + q * half * dt_s
         self.vv += q * dt_s * dt_s

@@ -12,7 +12,7 @@ from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.sim.config import Config as SimConfig
-from swarmd.sim.core.simulation import Simulation
+from swarmd.sim.core.simulation import Simulation, SimulationOutput
 from swarmware.geometry.formation import FormationSlots, place
 from swarmware.geometry.world import World
 from swarmware.model.config import load
@@ -90,6 +90,9 @@ class Vehicle:
             return
         self.truth = sample.truth
         self.collisions += sample.collisions
+        self.measure(sample)
+
+    def measure(self, sample: SimulationOutput) -> None:
         navigator, stamp_ns = self.navigator, sample.stamp_ns
         if sample.imu is not None:
             navigator.on_imu(sample.imu, stamp_ns)
@@ -152,9 +155,10 @@ class Flight:
         where = world()
         self.radio = Radio(seed, loss_ratio, delay_ns)
         self.vehicles = [
-            Vehicle(f"{kind}{i}", kind, i, where, seed, self.radio)
+            self.vehicle(f"{kind}{i}", kind, i, where, seed)
             for kind, count in (("ugv", ground), ("uav", vehicles - ground))
             for i in range(1, count + 1)
+            if self.takes_part(kind, i)
         ]
         self.radio.names = [v.name for v in self.vehicles]
         self._by_name = {v.name: v for v in self.vehicles}
@@ -163,6 +167,12 @@ class Flight:
         self._seq = 0
         self.result = Result()
         self._measure = False
+
+    def vehicle(self, name: str, kind: str, number: int, where: World, seed: int) -> Vehicle:
+        return Vehicle(name, kind, number, where, seed, self.radio)
+
+    def takes_part(self, kind: str, number: int) -> bool:
+        return True
 
     def step(self) -> None:
         self.now_ns += STEP_NS

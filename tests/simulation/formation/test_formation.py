@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from tests.simulation.formation.flight import COURSE, ROOT, SPEED_M_S, Flight, Result
+from tests.simulation.formation.late_flight import LateFlight
 from tests.simulation.seeds import cases
 
 from swarmware.geometry.course import Course
@@ -71,3 +72,16 @@ def test_when_the_leader_falls_silent_all_hold_and_go_on_when_it_is_back() -> No
     assert flight.until(lambda: flight.all_say("arrived"), 90)
     assert flight.land()
     assert flight.result.collisions == []
+
+
+@pytest.mark.parametrize("seed", cases([2, 4], [*range(2), 3, *range(5, 10)]))
+def test_with_turns_of_a_fifth_of_a_second_ground_vehicles_pass_between_the_obstacles(seed: int) -> None:
+    flight = LateFlight(32, seed, ("ugv1", "ugv7", "ugv9"))
+    check(flight.fly(), mean_m=3.0, worst_m=15.0)
+    assert flight.result.duration_s < 2 * Course(COURSE).length_m / SPEED_M_S
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", cases([0], range(1, 4)))
+def test_so_do_those_that_fly(seed: int) -> None:
+    check(LateFlight(32, seed, ("ugv1", "uav1", "uav2", "uav6", "uav9")).fly(), mean_m=3.0, worst_m=15.0)

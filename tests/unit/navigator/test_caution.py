@@ -21,7 +21,7 @@ def at(x_m: float, y_m: float = 0.0, age_s: float = 2.0, **changes: Any) -> Surr
 
 
 def speed(around: Surroundings, delay_s: float = 0.0, setpoint: Setpoint = AHEAD, pose: Pose = HERE) -> float:
-    found = cautious(setpoint, pose, around, delay_s, flies=True)
+    found = cautious(setpoint, pose, msgspec.structs.replace(around, delay_s=delay_s), flies=True)
     return math.hypot(found.vx_m_s, found.vy_m_s)
 
 
@@ -61,9 +61,9 @@ def test_the_nearest_in_the_way_decides() -> None:
 
 
 def test_a_ground_vehicle_keeps_its_arc_and_a_flying_one_its_turn_and_climb() -> None:
-    drives = cautious(AHEAD, HERE, at(3.0), 0.0, flies=False)
+    drives = cautious(AHEAD, HERE, at(3.0), flies=False)
     assert drives.wz_rad_s / drives.vx_m_s == pytest.approx(AHEAD.wz_rad_s / AHEAD.vx_m_s)
-    flies = cautious(AHEAD, HERE, at(3.0), 0.0, flies=True)
+    flies = cautious(AHEAD, HERE, at(3.0), flies=True)
     assert (flies.wz_rad_s, flies.vz_m_s) == (AHEAD.wz_rad_s, AHEAD.vz_m_s)
 
 
@@ -74,9 +74,9 @@ def test_two_that_approach_each_other_blindly_do_not_touch() -> None:
         before = list(places)
         for one, other, way in ((0, 1, 1.0), (1, 0, -1.0)):
             # each knows where the other was a whole turn ago, and how fast
-            around = at(seen[other], age_s=0.0, vx_m_s=speeds[other])
+            around = at(seen[other], age_s=blind_s, vx_m_s=speeds[other])
             pose = Pose.planar(places[one], 0.0, 8.0)
-            speeds[one] = cautious(Setpoint(2.0 * way), pose, around, blind_s, flies=True).vx_m_s
+            speeds[one] = cautious(Setpoint(2.0 * way), pose, around, flies=True).vx_m_s
         places = [place + speed_m_s * blind_s / 2 for place, speed_m_s in zip(places, speeds, strict=True)]
         seen = before
         assert places[1] - places[0] > 2 * PLATFORM_RADIUS_M

@@ -76,6 +76,46 @@ def test_late_fixes_are_carried_to_now() -> None:
     assert mean(errors) < 0.08  # 0.4 m of way lie between measurement and use
 
 
+def weaving(t: float) -> tuple[Pose, tuple[float, float, float]]:
+    """Straight on at 2 m/s, a little faster and slower each second."""
+    speed, accel = 2.0 + 0.3 * math.sin(math.tau * t), 0.3 * math.tau * math.cos(math.tau * t)
+    way = 2.0 * t - 0.3 / math.tau * (math.cos(math.tau * t) - 1)
+    return Pose.planar(way, 0.0, 0.0, 0.0, (speed, 0.0, 0.0)), (accel, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_one_sample_of_many_the_velocity_does_not_run_away(seed: int) -> None:
+    chance = random.Random(seed)
+    sensors = SensorErrors(SensorsConfig(), WORLD, chance.gauss, chance.random)
+    estimator = Estimator(EstimatorConfig(), WORLD.origin)
+    worst_m = worst_m_s = 0.0
+    ms = 0
+    while ms < 60_000:
+        pose, acceleration = weaving(ms / 1000)
+        estimator.on_imu(measured(sensors, pose, acceleration), ms * MS)
+        estimator.on_gnss(sensors.gnss(pose, 0.1), ms * MS)
+        estimator.predict(ms * MS)
+        found = estimator.pose()
+        if found is not None and ms > 5000:
+            worst_m = max(worst_m, math.hypot(found.x_m - pose.x_m, found.y_m - pose.y_m))
+            worst_m_s = max(worst_m_s, abs(found.vx_m_s - pose.vx_m_s))
+        ms += chance.choice((200, 300, 400, 600, 900))  # the turns of a late event loop
+    assert worst_m < 0.2
+    assert worst_m_s < 1.5
+
+
+def test_after_a_gap_in_the_samples_the_compass_decides() -> None:
+    estimator = Estimator(EstimatorConfig(), WORLD.origin)
+    for ms, yaw, rate in ((0, 0.0, 0.0), (50, 0.0, 1.5), (850, 0.4, 0.0)):
+        fast = Imu(0.0, 0.0, rate, 0.0, 0.0, GRAVITY_M_S2, yaw)
+        estimator.on_imu(fast, ms * MS)
+        estimator.on_gnss(GnssFix(WORLD.origin.lat_deg, WORLD.origin.lon_deg, 0.0, 0.02, 12), ms * MS)
+        estimator.predict(ms * MS)
+    pose = estimator.pose()
+    assert pose is not None
+    assert pose.yaw_rad == pytest.approx(0.4, abs=0.01)
+
+
 def test_velocity_and_heading_follow_too() -> None:
     chance = random.Random(3)
     sensors = SensorErrors(SensorsConfig(), WORLD, chance.gauss, chance.random)

@@ -9,6 +9,7 @@ from swarmd.navigator.config import Config
 from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore, NavigatorOutput
+from swarmd.navigator.core.target import Surroundings, Target
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.types.vehicle import (
     GnssFix,
@@ -325,6 +326,33 @@ def test_echoes_are_avoided() -> None:
         nearest = min(nearest, math.hypot(rig.truth.x_m - 8.0, rig.truth.y_m - 0.1) - 0.5)
     assert nearest > 0.3
     assert rig.status.state == "arrived"
+
+
+@pytest.mark.parametrize(("late_s", "drives"), [(0.0, True), (0.15, False)])
+def test_a_late_vehicle_does_not_forget_what_it_saw(late_s: float, drives: bool) -> None:
+    rig = Rig("ugv", "ugv1").go(0.2).goal(Goal(1, GoalKind.GOTO, 20.0, 0.0, 0.0, speed_m_s=2.0))
+    around = Range(-math.pi, math.tau / 72, 10.0, (0.45,) * 72)
+    rig.navigator.on_scan(around, rig.now_ns)
+    rig.go(0.05)
+    assert rig.stands
+    # an older scan is not used, but for as long as its own steps were late a node took no newer one
+    rig.go(0.4)
+    now_ns = rig.now_ns + 4 * STEP_NS
+    setpoint = rig.navigator.step(now_ns, round(late_s * 1e9)).setpoint
+    assert (setpoint.vx_m_s > 0.1) == drives
+
+
+def test_a_late_ground_vehicle_plans_from_where_its_set_point_takes_effect() -> None:
+    found = []
+    for delay_s in (0.0, 0.8):
+        pilot = GroundController(Config())
+        target = Target(20.0, 0.0, 0.0, None, 2.0, (20.0, 0.0), (2.0, 0.0, 0.0))
+        turning = Pose.planar(10.0, 0.0, 0.0, 0.0, (2.0, 0.0, 0.0), 0.6)
+        found.append(pilot.steer(turning, target, Surroundings(delay_s=delay_s), 1_000_000_000))
+    # on the line, it turns still: a late one will be beside the line, and must turn back
+    on_time, late = found
+    assert on_time.wz_rad_s > -0.05
+    assert late.wz_rad_s < -0.05
 
 
 def test_the_status_comes_at_its_rate_and_at_each_change() -> None:

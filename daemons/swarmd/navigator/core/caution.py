@@ -16,17 +16,17 @@ MARGIN_M: Final = 0.2
 _NO_SPEED_M_S: Final = 1e-3
 
 
-def cautious(
-    setpoint: Setpoint, pose: Pose, around: Surroundings, delay_s: float, *, flies: bool
-) -> Setpoint:
+def cautious(setpoint: Setpoint, pose: Pose, around: Surroundings, *, flies: bool) -> Setpoint:
     """A set-point whose velocity towards each platform is at most its distance over the time without sight.
 
-    That time is the age of its position, and until the next step: `delay_s`, by which steps were late lately.
+    That time is the age of its position, and until the next step, late by `around.delay_s`.
     """
     cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     vx = setpoint.vx_m_s * cos - setpoint.vy_m_s * sin
     vy = setpoint.vx_m_s * sin + setpoint.vy_m_s * cos
-    share = min((_share(one, pose, vx, vy, one.age_s + delay_s) for one in around.neighbours), default=1.0)
+    share = min(
+        (_share(one, pose, vx, vy, one.age_s + around.delay_s) for one in around.neighbours), default=1.0
+    )
     if share >= 1.0:
         return setpoint
     slower = msgspec.structs.replace(setpoint, vx_m_s=setpoint.vx_m_s * share, vy_m_s=setpoint.vy_m_s * share)

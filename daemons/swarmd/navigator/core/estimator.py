@@ -10,8 +10,13 @@ from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap
 from swarmware.geometry.kalman_axis import FIRST_SPEED_SIGMA_M_S, KalmanAxis
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
-_PREDICTION_MAX_S: Final = 0.5
+_PREDICTION_MAX_S: Final = 2.0
 """Longest prediction in one step."""
+_HELD_S: Final = 0.25
+"""Time for which a measurement of the inertial unit holds: the longest period, that at rest, and some jitter.
+A late node takes one sample of several."""
+_UNKNOWN_M_S2: Final = 2.0
+"""Standard deviation of an acceleration that was not measured: that of a vehicle which starts or brakes."""
 _LATE_MAX_NS: Final = 2_000_000_000
 """Maximum delay of a step that is not counted in the age of measurements."""
 _SLOW_M_S: Final = 0.15
@@ -103,7 +108,9 @@ class Estimator:
         self._w = rate[2]
         self._accel = (force[0], force[1], force[2] - GRAVITY_M_S2)
         if imu.yaw_rad is not None:
-            self._compass = (imu.yaw_rad, min(1.0, dt_s / self._config.yaw_tau_s))
+            # what the vehicle turned between two samples far apart is unknown
+            share = 1.0 if dt_s > _HELD_S else min(1.0, dt_s / self._config.yaw_tau_s)
+            self._compass = (imu.yaw_rad, share)
 
     def on_gnss(self, fix: GnssFix, stamp_ns: int) -> None:
         """Takes a position fix."""
@@ -128,21 +135,20 @@ class Estimator:
 
     def predict(self, now_ns: int) -> None:
         """Predicts the state to now, then corrects it by the buffered measurements."""
-        dt_s = (now_ns - self._now_ns) / 1e9
+        dt_s = min((now_ns - self._now_ns) / 1e9, _PREDICTION_MAX_S)
         self._now_ns = now_ns
         self._update_rest()
-        if (
-            self._yaw is not None
-            and self._axes is not None
-            and 0.0 < dt_s <= _PREDICTION_MAX_S
-            and not self.at_rest
-        ):
-            yaw = self._yaw + self._w * dt_s / 2
+        if self._yaw is not None and self._axes is not None and dt_s > 0.0 and not self.at_rest:
+            held_s = min(dt_s, _HELD_S)
+            yaw = self._yaw + self._w * held_s / 2
             cos, sin = math.cos(yaw), math.sin(yaw)
             forward, left, up = self._accel
-            self._axes[0].predict(forward * cos - left * sin, dt_s)
-            self._axes[1].predict(forward * sin + left * cos, dt_s)
-            self._axes[2].predict(up, dt_s)
+            self._axes[0].predict(forward * cos - left * sin, held_s)
+            self._axes[1].predict(forward * sin + left * cos, held_s)
+            self._axes[2].predict(up, held_s)
+            if dt_s > held_s:
+                for axis in self._axes:
+                    axis.predict(0.0, dt_s - held_s, _UNKNOWN_M_S2)
             self._yaw = math.remainder(self._yaw + self._w * dt_s, math.tau)
         self._correct()
 
@@ -218,6 +224,8 @@ class Estimator:
             return
         late_s = self.since_s(self._fix_ns)
         for axis, position, sigma in zip(axes, found, sigmas, strict=True):
+            if late_s > _HELD_S:  # the speed since then is uncertain
+                sigma = math.hypot(sigma, axis.v_sigma * late_s)  # noqa: PLW2901
             axis.update(position + axis.v * late_s, sigma)
 
     def _rest_at(

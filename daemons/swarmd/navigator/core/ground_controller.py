@@ -18,6 +18,9 @@ _STUCK_M_S: Final = 0.1
 _SPEED_GAIN_1_S: Final = 2.0
 _SPEED_GAIN_MAX: Final = 20.0
 """… and the weight of its speed term increases by this factor per second, up to this maximum."""
+_EFFECT_RATIO: Final = 0.5
+"""Share of the longest delay after which a set-point usually takes effect. Measured in the simulation of late
+vehicles (tests/simulation/formation): without it they swing about their path, with 0.7 they cut corners."""
 _REACH_MIN_M: Final = 3.0
 """Minimum distance that is checked for obstacles, also at rest."""
 
@@ -67,6 +70,7 @@ class GroundController:
         if now_ns - self._planned_ns < 0.99e9 / self._config.plan_hz:
             return self._last
         self._planned_ns = now_ns
+        pose = self._effective(pose, around.delay_s)
         yaw = pose.yaw_rad
         cos, sin = math.cos(yaw), math.sin(yaw)
         v = pose.vx_m_s * cos + pose.vy_m_s * sin
@@ -89,6 +93,29 @@ class GroundController:
             w = pose.wz_rad_s * max(0.0, 1 - self._config.dwa.a_max_m_s2 / self._config.plan_hz / v)
         self._last = Setpoint(choice.v_m_s, 0.0, 0.0, w)
         return self._last
+
+    def _effective(self, pose: Pose, delay_s: float) -> Pose:
+        """The pose at which a set-point of now takes effect: until then a late vehicle follows the last one.
+
+        Planned from the present pose, a turn begins late and ends late: the vehicle swings about its path.
+        """
+        if delay_s == 0.0:
+            return pose
+        lag_s, last, limits = _EFFECT_RATIO * delay_s, self._last, self._config.dwa
+        dv, dw = limits.a_max_m_s2 * lag_s, limits.dw_max_rad_s2 * lag_s
+        v = pose.vx_m_s * math.cos(pose.yaw_rad) + pose.vy_m_s * math.sin(pose.yaw_rad)
+        v_then = min(max(last.vx_m_s, v - dv), v + dv)
+        w_then = min(max(last.wz_rad_s, pose.wz_rad_s - dw), pose.wz_rad_s + dw)
+        turn = (pose.wz_rad_s + w_then) / 2 * lag_s
+        way, yaw, chord = (v + v_then) / 2 * lag_s, pose.yaw_rad + turn, pose.yaw_rad + turn / 2
+        return Pose.planar(
+            pose.x_m + way * math.cos(chord),
+            pose.y_m + way * math.sin(chord),
+            pose.z_m,
+            yaw,
+            (v_then * math.cos(yaw), v_then * math.sin(yaw), 0.0),
+            w_then,
+        )
 
     def _is_at(self, pose: Pose, target: Target) -> bool:
         moves = math.hypot(*target.velocity_m_s) > 0.05

@@ -9,6 +9,7 @@ from swarmd.navigator.config import Config
 from swarmd.navigator.core.caution import cautious
 from swarmd.navigator.core.controller import Controller
 from swarmd.navigator.core.keeper import FormationKeeper
+from swarmd.navigator.core.pace import TURNS
 from swarmd.navigator.core.prediction import predicted
 from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
@@ -34,6 +35,7 @@ _STILL_M_S: Final = 0.1
 _CIRCLING_HEIGHT_M: Final = 2.0
 """Error of the height within which a vehicle that circles has climbed to its altitude."""
 _SCAN_AGE_S: Final = 0.5
+"""Age up to which echoes are used; delays of the own steps are added."""
 _ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
 """Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
 
@@ -154,16 +156,16 @@ class Guidance:
         `delay_ns`: by which the steps were late lately.
         """
         if pose is not None and self._scan is not None:
-            self._points = self._echoes(pose, self._scan, now_ns)
+            self._points = self._echoes(pose, self._scan, now_ns, delay_ns)
             self._scan = None
         plan = self._plan(pose, now_ns)
         if pose is None or plan.target is None:
             setpoint = self._controller.stop()
         else:
-            around, flies = self._around(now_ns), self._controller.flies
+            around, flies = self._around(now_ns, delay_ns), self._controller.flies
             setpoint = self._controller.steer(pose, plan.target, around, now_ns)
             if self._controller.circle_m == 0.0:  # others need their airspeed
-                setpoint = cautious(setpoint, pose, around, delay_ns / 1e9, flies=flies)
+                setpoint = cautious(setpoint, pose, around, flies=flies)
         self._setpoint = setpoint
         return GuidanceOutput(setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
 
@@ -311,9 +313,9 @@ class Guidance:
 
     # the obstacles
 
-    def _echoes(self, pose: Pose, scan: Range, now_ns: int) -> tuple[tuple[float, float], ...]:
+    def _echoes(self, pose: Pose, scan: Range, now_ns: int, delay_ns: int) -> tuple[tuple[float, float], ...]:
         """The echoes in map coordinates, from the pose of the scanner at its stamp."""
-        late_s = min(max((now_ns - self._scan_ns) / 1e9, 0.0), _SCAN_AGE_S)
+        late_s = min(max((now_ns - self._scan_ns) / 1e9, 0.0), _scan_age_s(delay_ns))
         x, y = pose.x_m - pose.vx_m_s * late_s, pose.y_m - pose.vy_m_s * late_s
         first = pose.yaw_rad - pose.wz_rad_s * late_s + scan.angle_min_rad
         found = []
@@ -330,7 +332,7 @@ class Guidance:
         pose, stamp_ns = found
         return predicted(pose, min(max((now_ns - stamp_ns) / 1e9, 0.0), _EXTRAPOLATE_S))
 
-    def _around(self, now_ns: int) -> Surroundings:
+    def _around(self, now_ns: int, delay_ns: int) -> Surroundings:
         found = []
         for platform, (pose, stamp_ns) in list(self._neighbours.items()):
             age_s = (now_ns - stamp_ns) / 1e9
@@ -350,8 +352,8 @@ class Guidance:
                     max(age_s, 0.0),
                 )
             )
-        fresh = now_ns - self._scan_ns < _SCAN_AGE_S * 1e9
-        return Surroundings(self._points if fresh else (), tuple(found))
+        fresh = now_ns - self._scan_ns < _scan_age_s(delay_ns) * 1e9
+        return Surroundings(self._points if fresh else (), tuple(found), delay_ns / 1e9)
 
     # the status
 
@@ -382,6 +384,11 @@ class Guidance:
             return None
         self._status, self._status_ns = status, now_ns
         return status
+
+
+def _scan_age_s(delay_ns: int) -> float:
+    """Age up to which echoes are used: without them a late vehicle would drive as if nothing were there."""
+    return _SCAN_AGE_S + TURNS * delay_ns / 1e9
 
 
 def _published_at_once(status: NavStatus) -> object:

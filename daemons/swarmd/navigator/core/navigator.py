@@ -1,20 +1,16 @@
 """The navigator's core: measurements and a goal in, pose, set-point and status out."""
 
-from typing import Final
-
 import msgspec
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.controller import Controller
 from swarmd.navigator.core.estimation import PoseEstimation
 from swarmd.navigator.core.guidance import Guidance
+from swarmd.navigator.core.pace import TURNS
 from swarmware.geometry.geodesy import Origin
 from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.control import ControlState
 from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
-
-TURNS: Final = 2
-"""Turns of a late event loop from a measurement to its use: its driver is delayed, then the navigator."""
 
 
 class NavigatorOutput(msgspec.Struct, frozen=True):

@@ -7,6 +7,9 @@ _EARLY_RATIO: Final = 0.4
 _LATE_RATIO: Final = 1.5
 """Periods without a value after which a step is made without one."""
 
+TURNS: Final = 2
+"""Turns of a late event loop from a measurement to its use: its driver is delayed, then the navigator."""
+
 
 class Pace:
     """Admits a step for each value, at about the rate of the task however often values arrive."""

@@ -51,3 +51,5 @@ class Surroundings(msgspec.Struct, frozen=True):
     points_m: tuple[tuple[float, float], ...] = ()
     """Echoes of the scanner in map coordinates."""
     neighbours: tuple[MovingObstacle, ...] = ()
+    delay_s: float = 0.0
+    """Time by which the next step may be late: until then the vehicle moves as this one decides."""
