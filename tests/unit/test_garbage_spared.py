@@ -5,6 +5,7 @@ import gc
 from collections.abc import Iterator
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.service import garbage
 
@@ -40,7 +41,7 @@ async def test_a_settled_process_spares_all_but_its_garbage(monkeypatch: pytest.
 
     Circle()
     garbage.freeze_later(asyncio.get_running_loop())
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         await collected.wait()
     await asyncio.sleep(0)
     assert gc.get_freeze_count() > 0

@@ -285,4 +285,4 @@ async def test_another_user_answers_for_nobody_and_proves_no_session(tmp_path: P
         assert not waiting.done()
         held.set_result(Text("true"))
         assert (await waiting).value == "true"
-        assert own.states()["gcs"] == "up"
+        await own.until_up("gcs")

@@ -159,7 +159,7 @@ async def test_after_the_first_evidence_none_of_a_thousand_false_beacons_is_beli
             await poses.arrive(3.0)
             await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= before + TRIES // 2)
         assert forger.believed.get("uav3", 0) == first, "none of the second thousand"
-        assert receiver.states()["uav1"] == "up"
+        await receiver.until_up("uav1")
         await is_reported(receiver, denials, caplog)
         print(f"{first} of the first {TRIES} were believed, 0 of the next")
 
@@ -184,7 +184,7 @@ async def test_where_every_beacon_is_signed_none_of_a_thousand_false_ones_is_bel
             counted = (await receiver.traffic()).refused
         assert forger.believed == {}, "by nobody, not the first one either"
         assert counted.impersonated >= counted.unsigned, "each one that is refused is evidence"
-        assert receiver.states()["uav1"] == "up"
+        await receiver.until_up("uav1")
         await is_reported(receiver, denials, caplog)
 
 
@@ -225,7 +225,7 @@ async def test_the_root_switches_signatures_on_and_off_while_brokers_run_and_no_
         assert forger.believed == {}
         await hand_over(root.sign_beacons(False))
         await poses.arrive(4.0)
-        assert receiver.states()["uav1"] == "up"
+        await receiver.until_up("uav1")
 
 
 @on_uvloop
@@ -264,7 +264,7 @@ async def test_numbers_far_ahead_are_never_believed_and_do_not_block_the_true_be
         await receiver.until_counted(
             lambda traffic: traffic.refused.unproven + traffic.refused.unsigned >= TRIES // 2
         )
-        assert receiver.states()["uav1"] == "up"
+        await receiver.until_up("uav1")
 
 
 @on_uvloop

@@ -14,7 +14,7 @@ from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
 from swarmware.transport.delivery.outcome import ABSENT, FULL, Status
 from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
-from swarmware.types.net import Traffic
+from swarmware.types.net import LinkTraffic, Traffic
 from swarmware.types.scalar import Float, Text
 from swarmware.types.time import TimingBatch
 from swarmware.types.vehicle import Pose
@@ -67,6 +67,22 @@ async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: 
         ]
 
 
+def over_tcp(traffic: Traffic, platform: str) -> LinkTraffic:
+    [found] = [one for one in traffic.links if (one.platform, one.transport) == (platform, "tcp")]
+    return found
+
+
+async def settled(one: Station, other: Station) -> tuple[Traffic, Traffic]:
+    """The counters of both when each has received what the other has sent, in frames and bytes."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:  # what was under way when the first was asked is a frame more at the second
+            here, there = await one.traffic(), await other.traffic()
+            out, into = over_tcp(here, other.platform), over_tcp(there, one.platform)
+            sent = (out.sent_frames, out.sent_bytes) == (into.received_frames, into.received_bytes)
+            if sent and (out.received_frames, out.received_bytes) == (into.sent_frames, into.sent_bytes):
+                return here, there
+
+
 @on_uvloop
 async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
@@ -80,17 +96,14 @@ async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(t
             )
         before = await pair["uav1"].traffic()
         assert not await send("/uav9/plan/share", Text(""), timeout_s=0.5)
-        here, there = await pair["uav1"].traffic(), await pair["uav2"].traffic()
+        here, there = await settled(pair["uav1"], pair["uav2"])
         assert here.sent_frames == before.sent_frames, "what found no way was not sent"
         [sent] = [one.sent_frames for one in here.channels if one.channel == "plan/share"]
         assert sent == here.sent_frames
         [received] = [one.received_frames for one in there.channels if one.channel == "plan/share"]
         assert received == there.received_frames
         assert there.notifications == 10, "a repetition is no other notification"
-        [out] = [one for one in here.links if (one.platform, one.transport) == ("uav2", "tcp")]
-        [into] = [one for one in there.links if (one.platform, one.transport) == ("uav1", "tcp")]
-        assert (out.sent_frames, out.sent_bytes) == (into.received_frames, into.received_bytes)
-        assert (out.received_frames, out.received_bytes) == (into.sent_frames, into.sent_bytes)
+        out = over_tcp(here, "uav2")
         assert out.sent_bytes > out.sent_frames * HEADER_BYTES
 
 

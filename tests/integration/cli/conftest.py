@@ -25,6 +25,8 @@ from swarmctl.session import processes
 from swarmctl.terminal import documents
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
+ANSWER_S: Final = 20.0
+"""For which a command waits for an answer: the computer may be busy with other labs."""
 
 
 class Done(NamedTuple):
@@ -57,7 +59,7 @@ class Lab(NamedTuple):
     folder: Path
     env: dict[str, str]
 
-    def ctl(self, command: str, timeout_s: float = 30) -> Done:
+    def ctl(self, command: str, timeout_s: float = 2 * PATIENCE_S) -> Done:
         """`swarmctl …` to its end; words as a shell would split them."""
         done = subprocess.run(
             self.words(command),
@@ -84,7 +86,7 @@ class Lab(NamedTuple):
         """Start it, under its name, with nothing of an earlier one."""
         shutil.rmtree(self.packages, ignore_errors=True)
         self.packages.mkdir()  # before an interpreter notes that there is none
-        done = self.ctl(f"lab up formation --nodes {len(NODES)} --name {self.name} --detach", timeout_s=60)
+        done = self.ctl(f"lab up formation --nodes {len(NODES)} --name {self.name} --detach")
         assert done.code == 0, done.err
         end_s = time.monotonic() + PATIENCE_S
         while not self.known():
@@ -98,7 +100,7 @@ class Lab(NamedTuple):
 
     def down(self) -> None:
         """End it; nothing of it is left."""
-        done = self.ctl(f"lab down {self.name}", timeout_s=60)
+        done = self.ctl(f"lab down {self.name}")
         assert done.code == 0, done.err
         assert list(Path("/dev/shm").glob(f"*-{self.name}-*")) == []
 
@@ -160,6 +162,7 @@ def shared_lab() -> Iterator[Lab]:
         "SWARMCTL_LABS": str(folder),
         "XDG_CACHE_HOME": str(folder / "cache"),
         "NO_COLOR": "1",
+        "SWARMCTL_TIMEOUT": str(ANSWER_S),
     }
     found = Lab(f"cli{os.getpid()}", folder, env)
     env["PYTHONPATH"] = str(found.packages)
@@ -187,7 +190,7 @@ def ctl(lab: Lab, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
     """`swarmctl …` in this process: ten times faster, and what it leaves open is a failure."""
     for name in [key for key in os.environ if key.startswith("SWARMCTL_")]:
         monkeypatch.delenv(name)
-    for name in ("SWARMCTL_LABS", "XDG_CACHE_HOME", "NO_COLOR"):
+    for name in ("SWARMCTL_LABS", "SWARMCTL_TIMEOUT", "XDG_CACHE_HOME", "NO_COLOR"):
         monkeypatch.setenv(name, lab.env[name])
 
     def run(command: str) -> Done:

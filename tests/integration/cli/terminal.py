@@ -11,8 +11,8 @@ from pathlib import Path
 
 import psutil
 
-BLOCK_S = 90.0
-END_S = 10.0
+BLOCK_S = 180.0
+END_S = 60.0
 POLL_S = 0.2
 """For the end of a shell whose output is still open in a process that it left."""
 

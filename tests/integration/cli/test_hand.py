@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.integration.cli.conftest import Ctl, Done, Lab
+from tests.patience import PATIENCE_S
 
 UP: dict[str, dict[str, Any]] = {
     "s": {"type": "Start", "next": "a"},
@@ -135,7 +136,7 @@ class Hand:
     def end(self, key: str = "x") -> tuple[int, str]:
         """Presses the key that releases the vehicle; exit code and messages."""
         os.write(self._own, key.encode())
-        out, err = self._process.communicate(timeout=30)
+        out, err = self._process.communicate(timeout=PATIENCE_S)
         os.close(self._own)
         return self._process.returncode, out.decode().splitlines()[-1] + err.decode()
 

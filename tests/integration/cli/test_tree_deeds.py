@@ -1,4 +1,4 @@
-"""Dumps, live views and rules of the tree, on the lab of four nodes."""
+"""Dumps, live views, rules and graphs of the tree, on the lab of four nodes."""
 
 from pathlib import Path
 
@@ -31,3 +31,11 @@ def test_a_rule_is_in_force_at_its_platform_until_it_is_reset(ctl: Ctl) -> None:
     assert "rule ±0.5 ≥2s" in ctl("tree show /uav2/power").out
     assert ctl("tree rule '/uav2/power/*' --reset --json").document["rules"] == []
     assert ctl("tree rule '/uav2/power/*' --reset").code == 6
+
+
+def test_the_graph_is_drawn_in_every_form(ctl: Ctl, tmp_path: Path) -> None:
+    dot = ctl("topo --dot").out
+    assert dot.startswith("graph swarm {")
+    assert '"gcs" -- "uav1"' in dot
+    assert ctl(f"topo --png {tmp_path}/graph.png").code == 0
+    assert (tmp_path / "graph.png").read_bytes().startswith(b"\x89PNG")

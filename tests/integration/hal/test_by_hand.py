@@ -48,10 +48,11 @@ async def send_until(
     m: Module, setpoint: Setpoint, board: BoardReader[T], right: Callable[[T], bool]
 ) -> None:
     """Sends a manual set-point at 10 Hz until the vehicle is seen to do it."""
+    delivered = 0
     async with asyncio.timeout(PATIENCE_S):
         async for _ in m.every(0.1):
-            assert (await m.send("cmd/manual", setpoint, timeout_s=0.3)).delivered
-            if board.value is not None and right(board.value):
+            delivered += (await m.send("cmd/manual", setpoint, timeout_s=0.3)).delivered
+            if delivered and board.value is not None and right(board.value):
                 return
 
 

@@ -33,7 +33,7 @@ VEHICLE = ("sim", "hal", "control", "navigator")
 
 
 async def until(
-    board: BoardReader[NavStatus], right: Callable[[NavStatus], bool], timeout_s: float = 40.0
+    board: BoardReader[NavStatus], right: Callable[[NavStatus], bool], timeout_s: float = PATIENCE_S
 ) -> None:
     async with asyncio.timeout(timeout_s):
         while board.value is None or not right(board.value):
@@ -81,10 +81,13 @@ def test_a_quadrotor_takes_off_holds_and_lands_and_falls_when_it_is_killed(tmp_p
             imu = m.reader("sensor/imu", Imu)
             assert (await imu.changed(timeout_s=PATIENCE_S)).roll_rad is not None
             await drivers.changed(timeout_s=PATIENCE_S)
-            table = await drivers.changed(timeout_s=PATIENCE_S)
-            (found,) = (driver for driver in table.drivers if driver.name == "sim.flight")
+            async with asyncio.timeout(PATIENCE_S):
+                while True:  # a busy computer is slower now and then
+                    table = await drivers.changed()
+                    (found,) = (driver for driver in table.drivers if driver.name == "sim.flight")
+                    if found.real_hz > 50.0:
+                        break
             assert (found.state, found.asked_hz, found.actuator) == ("running", 100.0, True)
-            assert found.real_hz > 50.0
             here = truth.value
             assert here is not None
             assert here.z_m == pytest.approx(3.0, abs=0.6)

@@ -43,7 +43,8 @@ def ctl(labs_folder: Path) -> Ctl:
             text=True,
             check=False,
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "SWARMCTL_LABS": str(labs_folder)},
+            # the computer may be busy with other labs
+            env={**os.environ, "SWARMCTL_LABS": str(labs_folder), "SWARMCTL_TIMEOUT": "20"},
         )
         assert code is None or done.returncode == code, (
             f"{words}: {done.returncode}\n{done.stdout}{done.stderr}"

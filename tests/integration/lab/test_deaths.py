@@ -112,7 +112,7 @@ def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
         assert asyncio.run(answer(lab, "uav1")).platform == "uav1"
         foreground.send_signal(signal.SIGINT)
         talk.read()
-    assert foreground.wait(30) == 130
+    assert foreground.wait(PATIENCE_S) == 130
     nothing_remains(lab)
 
 
@@ -132,7 +132,7 @@ def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
         spoil(lab.node("uav1"))
         kill_whole(lab.node("uav1"))
         seen.append(talk.read())
-    assert run.wait(60) == 1, "".join(seen)
+    assert run.wait(PATIENCE_S) == 1, "".join(seen)
     nothing_remains(lab)
 
     facts = msgspec.json.decode((out / "run.json").read_bytes(), type=RunMetadata)

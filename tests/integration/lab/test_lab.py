@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
+
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState
 
@@ -73,7 +75,7 @@ def test_a_lab_that_is_asked_to_end_is_taken_down(labs_folder: Path, nothing_rem
         assert lab.running, heard
         foreground.send_signal(signal.SIGTERM)
         talk.read()
-    assert foreground.wait(30) == 130
+    assert foreground.wait(PATIENCE_S) == 130
     nothing_remains(lab)
 
 
@@ -93,7 +95,7 @@ def test_an_interrupt_in_the_middle_of_the_start_leaves_nothing_either(labs_fold
         lab = labs.labs()[0]
         foreground.send_signal(signal.SIGINT)
         talk.read()
-    assert foreground.wait(30) == 130
+    assert foreground.wait(PATIENCE_S) == 130
     assert list(labs_folder.iterdir()) == []
     assert not any(Path(node.shm_dir).exists() for node in lab.nodes)
 

@@ -34,6 +34,8 @@ TRIES = 3
 """A busy computer is late now and then, not always."""
 OBSERVED_S = 20.0
 """Time over which loss is counted: about 200 beacons."""
+OBSERVED = 150
+"""At least so many beacons: those of a busy computer come more slowly."""
 
 
 @pytest.fixture
@@ -81,14 +83,16 @@ async def test_a_cut_link_is_down_within_two_seconds_and_up_again_when_it_is_hea
         for neighbour in ("uav1", "ugv1"):
             assert (await until(neighbour, "up")).address.startswith("10.83.0.")
         for words in (("cut", "gcs", "uav1"), ("link", "uav1", "gcs", "--loss", "100")):
-            late_s: list[float] = []
-            while not late_s or late_s[-1] >= LOST_S:
-                assert len(late_s) < TRIES, late_s
+            seen: list[tuple[float, bool]] = []
+            while not seen or seen[-1][0] >= LOST_S or not seen[-1][1]:
+                assert len(seen) < TRIES, (
+                    f"seconds until it is down, and whether the other link stayed: {seen}"
+                )
                 before_ns = module.now_ns()
                 await order(ctl, *words)
                 ordered_ns = module.now_ns()
-                late_s.append(((await until("uav1", "down")).since_ns - ordered_ns) / 1e9)
-                assert (await until("ugv1", "up")).since_ns < before_ns, "another link is not concerned"
+                late_s = ((await until("uav1", "down")).since_ns - ordered_ns) / 1e9
+                seen.append((late_s, (await until("ugv1", "up")).since_ns < before_ns))
                 await order(ctl, "heal")
                 await until("uav1", "up")
 
@@ -139,13 +143,14 @@ async def test_the_loss_that_the_broker_counts_is_the_loss_of_the_radio_and_the_
         await order(ctl, "link", "uav1", "gcs", "--loss", "30", "--one-way")
         before, radio_before = await counted(traffic, "uav1"), await asyncio.to_thread(of_radio)
         ends_ns = module.now_ns() + round(OBSERVED_S * 1e9)
-        while module.now_ns() < ends_ns:
-            await traffic.changed(PATIENCE_S)
-        after, radio_after = await counted(traffic, "uav1"), await asyncio.to_thread(of_radio)
+        after = before
+        while module.now_ns() < ends_ns or sum(after) - sum(before) < OBSERVED:
+            after = await counted(traffic, "uav1")
+        radio_after = await asyncio.to_thread(of_radio)
     received, lost = (b - a for a, b in zip(before, after, strict=True))
     frames, frames_lost = (b - a for a, b in zip(radio_before, radio_after, strict=True))
-    assert received + lost > 100
-    assert lost / (received + lost) == pytest.approx(0.3, abs=0.12)
+    # four standard deviations of so many beacons
+    assert lost / (received + lost) == pytest.approx(0.3, abs=0.15)
     assert lost / (received + lost) == pytest.approx(frames_lost / (frames + frames_lost), abs=0.1)
 
 
@@ -214,7 +219,9 @@ def test_namespaces_devices_and_the_radio_are_gone_after_a_lab_whose_process_was
         for process in processes.marked(lab.mark):
             if process != radio:
                 process.send(signal.SIGKILL)
-        assert processes.wait_gone([who for who in processes.marked(lab.mark) if who != radio], 10) == []
+        assert (
+            processes.wait_gone([who for who in processes.marked(lab.mark) if who != radio], PATIENCE_S) == []
+        )
         assert radio.alive()
     ctl("lab", "down", lab.name)
     nothing_remains(lab)
@@ -232,7 +239,7 @@ def test_a_lab_whose_radio_ends_is_ended_with_the_reason(
         lab = labs.find()
         radio_of(lab).send(signal.SIGKILL)
         rest = talk.read()
-    assert up.wait(60) == 1
+    assert up.wait(PATIENCE_S) == 1
     assert "radio of lab formation: ended with signal 9" in rest
     nothing_remains(lab)
 
@@ -254,7 +261,7 @@ def test_a_node_that_was_killed_is_back_in_its_namespace(rights: None, labs_fold
         asyncio.run(seen())
         up.send_signal(signal.SIGINT)
         talk.read()
-    assert up.wait(60) == 130
+    assert up.wait(PATIENCE_S) == 130
 
 
 def start(labs_folder: Path, *before: str) -> Done:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.broker.core.forwarding.send_queue import (
     AGE_MAX_NS,
@@ -157,7 +158,7 @@ def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> 
             inbox = module.inbox("sys/note", Text)
             for kind in sorted(ADDRESSED - {FrameKind.MESSAGE}):
                 assert await module.send("sys/note", Text(kind.name), kind=kind)
-                assert (await inbox.next(5)).value == kind.name
+                assert (await inbox.next(PATIENCE_S)).value == kind.name
 
     with no_leaks(tmp_path):
         asyncio.run(run())

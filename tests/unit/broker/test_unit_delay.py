@@ -3,6 +3,7 @@
 import asyncio
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.broker.config import Config
 from swarmd.broker.links.unit_delay import UnitDelay
@@ -24,7 +25,7 @@ async def test_frames_are_delivered_later_and_in_order() -> None:
     for number in range(20):
         delay.hold(lambda number=number: deliver(number))  # type: ignore[misc]
     assert found == []
-    await asyncio.wait_for(done.wait(), 30)
+    await asyncio.wait_for(done.wait(), PATIENCE_S)
     assert found == list(range(20))
     assert loop.time() - began_s >= 0.002
 

@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import zmq
+from tests.patience import PATIENCE_S
 
 from swarmd.broker.links.zmq_socket import TURN, Socket, ZmqSocket, make_context
 
@@ -28,7 +29,7 @@ async def watched(take: Callable[[Socket], None]) -> AsyncIterator[tuple[ZmqSock
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         while not condition():  # noqa: ASYNC110 - libzmq's thread announces nothing to this test
             await asyncio.sleep(0.002)
 
@@ -80,5 +81,5 @@ async def test_a_handler_may_close_its_socket() -> None:
 
     async with watched(take) as (it, sender):
         sender.send(b"end")
-        await asyncio.wait_for(ended.wait(), 10)
+        await asyncio.wait_for(ended.wait(), PATIENCE_S)
         assert it.is_closed

@@ -18,6 +18,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.patience import PATIENCE_S
 from tests.unit.cli.test_commands import ScriptedSession
 from tests.unit.cli.test_main import probe  # noqa: F401 - a fixture
 
@@ -409,7 +410,7 @@ async def test_nodes_are_commanded_at_the_same_time() -> None:
             all_begun.set()
         await all_begun.wait()
 
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         await at_each(Fleet(node="*"), meet)
     assert sorted(begun) == sorted(KNOWN)
 

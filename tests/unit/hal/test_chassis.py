@@ -83,7 +83,7 @@ async def test_the_vehicle_is_armed_through_its_chassis_and_each_request_is_audi
             await other.request("sys/vehicle/kill", KillRequest("uav2"), VehicleState)
         killed = await other.request("sys/vehicle/kill", KillRequest("uav1", "smoke"), VehicleState)
         assert not killed.armed
-        entries = [await audit.next(timeout_s=5.0) for _ in range(4)]
+        entries = [await audit.next(timeout_s=20.0) for _ in range(4)]
         assert [(entry.what, bool(entry.refused), entry.reason) for entry in entries] == [
             ("arm", False, ""),
             ("disarm", True, ""),

@@ -47,7 +47,7 @@ def driver(folder: Path) -> Iterator[tuple[subprocess.Popen[str], psutil.Process
             yield process, watcher
         finally:
             process.kill()
-            watcher.wait(10.0) if watcher.is_running() else None
+            watcher.wait(60.0) if watcher.is_running() else None
 
 
 def test_the_outputs_of_a_killed_driver_take_their_safe_widths_without_it(tmp_path: Path) -> None:
@@ -58,7 +58,7 @@ def test_the_outputs_of_a_killed_driver_take_their_safe_widths_without_it(tmp_pa
             watcher.send_signal(stopping)  # as a supervisor that ends the whole service
         assert os.getpgid(watcher.pid) != os.getpgid(process.pid), "a kill of the group spares it"
         process.kill()
-        watcher.wait(10.0)
+        watcher.wait(60.0)
         assert number(folder / "pwm0", "duty_cycle") == 1_000_000
         assert number(folder / "pwm0", "enable") == 1, "a motor controller wants its pulses"
         assert (number(folder / "pwm1", "duty_cycle"), number(folder / "pwm1", "enable")) == (0, 0)
@@ -69,7 +69,7 @@ def test_a_driver_that_ends_in_order_takes_the_process_along(tmp_path: Path) -> 
     with driver(folder) as (process, watcher):
         assert process.stdin is not None
         process.stdin.close()
-        assert process.wait(20.0) == 0
+        assert process.wait(60.0) == 0
         assert not watcher.is_running()
         assert number(folder / "pwm0", "duty_cycle") == 1_000_000
 
@@ -85,7 +85,7 @@ def test_a_process_that_something_ended_is_started_again(
     writer.keep()
     assert writer.pid == first
     os.kill(first, signal.SIGKILL)
-    end_s = time.monotonic() + 10.0
+    end_s = time.monotonic() + 60.0
     while writer.pid == first:
         assert time.monotonic() < end_s
         writer.keep()

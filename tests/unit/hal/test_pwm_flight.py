@@ -75,7 +75,7 @@ class Rig:
         await asyncio.to_thread(self.spin_until_stopped)
 
     def spin_until_stopped(self) -> None:
-        end_s = time.monotonic() + 10.0
+        end_s = time.monotonic() + 60.0
         while self.widths_us != STOP:
             assert time.monotonic() < end_s
 

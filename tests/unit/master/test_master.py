@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.module.module import Module
 from swarmware.node.master import master
@@ -35,7 +36,7 @@ def no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
 async def table_where(module: Module, wanted: Callable[[set[str]], bool]) -> ApplicationTable:
     """The first published table with applications of which `wanted` is true."""
     board = module.reader("register/apps", ApplicationTable)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         while (table := board.value) is None or not wanted({app.name for app in table.applications}):
             await board.changed()
     return table
@@ -71,7 +72,7 @@ async def test_a_holder_that_becomes_the_preferred_one_goes_on_counting_its_tabl
         board = m.reader("register/apps", ApplicationTable)
         first = await table_where(m, lambda names: names == {"planner"})
         node.master.volunteer("register#1")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while (table := board.value) is None or table.master != "register#1":
                 await board.changed()
         assert table.epoch == first.epoch, "it had the role already"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.patience import PATIENCE_S
 from tests.unit.messaging.frames import any_frames
 
 from swarmware.model import names
@@ -46,7 +47,7 @@ async def feed(node: Node, sent: list[bytes]) -> None:
     other = IpcTransport(node.run_dir / "p" / "other", lambda data, connection: None, lambda reason: None)
     for item in [*sent, encode(Frame(FrameKind.MESSAGE, MESSAGES, 77, 1, HERE, sequence=LAST))]:
         assert other.send(messaging.address, item)
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         await last.wait()
     other.close()
     assert isinstance(await waiting, Outcome)

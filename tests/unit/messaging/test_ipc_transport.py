@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import zmq
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput
 from swarmware.testing.leaks import no_leaks
@@ -38,7 +39,7 @@ class Process:
         self._queue.put_nowait((data, connection))
 
     async def next(self) -> tuple[bytes, IpcConnection]:
-        return await asyncio.wait_for(self._queue.get(), 10)
+        return await asyncio.wait_for(self._queue.get(), PATIENCE_S)
 
 
 @asynccontextmanager
@@ -52,7 +53,7 @@ async def processes(folder: Path, *names: str) -> AsyncIterator[list[Process]]:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         while not condition():  # noqa: ASYNC110 - of objects that announce nothing
             await asyncio.sleep(0.002)
 
@@ -192,7 +193,7 @@ async def test_a_peer_that_speaks_something_else_is_counted_and_cut_off(tmp_path
     async with processes(tmp_path, "a") as (here,):
         reader, writer = await asyncio.open_unix_connection(tmp_path / "a")
         writer.write(sent)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             await reader.read()
         assert len(here.reasons) == 1
         writer.close()
@@ -202,7 +203,7 @@ async def test_a_peer_that_says_nothing_is_cut_off(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(ipc_transport, "HANDSHAKE_S", 0.02)
     async with processes(tmp_path, "a") as (here,):
         reader, writer = await asyncio.open_unix_connection(tmp_path / "a")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             assert len(await reader.read()) == 64, "its greeting, and then the end"
         assert here.reasons == ["no READY within 0.02 s"]
         writer.close()
@@ -216,7 +217,7 @@ async def test_connections_beyond_the_limit_are_closed_and_the_others_are_served
         here.transport.send(there.address, b"1")
         assert (await there.next())[0] == b"1"
         reader, writer = await asyncio.open_unix_connection(tmp_path / "b")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             assert await reader.read() == b""
         assert there.reasons == ["more than 1 connections"]
         writer.close()

@@ -9,6 +9,7 @@ from types import FrameType
 from typing import Any, Final
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.model import names
 from swarmware.model.frame import HOPS, Flag, Frame, FrameKind, encode
@@ -82,7 +83,7 @@ class Relay:
 
     async def next(self) -> tuple[Frame, bytes]:
         self.came.clear()
-        await asyncio.wait_for(self.came.wait(), 10)
+        await asyncio.wait_for(self.came.wait(), PATIENCE_S)
         return self.others[-1]
 
 

@@ -4,6 +4,7 @@ import asyncio
 import logging
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmd.mission.progress_record import PERIOD_NS, ProgressRecord
 from swarmware.model.clock import Clock
@@ -26,7 +27,7 @@ class Written:
         return len(self.found)
 
     async def until(self, count: int) -> None:
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while len(self.found) < count:
                 self._more.clear()
                 await self._more.wait()

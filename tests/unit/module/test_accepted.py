@@ -3,6 +3,8 @@
 import asyncio
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
+
 from swarmware.model.frame import Flag, Frame, FrameKind, decode
 from swarmware.model.names import ANY, data_id, hardware_id
 from swarmware.module.accepted import SLOTS
@@ -58,7 +60,7 @@ async def test_a_request_is_kept_too_and_what_the_template_does_not_log_is_not(t
         box = m.inbox("test/private", Text)
         await m.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
         assert await m.send("test/private", Text("x"))
-        assert await box.next(1.0) == Text("x")
+        assert await box.next(PATIENCE_S) == Text("x")
         with RingReader(ring_file(node.shm_dir, "sys/vehicle/arm"), after=0) as ring:
             assert [registry.decode(ArmRequest, frame.payload) for frame in kept(ring)] == [ArmRequest(True)]
         assert not ring_file(node.shm_dir, "test/private").exists()

@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.model.frame import Frame, FrameKind, encode
@@ -66,13 +67,13 @@ async def test_who_waits_for_a_board_gets_it_when_its_writer_comes_and_after_it_
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         reader = m.reader("nav/height", Float)
-        first = asyncio.create_task(reader.changed(5.0))
+        first = asyncio.create_task(reader.changed(PATIENCE_S))
         await asyncio.sleep(0)
         writer = m.writer("nav/height", Float)
         writer.write(Float(1.0))
         assert await first == Float(1.0)
         m.close_writer(writer)
-        again = asyncio.create_task(reader.changed(5.0))
+        again = asyncio.create_task(reader.changed(PATIENCE_S))
         await asyncio.sleep(0)
         m.writer("nav/height", Float).write(Float(2.0))
         assert await again == Float(2.0)
@@ -100,7 +101,7 @@ async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path
         for source in (stream, box):
             before = len(turns)
             for _ in range(130):
-                await source.next(1.0)
+                await source.next(PATIENCE_S)
             assert 1 <= len(turns) - before < 10, "two turns in 130 items, not one an item"
         other.cancel()
 
@@ -114,12 +115,12 @@ async def test_a_value_is_filled_in_place_and_one_that_failed_is_never_seen(tmp_
             payload = registry.encode(Int(number))
             with writer.loan(len(payload), stamp_ns) as place:
                 place[:] = payload
-            assert await stream.next(1.0) == Int(number)
+            assert await stream.next(PATIENCE_S) == Int(number)
             assert stream.meta is not None
             assert stream.meta.sender_app == m.app_id
             assert stream.meta.stamp_ns == 7 if stamp_ns else stream.meta.stamp_ns >= before_ns
         with pytest.raises(ZeroDivisionError), writer.loan(8):
             raise ZeroDivisionError
         writer.write(Int(3))
-        assert await stream.next(1.0) == Int(3)
+        assert await stream.next(PATIENCE_S) == Int(3)
         assert (writer.sequence, stream.refused) == (3, 0)

@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.model.frame import Frame, FrameKind, encode
@@ -28,7 +29,7 @@ def publish(mirror: Publication, platform: str, height: float) -> None:
 
 async def waiting(boards: BoardSet[Float]) -> asyncio.Task[tuple[str, ...]]:
     """A task that has looked, found nothing, and waits."""
-    task = asyncio.create_task(boards.changed(5.0))
+    task = asyncio.create_task(boards.changed(PATIENCE_S))
     await asyncio.sleep(0)
     assert not task.done()
     return task
@@ -56,16 +57,16 @@ async def test_each_change_is_given_once_and_one_board_of_the_set_can_be_waited_
         mirrors = {name: node.mirror_writer(name, PATH) for name in ("uav7", "uav8")}
         for name, mirror in mirrors.items():
             publish(mirror, name, 4.0)
-        assert sorted(await heights.changed(5.0)) == ["uav7", "uav8"]
+        assert sorted(await heights.changed(PATIENCE_S)) == ["uav7", "uav8"]
         publish(mirrors["uav8"], "uav8", 5.0)
-        assert await heights.changed(5.0) == ("uav8",)
+        assert await heights.changed(PATIENCE_S) == ("uav8",)
         with pytest.raises(NoAnswer):
             await heights.changed(0.01)
-        one = asyncio.create_task(heights["uav7"].changed(5.0))
+        one = asyncio.create_task(heights["uav7"].changed(PATIENCE_S))
         await asyncio.sleep(0)
         publish(mirrors["uav7"], "uav7", 6.0)
         assert await one == Float(6.0)
-        assert await heights.changed(5.0) == ("uav7",)
+        assert await heights.changed(PATIENCE_S) == ("uav7",)
         for mirror in mirrors.values():
             mirror.close()
 
@@ -121,13 +122,13 @@ async def test_a_platform_that_left_and_came_back_with_one_value_is_news(tmp_pat
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers(f"/*/{PATH}", Float)
         mirror = mirror_of(node, "uav7", PATH)
-        assert await heights.changed(1.0) == ("uav7",)
+        assert await heights.changed(PATIENCE_S) == ("uav7",)
         mirror.close()
         again = node.mirror_writer("uav7", PATH)
         with pytest.raises(NoAnswer):
             await heights.changed(0.01)
         publish(again, "uav7", 2.0)
-        assert await heights.changed(1.0) == ("uav7",)
+        assert await heights.changed(PATIENCE_S) == ("uav7",)
         assert heights["uav7"].value == Float(2.0)
         again.close()
 

@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.model.frame import Frame, FrameKind
@@ -39,7 +40,7 @@ async def test_live_and_former_values_come_as_they_arrive_and_the_board_keeps_th
         for sequence, is_late in ((1, False), (9, False), (8, True), (10, False), (7, True)):
             write = writer.write_late if is_late else writer.write
             write("uav7", PATH, frame(sequence), epoch=1)
-            value = await history.next(1.0)
+            value = await history.next(PATIENCE_S)
             assert history.meta is not None
             found.append((value.value, history.meta.stamp_ns // 1_000_000_000))
         assert found == [(1, 1), (9, 9), (8, 8), (10, 10), (7, 7)]
@@ -78,7 +79,7 @@ async def test_a_reader_that_waits_wakes_for_a_former_value_too(tmp_path: Path) 
         await asyncio.sleep(0)
         writer = MirrorWriter(node)
         writer.write_late("uav7", PATH, frame(4), epoch=1)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             assert (await waiting).sequence == 4
         assert frames.lost == 0
         writer.close()

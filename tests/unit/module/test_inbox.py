@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput, NotFound, OutOfRange
 from swarmware.model.frame import PAYLOAD_LIMIT, Frame, FrameKind
@@ -45,7 +46,7 @@ async def test_a_full_inbox_has_no_room_until_a_message_is_taken(tmp_path: Path)
         assert [box.put(message(number)) is None for number in range(3)] == [False, False, True]
         assert box.take() == Int(0)
         assert box.put(message(4)) is not None
-        assert [await box.next(1.0), await box.next(1.0)] == [Int(1), Int(4)]
+        assert [await box.next(PATIENCE_S), await box.next(PATIENCE_S)] == [Int(1), Int(4)]
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", registry.encode(Text("one")), b"\xff" * 100])
@@ -90,7 +91,7 @@ async def test_a_message_is_of_a_kind_that_an_inbox_takes(tmp_path: Path, kind: 
         box = m.inbox("cmd/step", Int)
         if kind.name in {"BOARD", "MESSAGE", "NOTIFY", "EVENT", "STREAM", "FILE"}:
             assert await m.send("cmd/step", Int(1), kind=kind)
-            assert await box.next(1.0) == Int(1)
+            assert await box.next(PATIENCE_S) == Int(1)
         else:
             with pytest.raises(InvalidInput, match=f"of kind {kind.name.lower()}; expected one of board"):
                 await m.send("cmd/step", Int(1), kind=kind)

@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import Conflict, NoAnswer, NotFound, TypeMismatch
 from swarmware.module import accepted as accepted_module
@@ -61,11 +62,11 @@ async def test_a_command_is_accepted_although_it_cannot_be_recorded(
         monkeypatch.setattr(Node, "publication", publication)
         box = m.inbox("cmd/abort", MissionAbort)
         assert await m.send("cmd/abort", MissionAbort(reason="first"))
-        assert (await box.next(5.0)).reason == "first"
+        assert (await box.next(PATIENCE_S)).reason == "first"
         assert caplog.text.count("cmd/abort: ") >= 2, "at its opening and at each command"
         monkeypatch.undo()
         assert await m.send("cmd/abort", MissionAbort(reason="second"))
-        assert (await box.next(5.0)).reason == "second"
+        assert (await box.next(PATIENCE_S)).reason == "second"
         assert (node.shm_dir / "cmd.abort.ring").exists(), "recorded from now on"
 
 
@@ -76,7 +77,7 @@ async def test_without_a_readable_template_nothing_is_recorded(
         accepted_module.recorded.cache_clear()
         box = m.inbox("cmd/abort", MissionAbort)
         assert await m.send("cmd/abort", MissionAbort(reason="first"))
-        assert (await box.next(5.0)).reason == "first"
+        assert (await box.next(PATIENCE_S)).reason == "first"
         assert "cmd/abort: " in caplog.text
         assert not (node.shm_dir / "cmd.abort.ring").exists()
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
 from swarmware.model import names
@@ -60,7 +61,7 @@ async def test_a_reader_may_come_before_its_writer_and_sees_the_newest_value(tmp
         with pytest.raises(NoAnswer, match="no new value"):
             await reader.changed(0.01)
         writer.write(Float(3.0), stamp_ns=7)
-        assert await reader.changed(1.0) == Float(3.0)
+        assert await reader.changed(PATIENCE_S) == Float(3.0)
         assert reader.stamp_ns == 7
 
 
@@ -158,7 +159,7 @@ async def test_a_stream_gives_every_item_in_order_and_counts_what_was_overrun(tm
         reader = m.stream_reader("plan/path", Int)
         for number in range(5):
             writer.write(Int(number))
-        assert [(await reader.next(1.0)).value for _ in range(5)] == [0, 1, 2, 3, 4]
+        assert [(await reader.next(PATIENCE_S)).value for _ in range(5)] == [0, 1, 2, 3, 4]
         for number in range(100):
             writer.write(Int(number))
         got = []
@@ -227,7 +228,7 @@ async def test_a_message_is_acknowledged_with_the_application_that_has_it(tmp_pa
             assert outcome.where == f"uav1:{pilot.id}"
         full = await m.send("cmd/step", Int(2), timeout_s=0.1)
         assert full.status is Status.EXPIRED
-        assert [(await box.next(1.0)).value for _ in range(2)] == [0, 1]
+        assert [(await box.next(PATIENCE_S)).value for _ in range(2)] == [0, 1]
         assert (
             box.meta == Meta(node.hardware, m.app_id, box.meta.sequence, box.meta.stamp_ns)
             if box.meta
@@ -300,7 +301,7 @@ async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path
         mirror = node.mirror_writer("uav7", "nav/height")
         data_id = names.data_id("nav/height", "Float")
         mirror.publish(encode(Frame(FrameKind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0)))))
-        assert await heights.changed(1.0) == ("uav7",)
+        assert await heights.changed(PATIENCE_S) == ("uav7",)
         assert heights["uav7"].value == Float(4.0)
         with pytest.raises(NoAnswer):
             await heights.changed(0.01)
@@ -316,15 +317,15 @@ async def test_who_waits_for_boards_of_other_platforms_is_not_woken_by_other_bel
         data_id = names.data_id("nav/height", "Float")
         frame = encode(Frame(FrameKind.BOARD, data_id, THERE, payload=registry.encode(Float(4.0))))
         mirror.publish(frame)
-        assert await heights.changed(1.0) == ("uav7",)
+        assert await heights.changed(PATIENCE_S) == ("uav7",)
         other = m.writer("nav/other", Float)
         reader = m.reader("nav/other", Float)
         wakeup = heights._wakeup = Counted()
-        waiting = asyncio.create_task(heights.changed(5.0))
+        waiting = asyncio.create_task(heights.changed(PATIENCE_S))
         await asyncio.sleep(0)
         for number in range(3):
             other.write(Float(number))
-            await reader.changed(1.0)
+            await reader.changed(PATIENCE_S)
             heights.poll()
         assert wakeup.count == 0
         mirror.publish(frame)

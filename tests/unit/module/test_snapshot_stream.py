@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer
 from swarmware.module.module import Module
@@ -44,9 +45,9 @@ async def two(tmp_path: Path) -> AsyncIterator[tuple[Sum, SnapshotStream[Int, Te
 
 async def test_a_reader_begins_with_the_state_and_goes_on_with_the_items_after_it(tmp_path: Path) -> None:
     async with two(tmp_path) as (owner, stream):
-        assert await stream.next(5.0) == Text("100")
+        assert await stream.next(PATIENCE_S) == Text("100")
         owner.add(1, 2)
-        assert [await stream.next(5.0), await stream.next(5.0)] == [Int(1), Int(2)]
+        assert [await stream.next(PATIENCE_S), await stream.next(PATIENCE_S)] == [Int(1), Int(2)]
         assert (stream.lost, stream.resyncs) == (0, 1)
 
 
@@ -55,14 +56,14 @@ async def test_a_reader_that_fell_behind_gets_the_state_and_counts_what_it_misse
 ) -> None:
     async with two(tmp_path) as (owner, stream):
         total = 0
-        assert await stream.next(5.0) == Text("100")
+        assert await stream.next(PATIENCE_S) == Text("100")
         owner.add(*range(3 * SLOTS))
-        while not isinstance(found := await stream.next(5.0), Text):
+        while not isinstance(found := await stream.next(PATIENCE_S), Text):
             total += found.value
         assert found == Text(str(owner.value))
         assert stream.lost >= SLOTS
         owner.add(7)
-        assert await stream.next(5.0) == Int(7)
+        assert await stream.next(PATIENCE_S) == Int(7)
         assert stream.resyncs == 2
 
 

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import msgspec
+from tests.patience import PATIENCE_S
 
 from swarmware.node.applications import ApplicationEvent, Change
 from swarmware.node.node import Node
@@ -26,7 +27,7 @@ class Seen:
 
     async def take(self) -> list[tuple[Change, str]]:
         """What has come since the last call; waits for it."""
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             await self._arrived.wait()
         self._arrived.clear()
         changes, self.changes = self.changes, []

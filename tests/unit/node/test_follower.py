@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.node.follower import RingFollower
@@ -220,7 +221,7 @@ async def test_who_listens_is_called_at_changes_of_this_ring_only(tmp_path: Path
         assert not change.is_set()
         writer = Publication(mine, node.doorbells, slots=4, slot_bytes=256)
         writer.publish(frame(1))
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             await change.wait()
         assert called == [1]
         follower.poll()

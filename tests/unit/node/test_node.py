@@ -3,6 +3,8 @@
 import asyncio
 from pathlib import Path
 
+from tests.patience import PATIENCE_S
+
 from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import make_node, tmp_node
@@ -43,7 +45,7 @@ async def test_a_bell_wakes_who_watches_as_long_as_somebody_listens(tmp_path: Pa
         # still one who listens; bells of others may ring too, so the last of ours is waited for
         rung.clear()
         writer.write(Float(1.0))
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(PATIENCE_S):
             await rung.wait()
         node.unwatch(watcher)
         node.unlisten(readers)

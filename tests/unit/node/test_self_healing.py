@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import OutOfRange
 from swarmware.module.module import Module
@@ -94,7 +95,7 @@ async def test_a_reader_goes_on_over_the_replacement(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         writer, reader = m.writer("nav/height", Float), m.reader("nav/height", Float)
         writer.write(Float(1.0))
-        assert await reader.changed(5.0) == Float(1.0)
+        assert await reader.changed(PATIENCE_S) == Float(1.0)
         waiting = asyncio.create_task(reader.changed(20.0))
         await asyncio.sleep(0)
         ring_file(node.shm_dir, "nav/height").unlink()

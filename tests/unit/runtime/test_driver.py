@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.runtime.core import Alarm
 from swarmware.runtime.driver import RETRY_NS, CoreDriver
@@ -311,7 +312,7 @@ def test_a_service_ends_with_what_failed_at_a_deadline() -> None:
         await driver.run()
 
     with pytest.raises(RuntimeError, match="the core is broken"):
-        asyncio.run(asyncio.wait_for(service(), 5))
+        asyncio.run(asyncio.wait_for(service(), PATIENCE_S))
 
 
 def test_a_service_that_is_cancelled_leaves_no_alarm() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.runtime.processes import ProcessWatcher, WatchedProcess, process_end
 
@@ -38,7 +39,7 @@ async def test_the_end_of_a_watched_process_is_reported_once_and_of_another_not(
     dropped.kill()
     dropped.wait()
     kept.kill()
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         assert await ended.get() == kept.pid
     await asyncio.sleep(0)
     assert ended.empty()
@@ -53,7 +54,7 @@ async def test_a_process_that_has_ended_already_is_reported_at_once(
     children[0].kill()
     children[0].wait()
     watcher.watch({children[0].pid})
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         assert await ended.get() == children[0].pid
     watcher.close()
 
@@ -73,7 +74,7 @@ async def test_an_end_is_reported_once_however_often_the_process_is_still_wanted
 
     watcher = ProcessWatcher(on_end)
     watcher.watch(wanted)
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         while len(ended) < len(wanted):  # noqa: ASYNC110 - what is counted is the calls themselves
             await asyncio.sleep(0)
     for _ in range(10):
@@ -116,7 +117,7 @@ async def test_a_signal_reaches_the_process_and_its_end_is_reported_before_the_w
     before = descriptors()
     process = WatchedProcess(children[0].pid, ended.set)
     process.signal(signal.SIGTERM)
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         await ended.wait()
     assert children[0].wait() == -signal.SIGTERM
     process.signal(signal.SIGKILL)  # nothing: the number may have another owner by now
@@ -131,7 +132,7 @@ async def test_who_waits_for_the_end_of_a_process_returns_with_it_or_is_refused(
     waiting = asyncio.create_task(process_end(children[0].pid))
     await asyncio.sleep(0)
     children[0].kill()
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(PATIENCE_S):
         await waiting
     children[0].wait()
     with pytest.raises(ProcessLookupError):

@@ -2,6 +2,8 @@
 
 import asyncio
 
+from tests.patience import PATIENCE_S
+
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.denials import REPORT_NS
 from swarmware.types.net import Denial
@@ -17,7 +19,7 @@ async def test_denials_after_a_report_are_reported_when_nothing_more_comes() -> 
         reporter.on_denial(REFUSED, now_ns + number)
     assert found.get_nowait().count == 1
     assert found.empty()
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         assert (await found.get()).count == 499
     assert reporter._timer is None, "nothing is left to report"
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import msgspec
 import pytest
+from tests.patience import PATIENCE_S
 
 from swarmware.errors import Conflict, NotFound
 from swarmware.model import paths
@@ -87,7 +88,7 @@ async def over(running: "asyncio.Task[None]") -> None:
 
 
 async def until(board: BoardReader[AppStatus], restarts: int) -> AppStatus:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(PATIENCE_S):
         while (now := board.value) is None or (now.restarts, now.state) < (restarts, "running"):
             await board.changed()
     return now
@@ -106,7 +107,7 @@ async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_d
         status = probe.reader("app/failing/status", AppStatus)
         await host.started()
 
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while len(pauses(caplog)) < 4:  # noqa: ASYNC110 - the host tells nobody but the log
                 await asyncio.sleep(0.001)
         assert pauses(caplog)[:4] == [*PAUSES_S, PAUSES_S[-1]]
@@ -288,7 +289,7 @@ async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_i
         ended = asyncio.Event()
         host.halt("steady", ended.set)
         host.halt("steady", ended.set)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             await ended.wait()
         assert host.halted("steady")
         node.table.refresh(probe=True)
@@ -297,7 +298,7 @@ async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_i
         assert Steady.begun == 1
         host.release("steady")
         host.release("steady")
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while Steady.begun < 2:  # noqa: ASYNC110 - the service itself has no event
                 await asyncio.sleep(0)
         assert not host.halted("steady")
