@@ -96,10 +96,17 @@ async def test_a_command_goes_by_all_media_and_arrives_once(tmp_path: Path) -> N
             lambda found: sum(link.duplicates for link in found.links if link.platform == "uav1") > 0
         )
         assert traffic.refused.replayed == 0, "a copy is no replay"
-        fast.is_cut = True
-        assert await one.app.send("/uav2/cmd/order", Text("cut"), timeout_s=PATIENCE_S, urgent=True)
-        assert (await anext(inbox)).value == "cut"
-        assert chosen(one) == "fast", "nobody has noticed yet that this line is dead"
+        for tries in range(5):
+            fast.is_cut = True
+            assert await one.app.send("/uav2/cmd/order", Text("cut"), timeout_s=PATIENCE_S, urgent=True)
+            assert (await anext(inbox)).value == "cut"
+            if chosen(one) == "fast":
+                break  # nobody has noticed yet that this line is dead; a busy computer has now and then
+            assert tries < 4
+            fast.is_cut = False
+            await until_up(one, "fast", "slow")
+            await until_up(other, "fast", "slow")
+            await one.until(lambda: chosen(one) == "fast", one.neighbours)
         await one.until(lambda: media(one)["fast"].state == LinkStatus.HALF_OPEN, one.neighbours)
         await one.until(lambda: chosen(one) == "slow", one.neighbours)
 

@@ -104,7 +104,7 @@ async def test_a_server_that_hangs_and_goes_on_later_gets_everything_once_and_de
                 await flushed(module)
                 began_s = time.monotonic()
                 assert await logger.terminate() == 0
-                assert time.monotonic() - began_s < HUNG_S / 10
+                assert time.monotonic() - began_s < HUNG_S / 2
             server.thaw()
             async with spawn(config, "logger"):
                 await forwarded(stats, 99)

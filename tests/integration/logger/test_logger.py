@@ -166,9 +166,9 @@ async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(
         hal.serve("sys/vehicle/arm", ArmRequest, lambda *_: armed, reply=VehicleState)
         operator.inbox("test/private", Text)  # the template does not log it
         for number in range(3):
-            assert await operator.send("cmd/abort", MissionAbort(reason=f"no {number}"))
-        await operator.request("sys/vehicle/arm", ArmRequest(True), VehicleState)
-        await operator.send("test/private", Text("x"))
+            assert await operator.send("cmd/abort", MissionAbort(reason=f"no {number}"), timeout_s=PATIENCE_S)
+        await operator.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
+        await operator.send("test/private", Text("x"), timeout_s=PATIENCE_S)
         assert (await aborts.next(PATIENCE_S)).reason == "no 0"
         await flushed(operator)
         entries = list(FolderSource([log]).entries(Query(pattern="/*/{cmd,sys,test}/**")))
