@@ -355,6 +355,21 @@ def test_a_late_ground_vehicle_plans_from_where_its_set_point_takes_effect() -> 
     assert late.wz_rad_s < -0.05
 
 
+def test_braking_a_late_ground_vehicle_does_not_curl_into_what_it_brakes_for() -> None:
+    found = []
+    for delay_s in (0.0, 0.4):
+        around = tuple((1.2 * math.cos(i / 10), 1.2 * math.sin(i / 10)) for i in range(63))
+        moving = Pose.planar(0.0, 0.0, 0.0, 0.0, (2.0, 0.0, 0.0), -1.0)
+        target = Target(20.0, 0.0, 0.0, None, 2.0, (20.0, 0.0), (2.0, 0.0, 0.0))
+        pilot = GroundController(Config())
+        pilot.steer(moving, target, Surroundings(), 1_000_000_000)
+        found.append(pilot.steer(moving, target, Surroundings(around, (), delay_s), 1_200_000_000))
+    on_time, late = found
+    # the speed has fallen by the next step, and the arc is the same only if the rate has fallen with it
+    assert on_time.vx_m_s == late.vx_m_s == 0.0
+    assert on_time.wz_rad_s + 0.1 < late.wz_rad_s <= 0.0
+
+
 def test_the_status_comes_at_its_rate_and_at_each_change() -> None:
     rig = Rig().go(2.0)
     before = len(rig.said)

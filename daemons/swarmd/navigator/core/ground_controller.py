@@ -90,7 +90,8 @@ class GroundController:
         w = choice.w_rad_s
         if choice.score == -math.inf and v > _MOVES_M_S:
             # braking on the same arc: that arc was free for the braking distance, straight on may not be
-            w = pose.wz_rad_s * max(0.0, 1 - self._config.dwa.a_max_m_s2 / self._config.plan_hz / v)
+            step_s = 1 / self._config.plan_hz + _EFFECT_RATIO * around.delay_s
+            w = pose.wz_rad_s * max(0.0, 1 - self._config.dwa.a_max_m_s2 * step_s / v)
         self._last = Setpoint(choice.v_m_s, 0.0, 0.0, w)
         return self._last
 
