@@ -7,7 +7,7 @@ import pytest
 from tests.simulation.directory.swarm import Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.reliable.reliable_links import LOSSY
+from swarmd.broker.core.reliable.carrier import LOSSY
 from swarmd.broker.core.topology.link import LinkState
 
 BEFORE_S: Final = 20.0

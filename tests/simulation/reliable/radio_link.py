@@ -6,9 +6,10 @@ from functools import partial
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.carrier import LinkQuality
 from swarmd.broker.core.reliable.link_action import DeliverFrame, FramesDropped, SendPacket
 from swarmd.broker.core.reliable.reliable_link import OVERHEAD, ReliableLink
-from swarmd.broker.core.reliable.reliable_links import Action, LinkQuality, ReliableLinks
+from swarmd.broker.core.reliable.reliable_links import Action, ReliableLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.testing.virtual import VirtualTime
 

@@ -41,12 +41,13 @@ from swarmd.broker.core.media.medium import PERFECT as MEDIUM_PERFECT
 from swarmd.broker.core.media.medium_link import PERIODS as MEDIUM_PERIODS
 from swarmd.broker.core.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
 from swarmd.broker.core.media.medium_table import LISTING_NS as MEDIA_NS
+from swarmd.broker.core.reliable.carrier import CLEAN, CLEAN_NS, LOSSY
 from swarmd.broker.core.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
 from swarmd.broker.core.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
 from swarmd.broker.core.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER
-from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS, CLEAN, CLEAN_NS, LOSSY
+from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS
 from swarmd.broker.core.topology.destination_routes import HELD_NS, WORSE_BY, WORSE_RATIO
 from swarmd.broker.core.topology.link_cost import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
 from swarmd.broker.core.topology.neighbour import (
@@ -98,7 +99,7 @@ from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.parts import FORGET_NS, HELD_BYTES, PART_BYTES, SPLIT_BYTES, VALUE_LIMIT
-from swarmware.transport.delivery.rate_control import BASE_NS, LOSS_EXCESS, TARGET_NS
+from swarmware.transport.delivery.rate_control import BASE_NS, FALL_NS, LOSS_EXCESS, TARGET_NS
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text
@@ -274,7 +275,8 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"within {ACK_DELAY_NS // MS} ms",
         f"when one {['three'][PACKET_THRESHOLD - 3]} numbers higher",
         f"and {SLACK_NS // MS} ms, afterwards {['twice'][BACKOFF_MAX - 1]} that",
-        f"within {TARGET_NS // MS} ms of its minimum",
+        f"The target is {FALL_NS // MS} ms less that minimum, at least the time of two packets, and at most"
+        f" {TARGET_NS // MS} ms",
         f"over the last {BASE_NS // SECOND} to {2 * BASE_NS // SECOND} s",
         f"by {LOSS_EXCESS * 100:.0f} percentage points",
         f"the frames of {['one', 'two'][MISSES - 1]} datagrams in a row",

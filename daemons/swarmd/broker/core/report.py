@@ -8,7 +8,7 @@ from swarmd.broker.core.beacon.beacon import INFINITY, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.media.medium_link import MediumLink
 from swarmd.broker.core.media.medium_table import MediumTable
-from swarmd.broker.core.reliable.reliable_links import LinkQuality
+from swarmd.broker.core.reliable.carrier import LinkQuality
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
 from swarmd.broker.core.topology.topology import Topology

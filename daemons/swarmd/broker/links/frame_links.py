@@ -10,6 +10,7 @@ from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
 from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.media.medium_table import Use
+from swarmd.broker.core.reliable.carrier import LinkQuality
 from swarmd.broker.core.reliable.link_action import (
     DeliverFrame,
     FrameBegun,
@@ -18,8 +19,9 @@ from swarmd.broker.core.reliable.link_action import (
 )
 from swarmd.broker.core.reliable.reliable_links import (
     Action,
-    LinkQuality,
+    MeasureConnection,
     ReliableLinks,
+    SetBuffer,
     UseConnection,
     UseDatagrams,
 )
@@ -84,6 +86,7 @@ class FrameLinks:
             on_unknown_key=on_unknown_key,
             on_given_up=self._drop_from_connection,
             on_sent=on_sent,
+            on_waiting=self._on_waiting,
         )
         try:
             self._datagrams = FrameDatagrams(
@@ -172,6 +175,13 @@ class FrameLinks:
 
     def _drop_from_connection(self, peer: LinkPeer, gone: list[QueuedFrame]) -> None:
         self._on_given_up(peer, LinkTransport.TCP, gone)
+
+    def _on_waiting(self, peer: LinkPeer) -> None:
+        self._driver.feed(self._core.on_waiting(peer.hw, self._clock.now_ns()))
+
+    def _measure_connection(self, hw: int) -> None:
+        delay, is_waiting = self._connections.delay(hw), bool(self._connections.waiting(hw)[0])
+        self._driver.feed(self._core.on_connection(hw, delay, is_waiting, self._clock.now_ns()))
 
     def _has_several(self, peer: LinkPeer) -> bool:
         return self._ways is not None and len(self._ways.ways(peer.hw, Use.URGENT)) > 1
@@ -274,6 +284,10 @@ class FrameLinks:
                 self._on_begun(peer, action.queued.frame)
             case FramesDropped():
                 self._on_given_up(peer, LinkTransport.UDP, action.frames)
+            case MeasureConnection():
+                self._measure_connection(action.hw)
+            case SetBuffer():
+                self._connections.limit(action.hw, action.size)
             case UseConnection():
                 for queued in action.frames:
                     self.send(peer, queued.data, queued.frame)

@@ -1,10 +1,11 @@
 """Bytes on the wire of libzmq's TCP connections, from the kernel's counters (TCP_INFO)."""
 
-import os
 import socket
-import stat
 import struct
+from contextlib import suppress
 from typing import Final
+
+from swarmd.broker.links.tcp_socket import borrowed, socket_inode, tcp_info
 
 HALF_OPEN_MAX: Final = 128
 """Maximum incoming connections without a proven key; a member proves its key within milliseconds, and opens
@@ -13,7 +14,6 @@ PROVEN_BYTES: Final = 272
 """Sent to a client and acknowledged by it: the greeting (64), WELCOME (170) and an ERROR (12) are less; with
 READY (67), which only a client gets whose key is on the roster, it is more. What the client sends proves
 nothing. Source: RFC 23 and 26 of ZeroMQ."""
-_TCP_INFO_BYTES: Final = 256
 _OPTIONS_AT: Final = 5
 _TIMESTAMPS: Final = 1
 _BYTES_RECEIVED: Final = struct.Struct("<128xQII")
@@ -75,7 +75,7 @@ class TcpCount:
     def add(self, fd: int) -> None:
         """Starts counting a connection."""
         self._half_open.remove(fd)  # counters of a former connection with the same descriptor
-        inode = _socket_inode(fd)
+        inode = socket_inode(fd)
         if inode is not None:
             self._inodes[fd] = inode
             self._last[fd] = (0, 0, 0)
@@ -115,7 +115,7 @@ class TcpCount:
 
     def sample(self, fd: int) -> bool:
         """Updates the counters of one connection; False when it is closed."""
-        if _socket_inode(fd) != self._inodes.get(fd):
+        if socket_inode(fd) != self._inodes.get(fd):
             return False
         moved = _moved_bytes(fd)
         if moved is None:
@@ -127,19 +127,11 @@ class TcpCount:
         return True
 
 
-def _socket_inode(fd: int) -> int | None:
-    try:
-        found = os.fstat(fd)
-    except OSError:  # closed meanwhile: not a socket any more
-        return None
-    return found.st_ino if stat.S_ISSOCK(found.st_mode) else None
-
-
 def _remote_address(fd: int) -> str | None:
     """Address of the peer; None: not a TCP connection, or not any more."""
     sock = None
     try:
-        sock = socket.socket(fileno=fd)
+        sock = socket.socket(fileno=fd)  # its family is asked
         peer = sock.getpeername()
     except OSError:  # closed meanwhile, or no connection
         return None
@@ -151,28 +143,16 @@ def _remote_address(fd: int) -> str | None:
 
 def _shut(fd: int) -> None:
     """Ends a connection; libzmq, to which it belongs, sees the end and closes it."""
-    sock = socket.socket(fileno=fd)
-    try:
+    with suppress(OSError), borrowed(fd) as sock:  # the peer has closed it
         sock.shutdown(socket.SHUT_RDWR)
-    except OSError:
-        pass  # the peer has closed it
-    finally:
-        sock.detach()
 
 
 def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     """Bytes sent and received with IP and TCP headers, acknowledgements and repetitions, and the payload that
     the other end acknowledged; None: not a TCP connection."""
-    sock = None
-    try:
-        # with the type given Python does not query it; only TCP sockets have TCP_INFO
-        sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=fd)
-        info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-    except OSError:  # closed meanwhile, or no TCP
+    info = tcp_info(fd)  # only TCP sockets have it
+    if info is None:
         return None
-    finally:
-        if sock is not None:
-            sock.detach()  # it belongs to libzmq
     received, segments_out, segments_in = _BYTES_RECEIVED.unpack_from(info)
     # Linux before 4.19 does not report the bytes sent, only those received
     sent = (_BYTES_SENT if len(info) >= _BYTES_SENT.size else _BYTES_ACKED).unpack_from(info)[0]

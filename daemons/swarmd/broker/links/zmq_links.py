@@ -12,7 +12,9 @@ import zmq
 
 from swarmd.broker.config import EVERYWHERE, Config
 from swarmd.broker.core.forwarding.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
+from swarmd.broker.core.reliable.carrier import BUFFER_MIN, ConnectionDelay
 from swarmd.broker.links.tcp_count import TcpCount
+from swarmd.broker.links.tcp_socket import TcpSocket
 from swarmd.broker.links.zap import DOMAIN, OnUnknownKey, Zap
 from swarmd.broker.links.zmq_socket import POLLOUT, ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
@@ -22,8 +24,6 @@ from swarmware.types.net import ConnectionStatus, Refused
 
 SEND_HIGH_WATER: Final = 4
 """Frames inside libzmq per connection; the rest waits in the send queue, which has priorities."""
-SEND_BUFFER_BYTES: Final = 32 * 1024
-"""Kernel send buffer of a connection, which Linux doubles; without a limit it grows to 4 MB."""
 RECEIVE_HIGH_WATER: Final = 64
 SOCKETS_MAX: Final = 4096
 """Limit of libzmq: six for each neighbour, a connection and both ends of its monitor, twice."""
@@ -70,11 +70,12 @@ class _Connection:
         self._owner = connections
         self._links = links = connections.links
         self._class = connection_class
+        self._tcp: TcpSocket | None = None
         self._failures = 0
         peer = connections.peer
         socket = links.make_socket(zmq.DEALER)
         socket.setsockopt(zmq.SNDHWM, SEND_HIGH_WATER)
-        socket.setsockopt(zmq.SNDBUF, SEND_BUFFER_BYTES)
+        socket.setsockopt(zmq.SNDBUF, connections.buffer_bytes)
         socket.setsockopt(zmq.CURVE_SERVERKEY, peer.curve_public)
         socket.setsockopt(zmq.CURVE_PUBLICKEY, links.keys.curve_public)
         socket.setsockopt(zmq.CURVE_SECRETKEY, links.keys.curve_secret)
@@ -131,6 +132,7 @@ class _Connection:
             return  # events of the attempt that failed
         if event == zmq.EVENT_CONNECTED:
             self._links.count.add(value)
+            self._tcp = TcpSocket(value)
         elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             self.connected = True
             self._failures = 0
@@ -144,6 +146,14 @@ class _Connection:
             if self._failures >= FAILURES:
                 self._owner.deny("its key differs from the roster")
 
+    def delay(self) -> ConnectionDelay | None:
+        """None: it is not connected, or nothing was measured."""
+        return self._tcp.delay() if self.connected and self._tcp is not None else None
+
+    def limit(self, send_bytes: int) -> None:
+        if self._tcp is not None:
+            self._tcp.limit(send_bytes)
+
     def shut(self) -> None:
         self._monitor.close()
         self._port.close()
@@ -156,6 +166,7 @@ class _PeerConnections:
         self.links = links
         self.peer = peer
         self.queue = SendQueue()
+        self.buffer_bytes = BUFFER_MIN
         self.denied = False
         self.denied_until_ns = 0
         # opened at once, so that no urgent frame waits for a handshake; the data connection opens on demand
@@ -188,6 +199,18 @@ class _PeerConnections:
     def flush(self, now_ns: int) -> None:
         for connection in tuple(self._connections.values()):
             connection.flush(now_ns)
+        if self.queue:
+            self.links.on_waiting(self.peer)
+
+    def delay(self) -> ConnectionDelay | None:
+        """That of the connection with the longer queue."""
+        found = [one.delay() for one in self._connections.values()]
+        return max((one for one in found if one is not None), key=_excess_ns, default=None)
+
+    def limit(self, send_bytes: int) -> None:
+        self.buffer_bytes = send_bytes
+        for connection in self._connections.values():
+            connection.limit(send_bytes)
 
     def deny(self, reason: str) -> None:
         log.warning("no frames go to %s: %s", self.peer.platform, reason)
@@ -223,8 +246,10 @@ class ZmqLinks:
         on_unknown_key: OnUnknownKey,
         on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
         on_sent: Callable[[LinkPeer, int, Frame], None],
+        on_waiting: Callable[[LinkPeer], None],
     ) -> None:
-        """`on_sent`: called with the bytes of a frame that a connection took.
+        """`on_sent`: called with the bytes of a frame that a connection took; `on_waiting`: when frames wait
+        for one.
 
         Raises: ConfigError when the port cannot be bound.
         """
@@ -239,6 +264,7 @@ class ZmqLinks:
         self._denied = 0
         self.gave_up = on_given_up
         self.sent_one = on_sent
+        self.on_waiting = on_waiting
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
         self._on_frame = on_frame
         self._on_roster = on_roster
@@ -379,6 +405,17 @@ class ZmqLinks:
         connections = self._peers.get(hw)
         return (0, 0) if connections is None else (len(connections.queue), connections.queue.queued_bytes)
 
+    def delay(self, hw: int) -> ConnectionDelay | None:
+        """What the kernel measured of the connections to a neighbour; None: nothing, or there are none."""
+        connections = self._peers.get(hw)
+        return None if connections is None else connections.delay()
+
+    def limit(self, hw: int, send_bytes: int) -> None:
+        """Sets the send buffer of the connections to a neighbour, which Linux doubles."""
+        connections = self._peers.get(hw)
+        if connections is not None:
+            connections.limit(send_bytes)
+
     def state(self, hw: int) -> ConnectionStatus:
         """State of the connections to a neighbour."""
         connections = self._peers.get(hw)
@@ -452,3 +489,7 @@ class ZmqLinks:
         self._router.close()
         self._zap.close()
         self._context.destroy(linger=0)
+
+
+def _excess_ns(delay: ConnectionDelay) -> int:
+    return delay.excess_ns

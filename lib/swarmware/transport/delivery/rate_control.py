@@ -9,7 +9,12 @@ from collections import deque
 from typing import Final
 
 TARGET_NS: Final = 25_000_000
-"""Queueing delay that the window fills: a command that waits behind it is still fast."""
+"""Queueing delay that the window fills at most: a command that waits behind it is still fast."""
+FALL_NS: Final = 17_000_000
+"""Round trip with the queue that the window fills: a link that falls to a tenth of its rate at once needs ten
+times as long for what is in flight, which shall be less than 200 ms. A longer round trip has a queue of
+`QUEUE_PACKETS`."""
+QUEUE_PACKETS: Final = 2
 PACKET_BYTES: Final = 1240
 WINDOW_FIRST: Final = 10 * PACKET_BYTES
 """RFC 9002, section 7.2."""
@@ -31,7 +36,7 @@ PACING_GAIN: Final = 1.25
 """RFC 9002, section 7.7: the window is sent a little faster than in a round trip."""
 BURST: Final = 4 * PACKET_BYTES
 BUSY_NS: Final = TARGET_NS // 5
-"""Queueing delay that shows that the link carries what it can."""
+"""Queueing delay that shows that the link carries what it can, or half of the target."""
 BUSY_ROUNDS: Final = 4
 """Round trips without a break in which packets were acknowledged."""
 CAPACITY_NS: Final = 1_000_000_000
@@ -140,26 +145,41 @@ class RateControl:
         self.window = max(self.window / 2, WINDOW_MIN)
         self._starting = False
 
+    def on_queue(self) -> None:
+        """What was sent by another way fills the queue of the link."""
+        self.window = float(WINDOW_MIN)
+        self._starting = False
+
+    def _target_ns(self, base_ns: int, elapsed_ns: int) -> int:
+        """Queueing delay that the window fills."""
+        packet_ns = PACKET_BYTES * elapsed_ns // max(self._passed, PACKET_BYTES)
+        return min(TARGET_NS, max(FALL_NS - base_ns, QUEUE_PACKETS * packet_ns))
+
     def on_round(self, smoothed_ns: int, now_ns: int) -> None:
         """Adapts the window when a round trip has passed and enough of it was measured."""
         if now_ns - self._round_ns < smoothed_ns or self._samples < SAMPLES_MIN:
             return
         queueing_ns, elapsed_ns = self.queueing_ns, now_ns - self._round_ns
         base_ns = self.base_ns or smoothed_ns
-        if self._is_used and queueing_ns > BUSY_NS and elapsed_ns < BUSY_ROUNDS * smoothed_ns:
+        target_ns = self._target_ns(base_ns, elapsed_ns)
+        if (
+            self._is_used
+            and queueing_ns > min(BUSY_NS, target_ns // 2)
+            and elapsed_ns < BUSY_ROUNDS * smoothed_ns
+        ):
             self._on_busy(elapsed_ns, now_ns)
-        if queueing_ns > TARGET_NS:
+        if queueing_ns > target_ns:
             self._starting = False
             if self.window <= WINDOW_MIN:
                 # two packets in flight fill no queue: the link itself has become slower
                 self._base_ns, self._former_base_ns = min(self._newest_ns), None
-            fitting = self._passed / elapsed_ns * (base_ns + TARGET_NS / 2)
+            fitting = self._passed / elapsed_ns * (base_ns + target_ns / 2)
             self.window = max(self.window / 2, min(self.window * 0.95, fitting), WINDOW_MIN)
         elif self._exceeds_usual_loss():
             self._starting = False
             self.window = max(self.window * 0.8, WINDOW_MIN)
         elif self._is_used:
-            share = 1 - queueing_ns / TARGET_NS
+            share = 1 - queueing_ns / target_ns
             if self._starting and share < 0.7:
                 self._starting = False
             growth = self.window if self._starting else max(GROWTH * self.window, PACKET_BYTES) * share

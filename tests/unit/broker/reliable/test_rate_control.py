@@ -4,17 +4,19 @@ import pytest
 
 from swarmware.transport.delivery.rate_control import (
     BASE_NS,
+    FALL_NS,
     LOSS_PACKETS,
     PACKET_BYTES,
     SAMPLES_MIN,
-    TARGET_NS,
     WINDOW_FIRST,
     WINDOW_MIN,
     RateControl,
 )
 
 MS = 1_000_000
-RTT = 20 * MS
+RTT = 5 * MS
+TARGET_NS = FALL_NS - RTT
+"""Queue that the window fills at this round trip."""
 
 
 class Rounds:
@@ -162,7 +164,7 @@ def test_the_capacity_is_what_arrives_while_the_link_is_the_limit() -> None:
     busy = RTT + TARGET_NS // 2
     rounds.round(busy)
     assert rounds.rate.capacity_bytes_s == pytest.approx(20 * PACKET_BYTES * 1e9 / busy)
-    for _ in range(100):
+    for _ in range(300):
         rounds.round(busy, arrived=10, lost=10)
     assert rounds.rate.capacity_bytes_s == pytest.approx(10 * PACKET_BYTES * 1e9 / busy, rel=0.1)
     measured_ns = rounds.now_ns

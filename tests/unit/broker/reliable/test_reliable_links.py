@@ -6,14 +6,13 @@ import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.carrier import CLEAN_NS, LinkQuality
 from swarmd.broker.core.reliable.link_action import DeliverFrame, FrameBegun, FramesDropped, SendPacket
 from swarmd.broker.core.reliable.packet import Acknowledgement, Packet, Piece, decode, encode
 from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER, ReliableLink
 from swarmd.broker.core.reliable.reliable_links import (
     BLOCKED_NS,
-    CLEAN_NS,
     Action,
-    LinkQuality,
     ReliableLinks,
     UseConnection,
     UseDatagrams,

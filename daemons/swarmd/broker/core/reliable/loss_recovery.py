@@ -99,6 +99,13 @@ class LossRecovery:
             return next(packet for packet in self._flight.values() if packet.has_command)
         return next(iter(self._flight.values()), None)
 
+    def on_round_trip(self, round_trip_ns: int) -> None:
+        """The round trip that was measured by another way: a probe before its end finds nothing."""
+        if self._rtt.smoothed_ns:
+            self._rtt.add(round_trip_ns)
+        else:
+            self._first_rtt_ns = round_trip_ns
+
     def on_sent(self, packet: SentPacket) -> None:
         """A packet that will be acknowledged is sent."""
         self._flight[packet.number] = packet

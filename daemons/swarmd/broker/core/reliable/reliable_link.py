@@ -98,6 +98,11 @@ class ReliableLink:
         """The smoothed round trip."""
         return self._recovery.smoothed_ns
 
+    def on_queue(self, rtt_ns: int) -> None:
+        """Frames that took another way fill the queue of the link: its present round trip."""
+        self.rate.on_queue()
+        self._recovery.on_round_trip(rtt_ns)
+
     def on_frame(self, queued: QueuedFrame, now_ns: int) -> list[LinkAction]:
         """A frame for the neighbour."""
         gone = self._outgoing.put(queued)

@@ -2,7 +2,7 @@
 
 TCP recovers slowly from loss without congestion: at 30 % a connection stops for seconds. And it fills the
 queue of a slow link, in which beacons and commands wait. So frames travel over TCP where a link is clean and
-fast enough, and in datagrams where its beacons are lost or late.
+fast enough, and in datagrams where its beacons are lost or late, or frames wait for a queue.
 """
 
 from typing import TYPE_CHECKING, Final
@@ -11,37 +11,18 @@ import msgspec
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
+from swarmd.broker.core.reliable.carrier import CLEAN, Carrier, ConnectionDelay, LinkQuality
 from swarmd.broker.core.reliable.link_action import LinkAction
 
 if TYPE_CHECKING:
     from swarmd.broker.core.reliable.reliable_link import ReliableLink
 
-LOSSY: Final = 0.05
-"""Smoothed loss of the beacons from which on frames travel in datagrams."""
-CLEAN: Final = 0.01
-"""Smoothed loss below which they travel over TCP again, after `CLEAN_NS`."""
-CLEAN_NS: Final = 20_000_000_000
-QUEUE_NS: Final = 60_000_000
-"""Round trip of the beacons above its minimum that shows a queue, in `QUEUED` seconds in a row: twice what
-the window of a reliable link fills."""
-QUEUED: Final = 2
-BASE_RISE: Final = 64
-"""Part of its excess by which the minimum of the round trip follows each second: delays may have grown."""
-WEIGHT: Final = 0.4
-"""Weight of the newest second's loss: at 30 % the first second is enough, a single loss is not."""
+CHECK_NS: Final = 40_000_000
+"""Time between two looks at a connection for which frames wait."""
 OUTAGE: Final = 0.7
 """Loss of the last beacons from which on the link itself, not a firewall, stops the datagrams."""
 BLOCKED_NS: Final = 60_000_000_000
 """Time after which a neighbour that did not acknowledge datagrams gets them again."""
-
-
-class LinkQuality(msgspec.Struct, frozen=True):
-    """What beacons measured of the link to a neighbour."""
-
-    loss: float
-    """Loss of the worse direction."""
-    rtt_ns: int = 0
-    """0: not measured."""
 
 
 UNKNOWN: Final = LinkQuality(0.0)
@@ -60,57 +41,43 @@ class UseDatagrams(msgspec.Struct, frozen=True):
     hw: int
 
 
-Action = LinkAction | UseConnection | UseDatagrams
+class MeasureConnection(msgspec.Struct, frozen=True):
+    """Action: call `on_connection` with the delay of the connections to a neighbour."""
+
+    hw: int
 
 
-class _Choice(msgspec.Struct):
-    loss: float = 0.0
-    """Smoothed."""
-    base_ns: int | None = None
-    """Minimum of the round trip."""
-    queued: int = 0
-    """Seconds in a row with a queue."""
-    by_datagram: bool = False
-    clean_since_ns: int | None = None
-    blocked_until_ns: int = 0
+class SetBuffer(msgspec.Struct, frozen=True):
+    """Action: the connections to a neighbour have a send buffer of this size."""
 
-    def on_round_trip(self, rtt_ns: int) -> None:
-        """The smoothed round trip of the last beacons; 0: not measured."""
-        if not rtt_ns:
-            return
-        base_ns = self.base_ns
-        if base_ns is None or rtt_ns <= base_ns:
-            self.base_ns = rtt_ns
-        elif not self.by_datagram:
-            self.base_ns = base_ns + (rtt_ns - base_ns) // BASE_RISE
-        self.queued = self.queued + 1 if rtt_ns - (self.base_ns or 0) > QUEUE_NS else 0
+    hw: int
+    size: int
+
+
+Action = LinkAction | UseConnection | UseDatagrams | MeasureConnection | SetBuffer
 
 
 class ReliableLinks:
     """Reliable links by neighbour, and the choice between them and connections."""
 
     def __init__(self, config: Config) -> None:
-        self._carrier = config.frames
+        self._kind = config.frames
         self._links: dict[int, ReliableLink] = {}
-        self._choices: dict[int, _Choice] = {}
+        self._carriers: dict[int, Carrier] = {}
         self._qualities: dict[int, LinkQuality] = {}
+        self._checks: dict[int, int] = {}
+        """When the connections to a neighbour are measured, because frames wait for them."""
 
     def uses_datagrams(self, hw: int) -> bool:
         """Whether frames for a neighbour travel in datagrams."""
-        choice = self._choices.get(hw)
-        return choice is not None and choice.by_datagram
+        carrier = self._carriers.get(hw)
+        return carrier is not None and carrier.by_datagram
 
     def is_clean(self, hw: int) -> bool:
         """Whether frames for a neighbour travel over a connection of whose beacons nearly none is lost or
         late."""
-        choice = self._choices.get(hw)
-        return (
-            choice is not None
-            and self._carrier is FrameCarrier.AUTO
-            and not choice.by_datagram
-            and choice.loss <= CLEAN
-            and not choice.queued
-        )
+        carrier = self._carriers.get(hw)
+        return carrier is not None and self._kind is FrameCarrier.AUTO and carrier.is_clean
 
     def link(self, hw: int) -> "ReliableLink | None":
         """The reliable link of a neighbour, if there is one."""
@@ -123,35 +90,50 @@ class ReliableLinks:
     def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
         """What beacons measure of the link to a neighbour, once a second while it is up."""
         self._qualities[hw] = quality
-        choice = self._choices.setdefault(hw, _Choice())
-        choice.loss += WEIGHT * (quality.loss - choice.loss)
-        choice.on_round_trip(quality.rtt_ns)
+        carrier = self._carrier(hw)
+        carrier.on_quality(quality)
         link = self._links.get(hw)
         if link is not None:
-            link.rate.on_link_loss(choice.loss)
+            link.rate.on_link_loss(carrier.loss)
             if link.is_blocked and quality.loss < OUTAGE:
-                choice.by_datagram, choice.blocked_until_ns = False, now_ns + BLOCKED_NS
+                carrier.on_block(now_ns + BLOCKED_NS)
                 return [UseConnection(hw, link.clear(now_ns))]
-        if choice.by_datagram:
-            if (
-                choice.loss > CLEAN
-                or self._carrier is FrameCarrier.UDP
-                or (link is not None and link.is_full)
-            ):
-                choice.clean_since_ns = None
-            elif choice.clean_since_ns is None:
-                choice.clean_since_ns = now_ns
-            elif now_ns - choice.clean_since_ns >= CLEAN_NS:
-                choice.by_datagram = False
+        if carrier.by_datagram:
+            is_used = self._kind is FrameCarrier.UDP or (link is not None and link.is_full)
+            carrier.end_when_clean(is_used, now_ns)
             return []
-        if choice.loss < LOSSY and choice.queued < QUEUED and self._carrier is not FrameCarrier.UDP:
-            return []
-        return self._choose_datagrams(hw, choice, now_ns)
+        return self._choose(hw, carrier, now_ns)
 
-    def _choose_datagrams(self, hw: int, choice: _Choice, now_ns: int) -> list[Action]:
-        if self._carrier is FrameCarrier.TCP or now_ns < choice.blocked_until_ns:
+    def on_waiting(self, hw: int, now_ns: int) -> list[Action]:
+        """Frames wait for the connections to a neighbour."""
+        if not self.uses_datagrams(hw):
+            self._checks.setdefault(hw, now_ns + CHECK_NS)
+        return []
+
+    def on_connection(
+        self, hw: int, delay: ConnectionDelay | None, is_waiting: bool, now_ns: int
+    ) -> list[Action]:
+        """What was measured of the connections to a neighbour, and whether frames wait for them."""
+        carrier = self._carrier(hw)
+        size = carrier.on_connection(delay, is_waiting)
+        chosen = [] if carrier.by_datagram else self._choose(hw, carrier, now_ns)
+        if is_waiting:
+            self.on_waiting(hw, now_ns)
+        return chosen if size is None else [SetBuffer(hw, size), *chosen]
+
+    def _carrier(self, hw: int) -> Carrier:
+        return self._carriers.setdefault(hw, Carrier())
+
+    def _choose(self, hw: int, carrier: Carrier, now_ns: int) -> list[Action]:
+        if not carrier.wants_datagrams(self._kind, now_ns):
             return []
-        choice.by_datagram, choice.clean_since_ns, choice.queued = True, None, 0
+        return self._begin_datagrams(hw, carrier)
+
+    def _begin_datagrams(self, hw: int, carrier: Carrier) -> list[Action]:
+        carrier.begin_datagrams()
+        link = self._links.get(hw)
+        if link is not None and carrier.queued_rtt_ns is not None:
+            link.on_queue(carrier.queued_rtt_ns)
         return [UseDatagrams(hw)]
 
     def on_frame(self, hw: int, session: int, queued: QueuedFrame, now_ns: int) -> list[Action]:
@@ -165,9 +147,15 @@ class ReliableLinks:
         Raises: WireError for a packet that no correct neighbour sends.
         """
         link, actions = self._current(hw, session, now_ns)
-        choice = self._choices.get(hw)
-        if choice is not None and not choice.by_datagram and choice.loss > CLEAN:
-            actions += self._choose_datagrams(hw, choice, now_ns)  # the neighbour measures more loss
+        carrier = self._carriers.get(hw)
+        if (
+            carrier is not None
+            and not carrier.by_datagram
+            and carrier.loss > CLEAN
+            and self._kind is not FrameCarrier.TCP
+            and now_ns >= carrier.blocked_until_ns
+        ):
+            actions += self._begin_datagrams(hw, carrier)  # the neighbour measures more loss
         return actions + list(link.on_packet(data, now_ns))
 
     def _current(self, hw: int, session: int, now_ns: int) -> "tuple[ReliableLink, list[Action]]":
@@ -178,9 +166,11 @@ class ReliableLinks:
         if former is not None and former.session == session:
             return former, []
         quality = self._qualities.get(hw, UNKNOWN)
-        choice = self._choices.get(hw)
-        base_ns = None if choice is None else choice.base_ns
-        link = self._links[hw] = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns, base_ns)
+        carrier = self._carrier(hw)
+        link = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns, carrier.base_ns)
+        self._links[hw] = link
+        if carrier.queued_rtt_ns is not None:
+            link.on_queue(carrier.queued_rtt_ns)
         actions: list[Action] = []
         for queued in [] if former is None else former.clear(now_ns):
             actions += link.on_frame(queued, now_ns)
@@ -194,11 +184,15 @@ class ReliableLinks:
             if due_ns is None or due_ns > now_ns:
                 continue
             actions += link.on_due(now_ns)
+        for hw in [hw for hw, due_ns in self._checks.items() if due_ns <= now_ns]:
+            del self._checks[hw]
+            actions.append(MeasureConnection(hw))
         return actions
 
     def deadline_ns(self) -> int | None:
         """The earliest deadline of all links."""
         instants = [link.deadline_ns() for link in self._links.values()]
+        instants += self._checks.values()
         return min((one for one in instants if one is not None), default=None)
 
     def on_gone(self, hw: int, now_ns: int) -> list[QueuedFrame]:
@@ -207,7 +201,8 @@ class ReliableLinks:
         If its link lost packets, it begins with datagrams when it returns.
         """
         if not self.uses_datagrams(hw):
-            self._choices.pop(hw, None)
+            self._carriers.pop(hw, None)
         self._qualities.pop(hw, None)
+        self._checks.pop(hw, None)
         link = self._links.get(hw)
         return [] if link is None else link.clear(now_ns)
