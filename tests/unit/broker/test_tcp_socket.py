@@ -27,7 +27,7 @@ def test_the_round_trip_is_measured_before_anything_was_sent(
 ) -> None:
     delay = TcpSocket(pair[0].fileno()).delay()
     assert delay is not None, "the handshake was measured"
-    assert 0 < delay.least_ns <= delay.smoothed_ns
+    assert 0 < delay.min_ns <= delay.smoothed_ns
 
 
 def test_the_limit_bounds_what_the_kernel_takes(pair: Ends) -> None:

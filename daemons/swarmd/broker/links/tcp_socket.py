@@ -29,12 +29,12 @@ class TcpSocket:
         info = None if self._is_gone() else tcp_info(self._fd)
         if info is None or len(info) < _ROUND_TRIP.size:
             return None
-        unacknowledged, silence_ms, smoothed_us, least_us = _ROUND_TRIP.unpack_from(info)
-        if not smoothed_us or least_us == _UNKNOWN:
+        unacknowledged, silence_ms, smoothed_us, min_us = _ROUND_TRIP.unpack_from(info)
+        if not smoothed_us or min_us == _UNKNOWN:
             return None
         # at a sudden queue there is no further measurement until an acknowledgement has passed it
         present_us = max(smoothed_us, 1000 * silence_ms) if unacknowledged else smoothed_us
-        return ConnectionDelay(1000 * present_us, 1000 * least_us)
+        return ConnectionDelay(1000 * present_us, 1000 * min_us)
 
     def limit(self, send_bytes: int) -> None:
         """Sets how much the kernel takes before it was acknowledged; it allows twice this number, in which
@@ -49,7 +49,7 @@ class TcpSocket:
 
 
 def socket_inode(fd: int) -> int | None:
-    """What tells a socket from another one with the same descriptor; None: no socket."""
+    """What distinguishes a socket from another one with the same descriptor; None: no socket."""
     try:
         found = os.fstat(fd)
     except OSError:  # closed meanwhile: not a socket any more
@@ -76,5 +76,5 @@ def tcp_info(fd: int) -> bytes | None:
     try:
         with borrowed(fd) as sock:
             return sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
-    except OSError:
+    except OSError:  # closed meanwhile: there is nothing to report
         return None

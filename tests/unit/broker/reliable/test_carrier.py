@@ -27,14 +27,14 @@ from swarmware.transport.delivery.rate_control import PACKET_BYTES, WINDOW_MIN
 UAV1, UAV2, SESSION = 0xA1, 0xA2, 7
 MS = 1_000_000
 S = 1000 * MS
-LEAST_NS = 5 * MS
+MIN_NS = 5 * MS
 
 
 def looked(
-    links: ReliableLinks, excess_ns: int, now_ns: int = 0, *, waiting: bool = True, least_ns: int = LEAST_NS
+    links: ReliableLinks, excess_ns: int, now_ns: int = 0, *, waiting: bool = True, min_ns: int = MIN_NS
 ) -> list[Action]:
     """What follows from one look at the connections."""
-    return links.on_connection(UAV1, ConnectionDelay(least_ns + excess_ns, least_ns), waiting, now_ns)
+    return links.on_connection(UAV1, ConnectionDelay(min_ns + excess_ns, min_ns), waiting, now_ns)
 
 
 def test_connections_are_measured_while_frames_wait_for_them() -> None:
@@ -89,7 +89,7 @@ def test_a_link_that_is_overloaded_from_the_first_second_on_is_seen_by_the_least
     assert link is not None
     base_ns = link.rate.base_ns
     assert base_ns is not None
-    assert base_ns < 2 * LEAST_NS + 400 * MS // 32
+    assert base_ns < 2 * MIN_NS + 400 * MS // 32
 
 
 def test_the_buffer_grows_where_it_is_the_limit_and_shrinks_at_a_queue() -> None:
@@ -138,7 +138,7 @@ def sent(links: ReliableLinks, now_ns: int, until_ns: int) -> int:
 @pytest.mark.parametrize("is_known", [False, True], ids=["first", "used before"])
 def test_behind_a_queue_datagrams_begin_with_the_least_window_and_no_early_probe(is_known: bool) -> None:
     links = ReliableLinks(Config())
-    links.on_quality(UAV1, LinkQuality(0.0, LEAST_NS), 0)
+    links.on_quality(UAV1, LinkQuality(0.0, MIN_NS), 0)
     if is_known:
         links.on_frame(UAV1, SESSION, item(1), 0)
     for _ in range(2):
@@ -146,5 +146,5 @@ def test_behind_a_queue_datagrams_begin_with_the_least_window_and_no_early_probe
     packets = sent(links, S, S + 150 * MS)
     assert packets <= WINDOW_MIN // PACKET_BYTES + 1
     free = ReliableLinks(Config())
-    free.on_quality(UAV1, LinkQuality(0.0, LEAST_NS), 0)
+    free.on_quality(UAV1, LinkQuality(0.0, MIN_NS), 0)
     assert sent(free, S, S + 150 * MS) > 2 * packets

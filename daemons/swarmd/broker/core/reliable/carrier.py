@@ -46,13 +46,13 @@ class ConnectionDelay(msgspec.Struct, frozen=True):
     """Round trips of a connection as the kernel measures them."""
 
     smoothed_ns: int
-    least_ns: int
+    min_ns: int
     """Minimum of the last minutes: measured when the connection was opened, too, before it filled a queue."""
 
     @property
     def excess_ns(self) -> int:
         """Smoothed round trip above the minimum."""
-        return max(0, self.smoothed_ns - self.least_ns)
+        return max(0, self.smoothed_ns - self.min_ns)
 
 
 class Carrier:
@@ -115,8 +115,8 @@ class Carrier:
             self._held = 0
             return None
         self._rtt_ns = delay.smoothed_ns
-        if self.base_ns is None or self.base_ns > delay.least_ns + QUEUE_NS:
-            self.base_ns = delay.least_ns  # the first beacons were already behind a queue
+        if self.base_ns is None or self.base_ns > delay.min_ns + QUEUE_NS:
+            self.base_ns = delay.min_ns  # the first beacons were already behind a queue
         if delay.excess_ns > QUEUE_NS:
             self._held += 1
             self.buffer_bytes = BUFFER_MIN

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from swarmd.broker.core.reliable.reliable_link import ReliableLink
 
 CHECK_NS: Final = 40_000_000
-"""Time between two looks at a connection for which frames wait."""
+"""Time between two measurements of a connection for which frames wait."""
 OUTAGE: Final = 0.7
 """Loss of the last beacons from which on the link itself, not a firewall, stops the datagrams."""
 BLOCKED_NS: Final = 60_000_000_000
