@@ -13,7 +13,7 @@ from swarmd.broker.core.admission.sources import Sources
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, RelayedValue
 from swarmd.broker.core.boards.claims import OriginBeacon
-from swarmd.broker.core.boards.relay_cache import RelayCache
+from swarmd.broker.core.boards.relay_cache import FURTHER_NS, PERIOD_NS, RelayCache
 from swarmd.broker.core.received_values import ReceivedValues
 from swarmd.broker.core.topology.neighbour import Neighbour
 from swarmd.broker.core.traffic import Counters
@@ -122,7 +122,7 @@ def test_true_values_arrive_over_one_relay_and_over_two_and_together_need_one_si
     monkeypatch.setattr(relay_proofs, "verify", counting)
     origin, relay, receiver, last = Origin(), Relay(), Receiver(), Receiver()
     for step in range(1, 20):
-        now_ns = step * PERIOD * 3
+        now_ns = step * (PERIOD_NS + FURTHER_NS)
         payloads = [bytes((step, board)) for board in range(4)]
         relay.hear(origin.values(now_ns, *payloads), now_ns)
         assert sorted(receiver.take(relay.say(now_ns), now_ns)) == payloads
