@@ -18,7 +18,7 @@ class Ensemble:
     """Members on one clock; `talk` lets all hear all."""
 
     def __init__(self, members: tuple[Member, ...] = MEMBERS) -> None:
-        self.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda: LEAD) for m in members}
+        self.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda _: LEAD) for m in members}
         for barriers in self.of.values():
             barriers.expect_all(0)
 
@@ -194,7 +194,7 @@ def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
 
 
 def test_a_member_alone_does_not_wait() -> None:
-    alone = Barriers("a", MEMBERS[:1], 7, 3 * S, lambda: LEAD)
+    alone = Barriers("a", MEMBERS[:1], 7, 3 * S, lambda _: LEAD)
     alone.arrive(1, GATE, 5)
     assert alone.advance(5) == [Passed(1, result("ok"))]
 
@@ -213,7 +213,7 @@ def with_a_station(strict: frozenset[str] = frozenset()) -> Ensemble:
         Member("c", "control", PlatformKind.GCS),
     )
     e = Ensemble(members)
-    e.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda: LEAD, strict) for m in members}
+    e.of = {m.platform: Barriers(m.platform, members, 7, 3 * S, lambda _: LEAD, strict) for m in members}
     for barriers in e.of.values():
         barriers.expect_all(0)
     return e

@@ -111,7 +111,7 @@ def test_nobody_begins_before_all_have_accepted() -> None:
     assert m.order(members=(A, B)) == ["state:ready"]
     assert m.core.state().arrivals[0].barrier == "@start"
     ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
-    m.core.on_states([("b", ready, ())], S)
+    m.core.on_states([("b", ready, ())], until(m.core, S))
     deadline = until(m.core, S + S // 4)
     assert words(m.core.on_timer(deadline)) == ["state:running", "start a 1"]
 
@@ -337,6 +337,29 @@ def test_a_member_that_was_late_itself_waits_longer_for_the_others_at_a_barrier(
             m.core.on_timer(now)
         ends[late_ns] = now
     assert ends[2 * S] == pytest.approx(ends[0] + 2 * S, abs=S // 5)
+
+
+def test_a_member_that_was_late_itself_gives_the_others_more_time_for_the_result_of_a_barrier() -> None:
+    text = net(s="Start>x", x={"type": "Barrier", "id": "x", "timeout_s": 60, "next": "e"}, e="End")
+    leads: dict[int, int] = {}
+    for late_ns in (0, S):
+        m = Member1()
+        m.order(text, members=(A, B))
+        ready = MissionState(7, "01234567", MissionPhase.READY, (), m.core.state().arrivals)
+        m.core.on_states([("b", ready, ())], 0)
+        now = m.core.deadline_ns()
+        while m.phase != "running":
+            m.core.on_timer(now)
+            now = max(m.core.deadline_ns(), now)
+        now += late_ns
+        m.core.on_timer(now)
+        there = MissionState(7, "01234567", MissionPhase.RUNNING, ("x",), m.core.state().arrivals)
+        m.core.on_states([("b", there, ())], now)
+        (result_of_x,) = (one for one in m.core.state().meetings if one.barrier == "x")
+        assert result_of_x.leave_ns is not None
+        leads[late_ns] = result_of_x.leave_ns - now
+    assert leads[0] == S // 4
+    assert leads[S] == pytest.approx(S // 4 + 2 * S, abs=S // 5)
 
 
 @pytest.mark.parametrize(

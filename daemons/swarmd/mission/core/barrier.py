@@ -96,10 +96,10 @@ class Barriers:
         members: tuple[Member, ...],
         epoch: int,
         lost_after_ns: int,
-        lead: Callable[[], int],
+        lead: Callable[[int], int],
         strict: frozenset[str] = frozenset(),
     ) -> None:
-        """`lead`: returns the nanoseconds from the opening of a barrier to the common time."""
+        """`lead`: returns the nanoseconds from the opening of a barrier, now, to the common time."""
         self._me = me
         self._members = members
         self._stations = frozenset(member.platform for member in members if member.kind == PlatformKind.GCS)
@@ -107,7 +107,7 @@ class Barriers:
         """Barriers that a ground station breaks like any other member."""
         self._epoch = epoch
         self._lost_after_ns = lost_after_ns
-        self._lead = lead if len(members) > 1 else lambda: 0
+        self._lead = lead if len(members) > 1 else lambda _now_ns: 0
         self._rank = {member.platform: rank for rank, member in enumerate(members)}
         self._peers = {member.platform: _OtherMember() for member in members if member.platform != me}
         self._waiting: dict[int, _Waiting] = {}
@@ -243,7 +243,8 @@ class Barriers:
         key = (spec.barrier, spec.visit)
         if len(there) >= needed:
             if there[0] == self._me:
-                self._learn(key, now_ns + self._lead(), self._rank[self._me], relayed=False, now_ns=now_ns)
+                leave_ns = now_ns + self._lead(now_ns)
+                self._learn(key, leave_ns, self._rank[self._me], relayed=False, now_ns=now_ns)
             elif waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
                 self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
         elif (

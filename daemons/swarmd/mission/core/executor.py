@@ -177,7 +177,8 @@ class MissionExecutor:
             run.members,
             run.epoch,
             round(self._config.lost_after_s * 1e9),
-            lambda: self._lead(others),
+            # the others are taken to be as late as this node
+            lambda now_ns: self._lead(others) + TURNS * self._delay.recent_ns(now_ns),
             strict=frozenset({START, *run.strict_barriers()}),
         )
         self._barriers.arrive(0, BarrierSpec(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
