@@ -15,8 +15,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     lost_after_s: Seconds = 3.0
     """Silence after which a member is lost, if nothing else of its computer is received either."""
     barrier_lead_s: Annotated[float, msgspec.Meta(ge=0.05, le=5)] = 0.25
-    """Minimum time from the opening of a barrier to the common time; longer while the beacon rate is low or the
-    computer is late."""
+    """Minimum time from the opening of a barrier to the common time; longer while the beacon rate is low, or
+    the computer is late."""
     order_timeout_s: Seconds = 3.0
     """Time for which the ground station waits for a platform's reply to an order."""
     order_expiry_s: Seconds = 10.0

@@ -74,7 +74,7 @@ def test_when_the_leader_falls_silent_all_hold_and_go_on_when_it_is_back() -> No
     assert flight.result.collisions == []
 
 
-@pytest.mark.parametrize("seed", cases([2, 4], [*range(2), 3, *range(5, 10)]))
+@pytest.mark.parametrize("seed", cases([4, 17], [s for s in range(30) if s not in (4, 17)]))
 def test_with_turns_of_a_fifth_of_a_second_ground_vehicles_pass_between_the_obstacles(seed: int) -> None:
     flight = LateFlight(32, seed, ("ugv1", "ugv7", "ugv9"))
     check(flight.fly(), mean_m=3.0, worst_m=15.0)

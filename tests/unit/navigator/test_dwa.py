@@ -108,6 +108,16 @@ def test_it_drives_around_a_boulder_on_its_way() -> None:
     assert abs(track[-1].y_m) < 0.8
 
 
+def test_a_late_vehicle_keeps_more_distance() -> None:
+    boulder = tuple((6.0 + 0.4 * math.cos(a), 0.05 + 0.4 * math.sin(a)) for a in np.linspace(0, 6.2, 24))
+    gaps_m = []
+    for delay_s in (0.0, 0.4):
+        track = drive(Surroundings(boulder, delay_s=delay_s))
+        gaps_m.append(min(math.dist((p.x_m, p.y_m), point) for p in track for point in boulder))
+        assert track[-1].x_m > 9.0
+    assert gaps_m[1] > gaps_m[0] + 0.02
+
+
 def test_it_stops_before_a_wall_without_a_way_around() -> None:
     wall = tuple((6.0, y / 4) for y in range(-40, 41))
     track = drive(Surroundings(wall))
