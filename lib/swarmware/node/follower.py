@@ -198,6 +198,7 @@ class RingFollower:
                 self._warned = str(error)
                 log.warning("%s", error)
             return former
+        self._reported = -1  # its sequence may be that of the former ring
         return self.ring
 
     def _found(self) -> Path | None:

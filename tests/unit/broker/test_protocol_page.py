@@ -99,7 +99,7 @@ from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.parts import FORGET_NS, HELD_BYTES, PART_BYTES, SPLIT_BYTES, VALUE_LIMIT
-from swarmware.transport.delivery.rate_control import BASE_NS, FALL_NS, LOSS_EXCESS, TARGET_NS
+from swarmware.transport.delivery.rate_control import BASE_NS, FALL_NS, LOSS_EXCESS, QUEUE_SHARE, TARGET_NS
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text
@@ -275,7 +275,8 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"within {ACK_DELAY_NS // MS} ms",
         f"when one {['three'][PACKET_THRESHOLD - 3]} numbers higher",
         f"and {SLACK_NS // MS} ms, afterwards {['twice'][BACKOFF_MAX - 1]} that",
-        f"The target is {FALL_NS // MS} ms less that minimum, at least the time of two packets, and at most"
+        f"The target is {FALL_NS // MS} ms less that minimum, at least"
+        f" {['a quarter'][QUEUE_SHARE - 4]} of it and the time of two packets, and at most"
         f" {TARGET_NS // MS} ms",
         f"over the last {BASE_NS // SECOND} to {2 * BASE_NS // SECOND} s",
         f"by {LOSS_EXCESS * 100:.0f} percentage points",

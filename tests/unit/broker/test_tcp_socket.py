@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.broker.core.reliable.carrier import BUFFER_MIN
+from swarmd.broker.core.reliable.send_buffer import SIZE_MIN
 from swarmd.broker.links.tcp_socket import TcpSocket
 
 Ends = tuple[socket.socket, socket.socket]
@@ -43,11 +43,11 @@ def test_the_limit_bounds_what_the_kernel_takes(pair: Ends) -> None:
             except BlockingIOError:
                 return size
 
-    TcpSocket(client.fileno()).limit(BUFFER_MIN)
-    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * BUFFER_MIN
+    TcpSocket(client.fileno()).limit(SIZE_MIN)
+    assert client.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) == 2 * SIZE_MIN
     assert taken() < 200_000
-    TcpSocket(client.fileno()).limit(64 * BUFFER_MIN)
-    assert taken() > 32 * BUFFER_MIN
+    TcpSocket(client.fileno()).limit(64 * SIZE_MIN)
+    assert taken() > 32 * SIZE_MIN
 
 
 def test_another_socket_with_the_same_descriptor_is_left_alone(
@@ -63,10 +63,10 @@ def test_another_socket_with_the_same_descriptor_is_left_alone(
     ):
         assert new.fileno() == fd, "the lowest free descriptor"
         before = new.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF)
-        former.limit(BUFFER_MIN)
+        former.limit(SIZE_MIN)
         assert former.delay() is None
         assert new.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF) == before
-    former.limit(BUFFER_MIN)
+    former.limit(SIZE_MIN)
     assert former.delay() is None
 
 

@@ -145,6 +145,25 @@ def test_a_ring_that_begins_again_is_read_from_its_first_frame_and_the_position_
     latest.close()
 
 
+async def test_the_first_frame_of_a_ring_that_was_opened_before_it_is_reported(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path) as node:
+        called: list[int] = []
+        mine = node.shm_dir / "mine.ring"
+        follower = RingFollower(mine, data_id=POSE)
+        follower.listen(node, lambda: called.append(1))
+        for number in (1, 2):
+            writer = Publication(mine, node.doorbells, slots=4, slot_bytes=256)
+            assert newest(follower) is None, "it opens the ring, which is empty yet"
+            called.clear()
+            writer.publish(frame(number))
+            follower.poll()
+            follower.poll()
+            assert called == [1], "both rings have one frame now"
+            assert newest(follower) == number
+            writer.close()
+        follower.close()
+
+
 def test_what_is_overwritten_is_counted_once(path: Path, doorbells: DoorbellSenders) -> None:
     writer = ring(path, doorbells, slots=4)
     follower = RingFollower(path, data_id=POSE)

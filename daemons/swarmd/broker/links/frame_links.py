@@ -225,7 +225,8 @@ class FrameLinks:
         """The quality of the links by neighbour, as beacons measured it in the last second."""
         now_ns = self._clock.now_ns()
         for hw, quality in qualities:
-            self._driver.feed(self._core.on_quality(hw, quality, now_ns))
+            is_opening = self._connections.state(hw) is ConnectionStatus.CONNECTING
+            self._driver.feed(self._core.on_quality(hw, quality, now_ns, is_opening=is_opening))
 
     def disconnect(self, hw: int) -> list[QueuedFrame]:
         """Ends the links to a lost neighbour; returns the frames that have not arrived."""

@@ -12,7 +12,7 @@ import zmq
 
 from swarmd.broker.config import EVERYWHERE, Config
 from swarmd.broker.core.forwarding.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
-from swarmd.broker.core.reliable.carrier import BUFFER_MIN, ConnectionDelay
+from swarmd.broker.core.reliable.send_buffer import SIZE_MIN, ConnectionDelay
 from swarmd.broker.links.tcp_count import TcpCount
 from swarmd.broker.links.tcp_socket import TcpSocket
 from swarmd.broker.links.zap import DOMAIN, OnUnknownKey, Zap
@@ -166,7 +166,7 @@ class _PeerConnections:
         self.links = links
         self.peer = peer
         self.queue = SendQueue()
-        self.buffer_bytes = BUFFER_MIN
+        self.buffer_bytes = SIZE_MIN
         self.denied = False
         self.denied_until_ns = 0
         # opened at once, so that no urgent frame waits for a handshake; the data connection opens on demand

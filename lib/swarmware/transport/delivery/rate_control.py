@@ -12,9 +12,11 @@ TARGET_NS: Final = 25_000_000
 """Queueing delay that the window fills at most: a command that waits behind it is still fast."""
 FALL_NS: Final = 17_000_000
 """Round trip with the queue that the window fills: a link that falls to a tenth of its rate at once needs ten
-times as long for what is in flight, which shall be less than 200 ms. A longer round trip has a queue of
-`QUEUE_PACKETS`."""
+times as long for what is in flight, which shall be less than 200 ms."""
 QUEUE_PACKETS: Final = 2
+"""Least queue, in packets."""
+QUEUE_SHARE: Final = 4
+"""Least queue as part of a round trip: beside what a long way has in flight, so little of it counts."""
 PACKET_BYTES: Final = 1240
 WINDOW_FIRST: Final = 10 * PACKET_BYTES
 """RFC 9002, section 7.2."""
@@ -153,7 +155,7 @@ class RateControl:
     def _target_ns(self, base_ns: int, elapsed_ns: int) -> int:
         """Queueing delay that the window fills."""
         packet_ns = PACKET_BYTES * elapsed_ns // max(self._passed, PACKET_BYTES)
-        return min(TARGET_NS, max(FALL_NS - base_ns, QUEUE_PACKETS * packet_ns))
+        return min(TARGET_NS, max(FALL_NS - base_ns, base_ns // QUEUE_SHARE, QUEUE_PACKETS * packet_ns))
 
     def on_round(self, smoothed_ns: int, now_ns: int) -> None:
         """Adapts the window when a round trip has passed and enough of it was measured."""

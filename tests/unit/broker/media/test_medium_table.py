@@ -230,3 +230,25 @@ def test_every_link_is_listed_where_one_beacon_has_no_room_for_all() -> None:
     assert [len(one) for one in listed] == [25, 25, 25]
     assert len({(one.hw, one.medium) for part in listed for one in part}) == 60
     assert ends.table.listings(3 * LISTING_NS, 0) == ()
+
+
+def test_hundreds_of_links_are_all_listed_in_a_period_that_a_medium_survives() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    for hw in range(10, 210):
+        ends.hear(RADIO, SECOND_RADIO, hw=hw)
+    beacons = [ends.table.listings(number * PERIOD, 35 * LISTING_BYTES) for number in range(50)]
+    assert {len(one) for one in beacons} == {35}
+    last = {(one.hw, one.medium): 0 for one in beacons[0]}
+    for number, listings in enumerate(beacons):
+        for one in listings:
+            assert number - last.get((one.hw, one.medium), 0) < 25, "2.5 s without a listing: half open"
+            last[one.hw, one.medium] = number
+    assert len(last) == 400
+
+
+def test_a_small_table_is_listed_once_in_a_period() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    for hw in range(10, 30):
+        ends.hear(RADIO, SECOND_RADIO, hw=hw)
+    sizes = [len(ends.table.listings(number * PERIOD, 25 * LISTING_BYTES)) for number in range(8)]
+    assert sizes == [25, 15, 0, 0, 25, 15, 0, 0]

@@ -4,14 +4,7 @@ import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.carrier import (
-    BUFFER_MAX,
-    BUFFER_MIN,
-    FREE_NS,
-    QUEUE_NS,
-    ConnectionDelay,
-    LinkQuality,
-)
+from swarmd.broker.core.reliable.carrier import CLEAN_NS, QUEUE_NS, UNOPENED_NS, LinkQuality
 from swarmd.broker.core.reliable.link_action import SendPacket
 from swarmd.broker.core.reliable.reliable_links import (
     CHECK_NS,
@@ -21,6 +14,7 @@ from swarmd.broker.core.reliable.reliable_links import (
     SetBuffer,
     UseDatagrams,
 )
+from swarmd.broker.core.reliable.send_buffer import FREE_NS, SIZE_MAX, SIZE_MIN, ConnectionDelay
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.transport.delivery.rate_control import PACKET_BYTES, WINDOW_MIN
 
@@ -55,12 +49,12 @@ def test_connections_are_measured_while_frames_wait_for_them() -> None:
 
 def test_a_queue_behind_which_frames_wait_is_left_within_two_looks() -> None:
     links = ReliableLinks(Config())
-    assert looked(links, QUEUE_NS + MS) == [SetBuffer(UAV1, BUFFER_MIN)]
+    assert looked(links, QUEUE_NS + MS) == [SetBuffer(UAV1, SIZE_MIN)]
     assert not links.is_clean(UAV1)
-    assert looked(links, QUEUE_NS + MS, CHECK_NS) == [SetBuffer(UAV1, BUFFER_MIN), UseDatagrams(UAV1)]
+    assert looked(links, QUEUE_NS + MS, CHECK_NS) == [SetBuffer(UAV1, SIZE_MIN), UseDatagrams(UAV1)]
     assert links.uses_datagrams(UAV1)
     links.on_waiting(UAV1, CHECK_NS)
-    assert looked(links, QUEUE_NS + MS, 2 * CHECK_NS) == [SetBuffer(UAV1, BUFFER_MIN)], "it moves once"
+    assert looked(links, QUEUE_NS + MS, 2 * CHECK_NS) == [SetBuffer(UAV1, SIZE_MIN)], "it moves once"
 
 
 def test_one_look_or_a_queue_for_which_nothing_waits_proves_nothing() -> None:
@@ -95,21 +89,51 @@ def test_a_link_that_is_overloaded_from_the_first_second_on_is_seen_by_the_least
 def test_the_buffer_grows_where_it_is_the_limit_and_shrinks_at_a_queue() -> None:
     links = ReliableLinks(Config())
     sizes: list[int] = []
-    for _ in range(10):
-        [action] = looked(links, FREE_NS)
+    for look in range(10):
+        [action] = looked(links, FREE_NS, look * CHECK_NS)
         assert isinstance(action, SetBuffer)
         sizes.append(action.size)
-    assert BUFFER_MIN < sizes[0] < 2 * BUFFER_MIN
+    assert SIZE_MIN < sizes[0] < 2 * SIZE_MIN
     assert sizes == sorted(sizes)
-    assert sizes[-1] == BUFFER_MAX
-    assert looked(links, FREE_NS + 1) == [], "the link is the limit now"
-    assert looked(links, QUEUE_NS + 1) == [SetBuffer(UAV1, BUFFER_MIN)]
+    assert SIZE_MAX <= sizes[-1] < 2 * SIZE_MAX
+    assert looked(links, QUEUE_NS + 1, S) == [SetBuffer(UAV1, SIZE_MIN)]
+
+
+def unopened(links: ReliableLinks, from_ns: int, until_ns: int) -> list[Action]:
+    """Looks at connections that do not open, while frames wait for them."""
+    return [
+        action
+        for now_ns in range(from_ns, until_ns, CHECK_NS)
+        for action in links.on_connection(UAV1, None, True, now_ns)
+    ]
+
+
+def test_frames_that_wait_for_a_connection_that_does_not_open_take_datagrams() -> None:
+    links = ReliableLinks(Config())
+    assert unopened(links, 0, UNOPENED_NS) == []
+    assert unopened(links, UNOPENED_NS, UNOPENED_NS + S) == [UseDatagrams(UAV1)]
+    clean = LinkQuality(0.0)
+    for second in range(4, 60):
+        links.on_quality(UAV1, clean, second * S, is_opening=True)
+    assert links.uses_datagrams(UAV1)
+    for second in range(60, 62 + CLEAN_NS // S):
+        links.on_quality(UAV1, clean, second * S)
+    assert not links.uses_datagrams(UAV1), "it is open now"
+
+
+def test_a_connection_that_opens_late_or_is_pinned_keeps_its_frames() -> None:
+    links = ReliableLinks(Config())
+    unopened(links, 0, UNOPENED_NS)
+    looked(links, 0, UNOPENED_NS)
+    assert unopened(links, UNOPENED_NS, 2 * UNOPENED_NS) == []
+    pinned = ReliableLinks(Config(frames=FrameCarrier.TCP))
+    assert unopened(pinned, 0, 5 * UNOPENED_NS) == []
 
 
 def test_a_pinned_connection_is_kept_with_the_smallest_buffer() -> None:
     links = ReliableLinks(Config(frames=FrameCarrier.TCP))
     found = [looked(links, 10 * QUEUE_NS) for _ in range(5)]
-    assert found == [[SetBuffer(UAV1, BUFFER_MIN)]] * 5
+    assert found == [[SetBuffer(UAV1, SIZE_MIN)]] * 5
 
 
 def test_a_lost_neighbour_is_not_measured() -> None:

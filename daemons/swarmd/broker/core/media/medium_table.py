@@ -88,6 +88,8 @@ class MediumTable:
         self._listed_ns = NEVER_NS
         self._listed_first = 0
         """Position of the first link in the next listing."""
+        self._unlisted = 0
+        """Links for which the listings of this period had no room yet."""
 
     # input
 
@@ -192,15 +194,18 @@ class MediumTable:
     def listings(self, now_ns: int, room: int) -> tuple[MediumListing, ...]:
         """The media by which neighbours are received, for the next beacon, if they are due; those for which
         it has no room are the first of the next one."""
-        if now_ns - self._listed_ns < LISTING_NS:
+        is_due = now_ns - self._listed_ns >= LISTING_NS
+        if not is_due and not self._unlisted:
             return ()
-        self._listed_ns = now_ns
         found = [
             MediumListing(hw, number, link.quality_in(now_ns))
             for hw, known in self._neighbours.items()
             for number, link in known.links.items()
         ]
-        count = min(len(found), max(0, room // LISTING_BYTES))
+        if is_due:
+            self._listed_ns, self._unlisted = now_ns, len(found)
+        count = min(len(found), self._unlisted, max(0, room // LISTING_BYTES))
+        self._unlisted -= count
         first = self._listed_first % max(1, len(found))
         self._listed_first = first + count
         return tuple((found[first:] + found[:first])[:count])

@@ -1,8 +1,6 @@
 """What carries the frames to a neighbour, its connections or datagrams: from loss and delay of the link.
 
-TCP fills whatever buffer it gets, in the kernel and before the link. So a connection has a small one, which
-grows where the buffer, not the link, holds frames back. Where frames wait while the kernel measures a queue,
-datagrams take them.
+Where frames wait while the kernel measures a queue, or no connection can be opened, datagrams take them.
 """
 
 from typing import Final
@@ -10,6 +8,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import FrameCarrier
+from swarmd.broker.core.reliable.send_buffer import ConnectionDelay, SendBuffer
 
 LOSSY: Final = 0.05
 """Smoothed loss of the beacons from which on frames travel in datagrams."""
@@ -24,13 +23,8 @@ BASE_RISE: Final = 64
 """Part of its excess by which the minimum of the round trip follows each second: delays may have grown."""
 WEIGHT: Final = 0.4
 """Weight of the newest second's loss: at 30 % the first second is enough, a single loss is not."""
-BUFFER_MIN: Final = 2304
-"""First send buffer of a connection, the least that Linux knows: at most 9 kB are on the way then, which a
-link that falls to 0.5 Mbit/s has carried after 0.15 s (`tests/integration/broker/falling.py`)."""
-BUFFER_MAX: Final = 32 * 1024
-BUFFER_GROWTH: Final = 1.5
-FREE_NS: Final = 10_000_000
-"""Round trip above its minimum up to which the buffer, not the link, holds back frames that wait."""
+UNOPENED_NS: Final = 3_000_000_000
+"""Time for which frames wait for a connection before datagrams take them: a firewall may drop TCP alone."""
 
 
 class LinkQuality(msgspec.Struct, frozen=True):
@@ -40,19 +34,6 @@ class LinkQuality(msgspec.Struct, frozen=True):
     """Loss of the worse direction."""
     rtt_ns: int = 0
     """0: not measured."""
-
-
-class ConnectionDelay(msgspec.Struct, frozen=True):
-    """Round trips of a connection as the kernel measures them."""
-
-    smoothed_ns: int
-    min_ns: int
-    """Minimum of the last minutes: measured when the connection was opened, too, before it filled a queue."""
-
-    @property
-    def excess_ns(self) -> int:
-        """Smoothed round trip above the minimum."""
-        return max(0, self.smoothed_ns - self.min_ns)
 
 
 class Carrier:
@@ -69,14 +50,17 @@ class Carrier:
         None: they began for another reason."""
         self.blocked_until_ns = 0
         """Datagrams do not reach the neighbour; until then it gets none."""
-        self.buffer_bytes = BUFFER_MIN
-        """Send buffer of its connections."""
+        self._buffer = SendBuffer()
         self._rtt_ns = 0
         """The last one."""
         self._queued = 0
         """Seconds in a row with a queue."""
         self._held = 0
         """Measurements of the connections in a row with a queue."""
+        self._unopened_since_ns: int | None = None
+        """Since when frames wait although no connection is open."""
+        self._is_unopened = False
+        """They have waited for too long."""
         self._clean_since_ns: int | None = None
 
     @property
@@ -90,10 +74,10 @@ class Carrier:
         return self._queued >= QUEUED or self._held >= QUEUED
 
     def wants_datagrams(self, kind: FrameCarrier, now_ns: int) -> bool:
-        """Whether the link loses or delays too much for its connections."""
+        """Whether the link loses or delays too much for its connections, or they cannot be opened."""
         if kind is FrameCarrier.TCP or now_ns < self.blocked_until_ns:
             return False
-        return self.loss >= LOSSY or self.is_queued or kind is FrameCarrier.UDP
+        return self.loss >= LOSSY or self.is_queued or self._is_unopened or kind is FrameCarrier.UDP
 
     def on_quality(self, quality: LinkQuality) -> None:
         """What beacons measured in the last second."""
@@ -108,30 +92,36 @@ class Carrier:
             self.base_ns = base_ns + (rtt_ns - base_ns) // BASE_RISE
         self._queued = self._queued + 1 if rtt_ns - (self.base_ns or 0) > QUEUE_NS else 0
 
-    def on_connection(self, delay: ConnectionDelay | None, is_waiting: bool) -> int | None:
+    def on_connection(self, delay: ConnectionDelay | None, is_waiting: bool, now_ns: int) -> int | None:
         """What was measured of the connections, and whether frames wait for them; the send buffer that they
         get, None: the present one."""
+        self._on_opening(is_waiting and delay is None, now_ns)
         if not is_waiting or delay is None:
             self._held = 0
             return None
         self._rtt_ns = delay.smoothed_ns
         if self.base_ns is None or self.base_ns > delay.min_ns + QUEUE_NS:
             self.base_ns = delay.min_ns  # the first beacons were already behind a queue
-        if delay.excess_ns > QUEUE_NS:
+        if self._buffer.queue_ns(delay) > QUEUE_NS:
             self._held += 1
-            self.buffer_bytes = BUFFER_MIN
-            return BUFFER_MIN
+            return self._buffer.shrink()
         self._held = 0
-        if delay.excess_ns > FREE_NS:
-            return None
-        self.buffer_bytes = min(round(BUFFER_GROWTH * self.buffer_bytes), BUFFER_MAX)
-        return self.buffer_bytes
+        return self._buffer.on_waiting(delay, now_ns)
+
+    def _on_opening(self, is_unopened: bool, now_ns: int) -> None:
+        if not is_unopened:
+            self._unopened_since_ns = None
+        elif self._unopened_since_ns is None:
+            self._unopened_since_ns = now_ns
+        since_ns = self._unopened_since_ns
+        self._is_unopened = since_ns is not None and now_ns - since_ns >= UNOPENED_NS
 
     def begin_datagrams(self) -> None:
         """Frames take datagrams from now on."""
         self.by_datagram, self._clean_since_ns = True, None
         self.queued_rtt_ns = self._rtt_ns if self.is_queued else None
         self._queued = self._held = 0
+        self._unopened_since_ns, self._is_unopened = None, False
 
     def on_block(self, until_ns: int) -> None:
         """The neighbour does not acknowledge datagrams: it gets none until then."""

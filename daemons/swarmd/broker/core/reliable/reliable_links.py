@@ -11,8 +11,9 @@ import msgspec
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.carrier import CLEAN, Carrier, ConnectionDelay, LinkQuality
+from swarmd.broker.core.reliable.carrier import CLEAN, Carrier, LinkQuality
 from swarmd.broker.core.reliable.link_action import LinkAction
+from swarmd.broker.core.reliable.send_buffer import ConnectionDelay
 
 if TYPE_CHECKING:
     from swarmd.broker.core.reliable.reliable_link import ReliableLink
@@ -87,8 +88,11 @@ class ReliableLinks:
         """The reliable links to all neighbours."""
         return list(self._links.values())
 
-    def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
-        """What beacons measure of the link to a neighbour, once a second while it is up."""
+    def on_quality(
+        self, hw: int, quality: LinkQuality, now_ns: int, *, is_opening: bool = False
+    ) -> list[Action]:
+        """What beacons measure of the link to a neighbour, once a second while it is up; `is_opening`: one of
+        its connections is not open."""
         self._qualities[hw] = quality
         carrier = self._carrier(hw)
         carrier.on_quality(quality)
@@ -99,7 +103,7 @@ class ReliableLinks:
                 carrier.on_block(now_ns + BLOCKED_NS)
                 return [UseConnection(hw, link.clear(now_ns))]
         if carrier.by_datagram:
-            is_used = self._kind is FrameCarrier.UDP or (link is not None and link.is_full)
+            is_used = is_opening or self._kind is FrameCarrier.UDP or (link is not None and link.is_full)
             carrier.end_when_clean(is_used, now_ns)
             return []
         return self._choose(hw, carrier, now_ns)
@@ -115,7 +119,7 @@ class ReliableLinks:
     ) -> list[Action]:
         """What was measured of the connections to a neighbour, and whether frames wait for them."""
         carrier = self._carrier(hw)
-        size = carrier.on_connection(delay, is_waiting)
+        size = carrier.on_connection(delay, is_waiting, now_ns)
         chosen = [] if carrier.by_datagram else self._choose(hw, carrier, now_ns)
         if is_waiting:
             self.on_waiting(hw, now_ns)
