@@ -39,6 +39,8 @@ async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
     limit = await limit_of(session, entry.path)
     if names.split(entry.path)[0] == session.here:
         reason = "they were replaced before they were read"
+    elif limit is not None and limit.settings.adaptive:
+        reason = f"its rate follows the link by {limit.pattern!r}; `swarmctl traffic channels` shows it"
     elif limit is not None:
         reason = f"limit {limit.settings.max_hz:g} Hz of {limit.pattern!r}; `swarmctl traffic set` changes it"
     else:

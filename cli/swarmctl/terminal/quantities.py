@@ -64,7 +64,7 @@ def rate_hz(text: str) -> float:
     """
     found = _RATE.match(text.lower())
     if not found:
-        raise InvalidInput(f"rate {text!r}: expected 5hz, 0.5hz, max or auto")
+        raise InvalidInput(f"rate {text!r}: expected 5hz, 0.5hz, max, auto or default")
     return float(found[1])
 
 

@@ -4,6 +4,7 @@ from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.mirrors import Mirrors
+from swarmd.tree.rate_log import RateLog
 from swarmd.tree.tree_exchange import TreeExchange
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -36,22 +37,27 @@ class TreeReport:
         self._losses: BoardWriter[StreamLosses] = module.writer("tree/losses", StreamLosses, link="request")
         self._written = StreamLosses()
         self._losses.write(self._written)
+        self._rates = RateLog()
 
     def serve(self) -> None:
         """Registers the handler of the request."""
         self._module.serve("sys/tree/channels", Empty, self._channels, reply=ChannelStates)
 
     def _channels(self, _request: Empty, _meta: object) -> ChannelStates:
-        return ChannelStates(self._tree.subscribers.channels(), self._exchange.coder.states())
+        return ChannelStates(
+            self._tree.subscribers.channels(self._module.now_ns()), self._exchange.coder.states()
+        )
 
     def write(self) -> None:
-        """Write the present counters."""
+        """Write the present counters, and record rates that have changed."""
         self._stats.write(self._counters())
         losses = sorted(self._tree.subscribers.losses().items())
         found = StreamLosses(tuple(StreamLoss(path, platform, items) for (path, platform), items in losses))
         if found != self._written:
             self._written = found
             self._losses.write(found)
+
+        self._rates.record(self._tree.subscribers.adapted())
 
     def _counters(self) -> TreeStats:
         tree, exchange, subscribers = self._tree, self._exchange, self._tree.subscribers

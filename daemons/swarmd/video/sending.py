@@ -10,7 +10,6 @@ import msgspec
 from swarmd.video.codec import H264Encoder, to_frame
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp
-from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.destination import Destination
 from swarmd.video.core.rtp_packet import CLOCK_HZ
 from swarmd.video.core.sender import (
@@ -27,6 +26,7 @@ from swarmware.errors import WireError
 from swarmware.model.clock import utc_ns
 from swarmware.module.module import Module
 from swarmware.runtime.driver import CoreDriver
+from swarmware.transport.delivery.bitrate_control import BitrateControl
 from swarmware.types.perception import Image
 from swarmware.types.video import VideoDirection, VideoRateChange, VideoSession
 

@@ -9,6 +9,7 @@ from swarmware.errors import InvalidInput
 from swarmware.model.config import load
 from swarmware.types.channel import (
     NO_SETTINGS,
+    RATE_MAX_HZ,
     ChannelLimit,
     ChannelPriority,
     ChannelProtocol,
@@ -28,6 +29,8 @@ class ChannelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Name or pattern of the platforms at the other end: `gcs`, `uav*`; empty: all."""
     max_hz: float | None = None
     """Maximum rate; 0: nothing is sent."""
+    adaptive: bool = False
+    """The rate is what the link carries, at most max_hz: items of streams are left out before they wait."""
     protocol: ChannelProtocol | None = None
     """Of boards: udp, in beacons, or zmq, in notifications; of streams of images: rtp, as video."""
     compression: str | None = None
@@ -54,12 +57,13 @@ class ChannelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         return ChannelLimit(
             self.pattern,
             ChannelSettings(
-                self.max_hz,
+                RATE_MAX_HZ if self.adaptive and self.max_hz is None else self.max_hz,
                 self.protocol,
                 self.compression,
                 self.buffer_bytes,
                 self.buffer_s,
                 self.priority,
+                self.adaptive or None,
             ),
             link=self.link,
             from_file=True,

@@ -52,11 +52,17 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
     buffer_s: float | None = None
     """Maximum age of what waits."""
     priority: ChannelPriority | None = None
+    adaptive: bool | None = None
+    """Of the rate: what the link carries, at most `max_hz`; it is set with `max_hz` and never without."""
 
     def check(self) -> None:
         """Checks each setting. Raises: OutOfRange, InvalidInput for one that is not supported."""
         if self.max_hz is not None and not 0 <= self.max_hz <= RATE_MAX_HZ:
             raise OutOfRange(f"max_hz {self.max_hz}: expected 0 to {RATE_MAX_HZ:.0f}")
+        if self.adaptive and self.max_hz is None:
+            raise InvalidInput(
+                f"adaptive without max_hz: expected both, max_hz {RATE_MAX_HZ:.0f} for no limit"
+            )
         if self.compression is not None:
             Compression.parse(self.compression)
         if self.buffer_bytes is not None and not 1 <= self.buffer_bytes <= BUFFER_MAX_BYTES:
@@ -84,11 +90,21 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
         """None: no compression is set."""
         return None if self.compression is None else self.compression == Method.H264
 
+    @property
+    def rate(self) -> str:
+        """The rate as an operator sets it: `5hz`, `max`, `auto`; empty: it is not set."""
+        if self.max_hz is None:
+            return ""
+        limit = "max" if self.max_hz == RATE_MAX_HZ else f"{self.max_hz:g}hz"
+        if self.adaptive:
+            return "auto" if limit == "max" else f"auto:{limit}"
+        return limit
+
     def __str__(self) -> str:
         """As an operator sets them: `--rate 5hz --compress zlib:6`."""
         words = []
         if self.max_hz is not None:
-            words.append(f"--rate {'max' if self.max_hz == RATE_MAX_HZ else f'{self.max_hz:g}hz'}")
+            words.append(f"--rate {self.rate}")
         for option, value in (
             ("protocol", self.protocol),
             ("compress", self.compression),
@@ -218,7 +234,12 @@ class ChannelState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     dropped: int
     """Items that the buffer dropped."""
     held_back: int
-    """Items that the limit of the rate left out."""
+    """Items that the limit of the rate left out; values of a board that were replaced while the link had not
+    acknowledged the one before."""
+    rate_hz: float | None = None
+    """Limit of the rate at present; None: there is none."""
+    reason: str = ""
+    """Why: `set` by a rule, or what the link shows."""
 
 
 @register
@@ -236,8 +257,11 @@ def settings_of(rules: Iterable[ChannelLimit], path: str, link: str = "") -> Cha
         if rule.matches(path, link):
             for name in SETTING_NAMES:
                 value = getattr(rule.settings, name)
-                if value is not None:
-                    found.setdefault(name, value)
+                if value is None or name == "adaptive":
+                    continue
+                if name == "max_hz" and name not in found and rule.settings.adaptive:
+                    found["adaptive"] = True  # a rate of another rule is none that follows the link
+                found.setdefault(name, value)
     return msgspec.structs.replace(NO_SETTINGS, **found) if found else NO_SETTINGS
 
 
@@ -247,6 +271,8 @@ def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[s
     Raises: InvalidInput for the name of a setting that does not exist.
     """
     fields = {name: value for name in SETTING_NAMES if (value := getattr(change, name)) is not None}
+    if "max_hz" in fields or "max_hz" in unset:
+        fields["adaptive"] = change.adaptive
     for name in unset:
         if name not in SETTING_NAMES:
             raise InvalidInput(f"channel setting {name!r}: expected one of {', '.join(SETTING_NAMES)}")

@@ -230,7 +230,9 @@ def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ct
     assert reader.returncode == 130
     assert ctl("tree get /uav1/net/limits --json").document["value"]["limits"] == []
     assert ctl("traffic set 'nav/*' --rate 1hz -n uav1 --json").document["limits"]
-    assert ctl("traffic set 'nav/*' --rate auto -n uav1 --json").document["limits"] == []
+    limits = ctl("traffic set 'nav/*' --rate auto:30hz -n uav1 --json").document["limits"]
+    assert (limits[0]["settings"]["max_hz"], limits[0]["settings"]["adaptive"]) == (30.0, True)
+    assert ctl("traffic set 'nav/*' --rate default -n uav1 --json").document["limits"] == []
 
 
 def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from swarmware.errors import InvalidInput
 from swarmware.module.board import BoardReader
 from swarmware.module.stream import StreamReader
 from swarmware.types.channel import (
+    RATE_MAX_HZ,
     ChannelLimits,
     ChannelProtocol,
     ChannelSettings,
@@ -29,6 +30,7 @@ from swarmware.types.tree import TreeChange, TreeEntry
 PACKETS = Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin"
 PATH = "sensor/lidar"
 SLOW = ChannelSettings(10.0, compression="zstd:1", buffer_bytes=2_000_000, buffer_s=30.0)
+AUTO = ChannelSettings(RATE_MAX_HZ, adaptive=True)
 S = 1_000_000_000
 
 
@@ -83,7 +85,7 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             states = await gcs.probe.request(
                 "/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
             )
-            [channel] = states.channels
+            [channel] = [one for one in states.channels if one.path == PATH]
             assert isinstance(channel, ChannelState)
             assert (channel.path, channel.link, channel.settings, channel.dropped) == (PATH, "gcs", SLOW, 0)
             assert channel.held_back > 10 * len(stamps) / 2
@@ -95,19 +97,29 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             assert answer.limits == ()
             after = [s for s, _ in await collect(reader, undone_ns + 2 * S) if s > undone_ns + S]
             assert len(after) > 3 * 10, "more than the limit has let through"
+            await ask(gcs, "set_channel", SetChannel("sensor/*", AUTO, link="gcs"))
+            followed_ns = uav.probe.now_ns()
+            assert await collect(reader, followed_ns + S // 2)
+            states = await gcs.probe.request(
+                "/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+            )
+            [channel] = [one for one in states.channels if one.path == PATH]
+            assert channel.settings == AUTO
+            assert channel.reason, "what the link carries"
             await ask(gcs, "set_channel", SetChannel("sensor/*", ChannelSettings(20.0), for_s=0.1))
         finally:
             writing.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await writing
         async with asyncio.timeout(PATIENCE_S):
-            first, second, third, over = [await anext(changes) for _ in range(4)]
+            first, second, auto, third, over = [await anext(changes) for _ in range(5)]
         assert first.by.endswith("@gcs")
         assert "sensor/* --link gcs --rate 10hz" in first.after
         assert second.before == first.after
         assert second.after == "no rule"
-        assert third.after == over.before == "sensor/* --rate 20hz"
-        assert (over.by, over.after) == ("broker@uav1", "no rule"), "its time was over"
+        assert auto.after == "sensor/* --link gcs --rate auto"
+        assert third.after == over.before == f"sensor/* --rate 20hz, {auto.after}"
+        assert (over.by, over.after) == ("broker@uav1", auto.after), "its time was over"
 
 
 def _travels(link: str, entry: TreeEntry | None) -> bool:

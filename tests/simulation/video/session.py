@@ -6,7 +6,6 @@ import msgspec
 from tests.simulation.reliable.radio_link import MS, Medium, S
 
 from swarmd.video.config import Config
-from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.receiver import Decode, ReceiverAction, VideoReceiver
 from swarmd.video.core.rtcp import decode
 from swarmd.video.core.sender import (
@@ -18,6 +17,7 @@ from swarmd.video.core.sender import (
     VideoSender,
 )
 from swarmware.testing.virtual import VirtualTime
+from swarmware.transport.delivery.bitrate_control import BitrateControl
 
 PERIOD_NS = 40 * MS
 TICKS = 3600

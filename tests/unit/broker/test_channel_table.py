@@ -96,6 +96,32 @@ def test_the_rate_max_lifts_a_limit_of_the_file(table: ChannelTable) -> None:
     assert settings(table, "sensor/lidar", "gcs").max_hz == RATE_MAX_HZ
 
 
+def test_a_rate_that_is_set_takes_the_place_of_one_that_follows_the_link(table: ChannelTable) -> None:
+    auto = ChannelSettings(RATE_MAX_HZ, adaptive=True)
+    table.set(SetChannel("sensor/**", auto), 0)
+    assert settings(table, "sensor/lidar").adaptive
+    table.set(SetChannel("sensor/lidar", ChannelSettings(5.0)), 0)
+
+    def rate(path: str) -> str:
+        return settings(table, path).rate
+
+    assert rate("sensor/lidar") == "5hz"
+    assert rate("sensor/sonar") == "auto", "for what the later rule does not match"
+    table.set(SetChannel("sensor/**", ChannelSettings(7.0)), 0)
+    assert rate("sensor/sonar") == "7hz", "nor in the same rule"
+    table.set(SetChannel("sensor/**", auto), 0)
+    table.set(SetChannel("sensor/**", ChannelSettings(compression="zlib:1")), 0)
+    assert rate("sensor/sonar") == "auto", "another setting leaves it"
+    table.set(SetChannel("sensor/**", unset=("max_hz",)), 0)
+    assert rate("sensor/sonar") == ""
+    assert settings(table, "sensor/sonar").compression == "zlib:1"
+
+
+def test_a_rate_that_follows_the_link_has_a_limit_or_none() -> None:
+    with pytest.raises(InvalidInput, match="adaptive without max_hz"):
+        ChannelSettings(adaptive=True).check()
+
+
 def test_after_its_time_the_former_settings_apply_again(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=10.0), S)
@@ -225,6 +251,9 @@ def test_the_number_of_rules_is_bounded(table: ChannelTable) -> None:
         (CLOUD, ChannelSettings(protocol=ChannelProtocol.UDP), "", "items of kind stream are acknowledged"),
         (FAULTS, ChannelSettings(protocol=ChannelProtocol.ZMQ), "", "items of kind event are acknowledged"),
         (CLOUD, ChannelSettings(compression="jpeg:80"), "", "JPEG is for values of type Image, not Blob"),
+        (POSE, ChannelSettings(RATE_MAX_HZ, adaptive=True), "", "with --protocol zmq it follows the link"),
+        (FAULTS, ChannelSettings(RATE_MAX_HZ, adaptive=True), "gcs", "no event is left out"),
+        (GOTO, ChannelSettings(RATE_MAX_HZ, adaptive=True), "", "each message is delivered"),
     ],
 )
 def test_what_cannot_hold_for_a_resource_is_refused_with_the_reason(
@@ -247,6 +276,9 @@ def test_what_cannot_hold_for_a_resource_is_refused_with_the_reason(
         (FAULTS, ChannelSettings(5.0, None, "zlib:1", 10_000, 3.0), ""),
         (PICTURE, ChannelSettings(compression="jpeg:80"), "gcs"),
         (GOTO, ChannelSettings(), ""),
+        (CLOUD, ChannelSettings(RATE_MAX_HZ, adaptive=True), "gcs"),
+        (BATTERY, ChannelSettings(30.0, adaptive=True), "gcs"),
+        (POSE, ChannelSettings(RATE_MAX_HZ, ChannelProtocol.ZMQ, adaptive=True), ""),
     ],
 )
 def test_what_can_hold_is_accepted(resource: Resource, change: ChannelSettings, link: str) -> None:

@@ -55,6 +55,8 @@ def test_all_options_together_are_settings() -> None:
     [
         ({"rate": "0hz"}, ChannelSettings(0.0)),
         ({"rate": "max"}, ChannelSettings(RATE_MAX_HZ)),
+        ({"rate": "auto"}, ChannelSettings(RATE_MAX_HZ, adaptive=True)),
+        ({"rate": "auto:30hz"}, ChannelSettings(30.0, adaptive=True)),
         ({"compress": "zlib"}, ChannelSettings(compression="zlib:6")),
         ({"compress": "none"}, ChannelSettings(compression="none")),
         ({"buffer": "64kB"}, ChannelSettings(buffer_bytes=64_000)),
@@ -67,8 +69,13 @@ def test_an_option_is_a_setting(given: dict[str, str], expected: ChannelSettings
     assert options(**given) == (expected, ())
 
 
-def test_auto_takes_a_setting_out_of_the_rule() -> None:
-    found, unset = options(rate="auto", protocol="auto", buffer="auto", priority="auto")
+@pytest.mark.parametrize("rate", ["5hz", "max", "auto", "auto:30hz"])
+def test_a_rate_is_shown_as_it_is_set(rate: str) -> None:
+    assert str(options(rate=rate)[0]) == f"--rate {rate}"
+
+
+def test_default_and_auto_take_a_setting_out_of_the_rule() -> None:
+    found, unset = options(rate="default", protocol="auto", buffer="auto", priority="auto")
     assert found == ChannelSettings()
     assert unset == ("max_hz", "protocol", "priority", "buffer_bytes", "buffer_s")
 
@@ -77,6 +84,8 @@ def test_auto_takes_a_setting_out_of_the_rule() -> None:
     ("given", "error", "reason"),
     [
         ({"rate": "fast"}, InvalidInput, "expected 5hz"),
+        ({"rate": "auto:"}, InvalidInput, "expected 5hz"),
+        ({"rate": "auto:slow"}, InvalidInput, "expected 5hz"),
         ({"rate": "2000000hz"}, OutOfRange, "max_hz"),
         ({"compress": "h264", "protocol": "udp"}, InvalidInput, "rtp with h264"),
         ({"compress": "jpeg", "protocol": "rtp"}, InvalidInput, "rtp with h264"),
@@ -119,7 +128,7 @@ async def test_undo_and_clear_print_the_rules_that_are_left() -> None:
 
 async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved() -> None:
     states = ChannelStates(
-        (ChannelState("sensor/lidar", "gcs", WHOLE, 7, 8442, 3, 1234),),
+        (ChannelState("sensor/lidar", "gcs", WHOLE, 7, 8442, 3, 1234, 62.46, "queue of 84 ms"),),
         (
             CompressionState("sensor/lidar", "on", 100_000, 28_000, 0.25),
             CompressionState("camera", "", 0, 0, 0.0, "expected an Image"),
@@ -143,7 +152,7 @@ async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved()
     one = ScriptedSession(answers, node="uav1")
     await list_channels(one)
     text = one.stdout.getvalue()
-    for word in ("sensor/lidar", "gcs", "8442", "1234", "72.0", "0.25"):
+    for word in ("sensor/lidar", "gcs", "8442", "1234", "62.5 Hz", "queue of 84 ms", "72.0", "0.25"):
         assert word in text
     assert "camera: sent without its compression: expected an Image" in one.stderr.getvalue()
     structured = ScriptedSession(answers, node="uav1", output="json")

@@ -64,5 +64,12 @@ def test_each_error_names_the_file_and_the_line_of_its_entry(tmp_path: Path, lin
     assert any(f"line {number}:" in str(found.value) for number in (5, 6, 7))
 
 
+@pytest.mark.parametrize(("line", "rate"), [("", "auto"), ("max_hz = 30", "auto:30hz")])
+def test_a_rate_may_follow_the_link_with_a_limit_or_without(tmp_path: Path, line: str, rate: str) -> None:
+    text = f'[[channel]]\npattern = "map/*"\nadaptive = true\n{line}\n'
+    [rule] = load_channels(written(tmp_path, text))
+    assert rule.settings.rate == rate
+
+
 def test_the_shipped_file_loads_and_changes_nothing() -> None:
     assert load_channels(ROOT / "etc" / "swarm") == ()

@@ -57,7 +57,7 @@ def cut(feed: Feed) -> None:
 def arrive(feed: Feed, now_ns: int) -> list[int]:
     """The newest value is sent, and acknowledged."""
     sent = [item.sequence for item in feed.take(now_ns, 1, EVERYTHING)]
-    feed.on_acknowledged()
+    feed.on_acknowledged((), 0)
     return sent
 
 
@@ -134,7 +134,7 @@ def test_on_a_link_that_takes_everything_nothing_is_kept() -> None:
         feed.offer(value(sequence, now_ns))
         while (due_ns := feed.due_ns()) is not None and due_ns < now_ns + S // 30:
             feed.take(max(due_ns, now_ns), 1, EVERYTHING)
-            feed.on_acknowledged()
+            feed.on_acknowledged((), 0)
     assert feed.waiting[0] <= 1
     assert feed.lost == 0
 
@@ -170,7 +170,7 @@ def test_former_values_wait_until_a_newer_one_has_arrived_and_again_after_it_has
     assert drained(feed, 2 * S, 2 * S) == [], "the newest one is not sent yet"
     under_way = feed.take(2 * S, 1, EVERYTHING)
     assert drained(feed, 2 * S, 2 * S) == [], "nor has it arrived"
-    feed.on_acknowledged()
+    feed.on_acknowledged((), 0)
     assert feed.history is not None
     assert [item.sequence for item in feed.history.take(2 * S, 2, EVERYTHING)] == [19, 18]
     feed.offer(value(21, 3 * S))
@@ -188,7 +188,7 @@ def test_former_values_of_a_board_that_always_has_one_under_way_follow_those_tha
     followed = []
     for first in range(1, 31, 3):  # the round trip is that of three values
         write(feed, first, first + 2)
-        feed.on_acknowledged()
+        feed.on_acknowledged((), 0)
         followed += [sequence for _, sequence in drained(feed, first * S, first * S)]
         feed.take(first * S, 1, EVERYTHING)
     assert followed == [sequence for first in range(1, 28, 3) for sequence in (first + 1, first)]

@@ -22,7 +22,7 @@ EVENT = Resource(path="health/faults", kind=Kind.EVENT, type="Text")
 def take(one: Feed, now_ns: int, limit: int) -> list[TreeItem]:
     """Taken, and on its way no more."""
     taken = one.take(now_ns, limit, 10**9)
-    one.on_acknowledged()
+    one.on_acknowledged((), 0)
     return taken
 
 
@@ -232,7 +232,7 @@ def test_while_a_value_of_a_board_is_on_its_way_the_next_one_waits() -> None:
     one.offer(item(2.0, 2))
     one.offer(item(3.0, 3))
     assert one.due_ns() is None
-    one.on_acknowledged()
+    one.on_acknowledged((), 0)
     assert take(one, S, 9) == [item(3.0, 3)]
 
 

@@ -29,8 +29,9 @@ def drain(one: Feed, begin_ns: int, end_ns: int) -> list[tuple[int, int]]:
     sent, now_ns = [], begin_ns
     while (due_ns := one.due_ns()) is not None and max(due_ns, now_ns) <= end_ns:
         now_ns = max(due_ns, now_ns)
-        sent += [(now_ns, each.sequence) for each in one.take(now_ns, 32, 10**9)]
-        one.on_acknowledged()
+        taken = one.take(now_ns, 32, 10**9)
+        sent += [(now_ns, each.sequence) for each in taken]
+        one.on_acknowledged(taken, now_ns)
     return sent
 
 

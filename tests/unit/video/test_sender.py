@@ -2,7 +2,6 @@
 
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
-from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.sender import (
@@ -18,6 +17,7 @@ from swarmd.video.core.sender import (
     SetBitrate,
     VideoSender,
 )
+from swarmware.transport.delivery.bitrate_control import BitrateControl
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -30,7 +30,9 @@ from swarmware.types.channel import (
 from swarmware.types.rpc import Empty
 
 AUTO = "auto"
-"""In an option: this rule sets it no longer."""
+"""In an option: this rule sets it no longer; of the rate: what the link carries."""
+DEFAULT = "default"
+"""Of the rate: this rule sets it no longer."""
 _NAMED = 3
 """Paths that a warning names."""
 
@@ -52,10 +54,14 @@ def change(
     """
     found: dict[str, object] = {}
     unset: list[str] = []
-    if rate == AUTO:
+    if rate == DEFAULT:
         unset.append("max_hz")
     elif rate is not None:
-        found["max_hz"] = RATE_MAX_HZ if rate == "max" else rate_hz(rate)
+        kind_of, _, limit = rate.partition(":")
+        is_adaptive = kind_of == AUTO and rate != "auto:"
+        found["max_hz"] = _max_hz((limit or "max") if is_adaptive else rate)
+        if is_adaptive:
+            found["adaptive"] = True
     for name, text, kind in (
         ("protocol", protocol, ChannelProtocol),
         ("priority", priority, ChannelPriority),
@@ -77,6 +83,10 @@ def change(
     settings = msgspec.structs.replace(NO_SETTINGS, **found)
     settings.check()
     return settings, tuple(unset)
+
+
+def _max_hz(text: str) -> float:
+    return RATE_MAX_HZ if text == "max" else rate_hz(text)
 
 
 def effect(request: SetChannel) -> str:
@@ -126,7 +136,9 @@ async def list_channels(session: Session) -> None:
     columns = [
         Column("CHANNEL"),
         Column("LINK"),
-        Column("SETTINGS", drop=1),
+        Column("SETTINGS", drop=2),
+        Column("RATE", right=True),
+        Column("REASON", drop=1),
         Column("WAITING", right=True),
         Column("BYTES", right=True),
         Column("DROPPED", right=True),
@@ -137,6 +149,8 @@ async def list_channels(session: Session) -> None:
             one.path,
             one.link,
             str(one.settings),
+            "" if one.rate_hz is None else f"{one.rate_hz:.1f} Hz",
+            one.reason,
             one.waiting,
             one.waiting_bytes,
             one.dropped,
@@ -203,12 +217,11 @@ def _show_rules(session: Session, limits: ChannelLimits) -> None:
 
 def _row(rule: ChannelLimit) -> tuple[str | float | None, ...]:
     settings = rule.settings
-    rate = settings.max_hz
     size, age = settings.buffer_bytes, settings.buffer_s
     return (
         rule.pattern,
         rule.link or "all",
-        "" if rate is None else "max" if rate == RATE_MAX_HZ else f"{rate:g} Hz",
+        settings.rate.replace("hz", " Hz"),
         settings.protocol or "",
         settings.compression or "",
         " / ".join(filter(None, ("" if size is None else f"{size} B", "" if age is None else f"{age:g} s"))),

@@ -80,7 +80,11 @@ def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only:
 @cmd.command(name="set")
 @click.argument("pattern")
 @click.option("--link", metavar="PLATFORMS", default="", help="Name or pattern of receivers; none: all.")
-@click.option("--rate", metavar="RATE", help="5hz, 0hz (nothing), max (no limit).")
+@click.option(
+    "--rate",
+    metavar="RATE",
+    help="5hz, 0hz: nothing, max: no limit, auto: what the link carries, default.",
+)
 @click.option(
     "--protocol",
     type=click.Choice(["udp", "zmq", "rtp", "auto"]),
@@ -112,8 +116,10 @@ def set_(
 ) -> None:
     """Set how matching resources travel to other platforms; then show all rules.
 
-    `auto` for rate, protocol, buffer or priority: the rule sets it no longer. It asks for a confirmation
-    where the rate silences resources, or slows the states that barriers wait for.
+    `--rate auto` leaves out items of streams before they wait for the link, `auto:30hz` has a limit as well;
+    boards by notification follow it in any case. `--rate default`, and `auto` for protocol, buffer or
+    priority: the rule sets it no longer. It asks for a confirmation where the rate silences resources, or
+    slows the states that barriers wait for.
 
     Example: swarmctl traffic set 'sensor/**' --rate 5hz --compress zstd:1 --buffer 2MB/30s -n uav1
     """

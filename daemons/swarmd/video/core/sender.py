@@ -7,11 +7,11 @@ import msgspec
 
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet
-from swarmd.video.core.bitrate_control import BitrateControl
 from swarmd.video.core.h264_payload import nal_units, packetize
 from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, ReceiverReport, SenderReport
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.session_counters import SessionCounters
+from swarmware.transport.delivery.bitrate_control import BitrateControl
 from swarmware.transport.delivery.rate_control import RateControl
 
 REPORT_NS: Final = 1_000_000_000

@@ -260,6 +260,9 @@ def _reasons(
     if in_beacons and link:
         return dict.fromkeys(SETTING_NAMES, "its beacons go to all neighbours, not over one link")
     if in_beacons:
+        if settings.adaptive:
+            text = "beacons carry its newest value at their own rate; with --protocol zmq it follows the link"
+            reasons["max_hz"] = reasons["adaptive"] = text
         reasons["compression"] = "values in beacons are packed already"
         reasons["priority"] = "beacons take the values that have waited longest first"
         text = "a beacon has only its newest value; with --protocol zmq a buffer keeps former ones"
@@ -271,6 +274,8 @@ def _reasons(
             text = f"video is for streams of type {_IMAGE}, not for a {kind} of {resource.type}"
             reasons["protocol"] = reasons["compression"] = text
         return reasons
+    if kind is Kind.EVENT and settings.adaptive:
+        reasons["max_hz"] = reasons["adaptive"] = "no event is left out; each waits until the link carries it"
     if kind is not Kind.BOARD:
         reasons["protocol"] = f"items of kind {kind} are acknowledged, which beacons are not"
     elif link:

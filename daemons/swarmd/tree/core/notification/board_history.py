@@ -1,6 +1,7 @@
 """Former values of one board for one subscriber: what could not be sent, kept within bytes and seconds."""
 
 from bisect import bisect_right, insort
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import Final
 
@@ -129,8 +130,8 @@ class BoardHistory:
         self._size -= sum(len(item.data) for item in taken)
         return taken
 
-    def on_acknowledged(self) -> None:
-        """The values taken last were acknowledged."""
+    def on_acknowledged(self, items: Sequence[TreeItem], now_ns: int) -> None:
+        """Values that were taken have been acknowledged."""
 
     def requeue(self, items: list[TreeItem]) -> None:
         """Return values that were not delivered."""

@@ -1,11 +1,13 @@
 """Values of one resource for one subscriber: what is sent, and when."""
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Final
 
 from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.condition import INTERVAL_MAX_S, differs
 from swarmd.tree.core.notification.feed_channel import BURST_NS, FeedChannel
+from swarmd.tree.core.notification.link_rate import LinkRate
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelSettings
 from swarmware.types.tree import Rule, TreeItem
@@ -14,6 +16,8 @@ IMAGE: Final = "Image"
 """Type of the items that may go as video instead."""
 LATEST_ONLY: Final = frozenset({Kind.BOARD, Kind.SETTING})
 """Kinds of which only the newest value is sent."""
+RECENT_NS: Final = 10_000_000_000
+"""Time for which it is shown that the link was the limit of a board."""
 
 
 class Feed:
@@ -27,14 +31,17 @@ class Feed:
         "_in_flight",
         "_interval_ns",
         "_limit_ns",
+        "_link_rate",
         "_may_keep",
         "_newest",
+        "_outpaced_ns",
         "_pending",
         "_queue",
         "_repeat_ns",
         "_sent",
         "_sent_ns",
         "_size",
+        "_spacing_ns",
         "dropped",
         "held_back",
         "history",
@@ -78,10 +85,17 @@ class Feed:
         self.dropped = 0
         """Items that were dropped from the full queue, or became too old in it."""
         self.held_back = 0
-        """Items of a stream that a limit of its rate left out."""
+        """Items of a stream that a limit of its rate left out; values of a board that a newer one replaced
+        while the link had not acknowledged the one before."""
+        self._outpaced_ns = -(1 << 62)
+        """Of a board: when such a value was replaced last."""
+        self._spacing_ns = 0
+        """Of a board: mean time between two values that were sent."""
         self._channel = FeedChannel()
         self._admit_ns: int | None = None
         """Of a limited stream: stamp from which the next item is sent; None: that of the next one."""
+        self._link_rate: LinkRate | None = None
+        """Of a stream whose rate follows its link."""
 
     @property
     def channel(self) -> FeedChannel:
@@ -104,6 +118,26 @@ class Feed:
         return self.dropped if self.history is None else self.dropped + self.history.dropped
 
     @property
+    def link_rate(self) -> LinkRate | None:
+        """The rate of a stream that follows its link."""
+        return self._link_rate
+
+    def is_outpaced(self, now_ns: int) -> bool:
+        """Whether a board is written faster than the link acknowledges it."""
+        return 0 <= now_ns - self._outpaced_ns < RECENT_NS
+
+    def pace(self, now_ns: int) -> tuple[float | None, str]:
+        """The limit of its rate in Hz and the reason; None: there is no limit."""
+        if self._link_rate is not None:
+            return self._link_rate.rate_hz, self._link_rate.reason
+        if self.latest_only and self.is_outpaced(now_ns):
+            return 1e9 / max(self._spacing_ns, 1), "each value waits until the one before is acknowledged"
+        limit_ns = self._channel.limit_ns
+        if limit_ns is None:
+            return 0.0, "set"
+        return (1e9 / limit_ns, "set") if limit_ns else (None, "")
+
+    @property
     def pending_ns(self) -> int | None:
         """Of a board: stamp of the value that waits; None: none does."""
         return None if self._pending is None else self._pending.stamp_ns
@@ -119,10 +153,21 @@ class Feed:
         if is_limited:
             self._admit_ns = None
             self._thin()
+        self._follow_link(channel.is_adaptive and self.resource.kind is Kind.STREAM)
         self._limit_ns = channel.catch_up_ns if self.resource.kind is Kind.STREAM else channel.limit_ns
         self._shorten()
         if self._may_keep:
             self._set_history(channel)
+
+    def _follow_link(self, is_adaptive: bool) -> None:
+        if is_adaptive == (self._link_rate is not None):
+            return
+        self._link_rate = LinkRate() if is_adaptive else None
+        if is_adaptive and len(self._queue) > 1:
+            # what waits would be sent first, and is the older the slower the link is
+            self.held_back += len(self._queue) - 1
+            self._queue = deque((self._queue[-1],))
+            self._size = len(self._queue[-1].data)
 
     def _set_history(self, channel: FeedChannel) -> None:
         if not channel.is_buffered:
@@ -136,18 +181,33 @@ class Feed:
     def offer(self, item: TreeItem) -> None:
         """Add a value of the resource."""
         if not self.latest_only:
-            if self._admits(item.stamp_ns):
+            if self._admits(item.stamp_ns) and self._is_carried(item):
                 self._push(item)
             else:
                 self.held_back += 1
             return
         if self.history is not None and self._pending is not None:
             self.history.on_superseded(self._pending, item.stamp_ns)
+        if self._pending is not None and self._in_flight is not None:
+            self._on_replaced(item.stamp_ns)
         self._newest = item
         changed = self._sent is None or self._each or differs(self._sent, item.data, self.rule.deadband)
         # else a value that is equal to the last sent one again is not sent
         self._pending = item if changed else None
         self._settle_history()
+
+    def _is_carried(self, item: TreeItem) -> bool:
+        return self._link_rate is None or self._link_rate.admits(item, self._waiting_ns)
+
+    @property
+    def _waiting_ns(self) -> int | None:
+        return self._queue[0].stamp_ns if self._queue else None
+
+    def _on_replaced(self, now_ns: int) -> None:
+        """A value that waits is replaced; it was due if its rate allowed it and only the link did not."""
+        if self._limit_ns is not None and now_ns >= self._sent_ns + max(self._interval_ns, self._limit_ns):
+            self.held_back += 1
+            self._outpaced_ns = now_ns
 
     def _push(self, item: TreeItem) -> None:
         self._queue.append(item)
@@ -197,6 +257,7 @@ class Feed:
         self._in_flight = None
         self._sent = None
         self._sent_ns = -(1 << 62)
+        self._spacing_ns = 0
         self._pending = self._newest
         if self.history is not None:
             self.history.on_failed()
@@ -219,6 +280,7 @@ class Feed:
                 return []
             self._pending = None
             self._in_flight = item
+            self._measure_spacing(now_ns)
             self._sent, self._sent_ns = item.data, now_ns
             if self.history is not None:
                 self.history.on_sent(item)
@@ -232,10 +294,20 @@ class Feed:
             taken.append(self._queue.popleft())
             room -= len(taken[-1].data)
         self._size -= sum(len(item.data) for item in taken)
+        if self._link_rate is not None:
+            self._link_rate.on_sent(taken, now_ns)
         return taken
 
-    def on_acknowledged(self) -> None:
-        """The items taken last were acknowledged."""
+    def _measure_spacing(self, now_ns: int) -> None:
+        if self._sent is not None:
+            spacing_ns = now_ns - self._sent_ns
+            before_ns = self._spacing_ns or spacing_ns
+            self._spacing_ns = before_ns + (spacing_ns - before_ns) // 4
+
+    def on_acknowledged(self, items: Sequence[TreeItem], now_ns: int) -> None:
+        """Items that were taken have been acknowledged."""
+        if self._link_rate is not None:
+            self._link_rate.on_acknowledged(items, self._waiting_ns, now_ns)
         arrived, self._in_flight = self._in_flight, None
         if self.history is not None and arrived is not None:
             self.history.on_arrived(arrived)
@@ -255,6 +327,8 @@ class Feed:
                 self.history.on_failed()
                 self.history.requeue([item for item in items if item is not self._newest])
             return
+        if self._link_rate is not None:
+            self._link_rate.on_returned(items)
         self._queue.extendleft(reversed(items))
         self._size += sum(len(item.data) for item in items)
         self._shorten()

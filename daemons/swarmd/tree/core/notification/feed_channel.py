@@ -5,7 +5,7 @@ from typing import Final, Self
 import msgspec
 
 from swarmware.model.compression import Compression, Method
-from swarmware.types.channel import ChannelPriority, ChannelSettings
+from swarmware.types.channel import RATE_MAX_HZ, ChannelPriority, ChannelSettings
 
 QUEUE_LIMIT: Final = 4096
 """Maximum number of waiting items: those of minutes without a link, not of hours."""
@@ -32,6 +32,8 @@ class FeedChannel(msgspec.Struct, frozen=True):
     compression: Compression = Compression()
     priority: int = 0
     """Feeds of a higher one are served first."""
+    is_adaptive: bool = False
+    """Whether the rate of a stream follows its link."""
     is_buffered: bool = False
     """Whether a buffer is set: then a board keeps the values that it could not send."""
 
@@ -48,11 +50,12 @@ class FeedChannel(msgspec.Struct, frozen=True):
             max_hz = 0.0 if may_be_video else max_hz
             settings = msgspec.structs.replace(settings, compression=str(Method.NONE))
         return cls(
-            0 if max_hz is None else None if max_hz <= 0 else round(1e9 / max_hz),
+            0 if max_hz is None or max_hz >= RATE_MAX_HZ else None if max_hz <= 0 else round(1e9 / max_hz),
             QUEUE_BYTES if size is None else size,
             QUEUE_LIMIT if size is None else max(QUEUE_LIMIT, size // ITEM_BYTES),
             None if settings.buffer_s is None else round(settings.buffer_s * 1e9),
             Compression.parse(settings.compression or "none"),
             0 if settings.priority is None else _PRIORITIES.get(settings.priority, 0),
+            bool(settings.adaptive) and not settings.is_video,
             size is not None or settings.buffer_s is not None,
         )

@@ -180,8 +180,8 @@ class NotificationLane:
             self._arrived_ns = now_ns
             self._limit = min(self._limit + IN_FLIGHT_GROWTH * flight.size, IN_FLIGHT_BYTES)
             self.reset_backoff()
-            for feed, _ in flight.parts:
-                feed.on_acknowledged()
+            for feed, items in flight.parts:
+                feed.on_acknowledged(items, now_ns)
         return flight
 
     def failed(self, serial: int, now_ns: int, pauses_ns: tuple[int, ...]) -> bool:

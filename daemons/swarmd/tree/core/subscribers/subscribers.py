@@ -90,16 +90,28 @@ class Subscribers:
         """Number of pairs of subscriber and resource."""
         return sum(len(one.feeds) for one in self._subscribers.values())
 
-    def channels(self) -> tuple[ChannelState, ...]:
-        """State of the feeds of which something is set or was lost, by path and subscriber."""
+    def channels(self, now_ns: int) -> tuple[ChannelState, ...]:
+        """State of the feeds of which something is set, was lost, or has its link as limit, by path and
+        subscriber."""
         found = []
         for one in self._subscribers.values():
             for path, feed in one.feeds.items():
                 settings = self._planner.settings(path, one.platform)
-                if settings != NO_SETTINGS or feed.lost or feed.held_back:
+                is_thinned = feed.is_outpaced(now_ns) if feed.latest_only else feed.held_back
+                if settings != NO_SETTINGS or feed.lost or is_thinned:
                     lost = (feed.lost, feed.held_back)
-                    found.append(ChannelState(path, one.platform, settings, *feed.waiting, *lost))
+                    figures = (*feed.waiting, *lost, *feed.pace(now_ns))
+                    found.append(ChannelState(path, one.platform, settings, *figures))
         return tuple(sorted(found, key=lambda state: (state.path, state.link)))
+
+    def adapted(self) -> dict[tuple[str, str], tuple[float, str]]:
+        """Streams that their link limits, by path and subscriber: the rate in Hz and the reason."""
+        return {
+            (path, one.platform): (rate_hz, feed.link_rate.reason)
+            for one in self._subscribers.values()
+            for path, feed in one.feeds.items()
+            if feed.link_rate is not None and (rate_hz := feed.link_rate.rate_hz) is not None
+        }
 
     def platforms(self) -> list[str]:
         """Platforms with a lease."""

@@ -2,7 +2,13 @@
 
 import pytest
 
-from swarmd.video.core.bitrate_control import BEGIN_BIT_S, QUEUE_NS, RATE_MIN, STEP_NS, BitrateControl
+from swarmware.transport.delivery.bitrate_control import (
+    BEGIN_BIT_S,
+    QUEUE_NS,
+    RATE_MIN,
+    STEP_NS,
+    BitrateControl,
+)
 
 MS = 1_000_000
 

@@ -1,4 +1,7 @@
-"""The bit rate of an encoder: what the link carries, from the queue before it and from reports of loss."""
+"""The bit rate of a source: what the link carries, from the queue before it and from reports of loss.
+
+The encoder of a video uses it, and each stream whose rate follows its link.
+"""
 
 from collections import deque
 from typing import Final
@@ -39,10 +42,19 @@ class RateChange(msgspec.Struct, frozen=True):
 class BitrateControl:
     """Fits the bit rate to the link, unless it is pinned."""
 
-    def __init__(self, max_bit_s: int, pinned: bool, now_ns: int) -> None:
+    def __init__(
+        self,
+        max_bit_s: int,
+        pinned: bool,
+        now_ns: int,
+        *,
+        begin_bit_s: int = BEGIN_BIT_S,
+        min_bit_s: int = RATE_MIN,
+    ) -> None:
         self.max_bit_s = max_bit_s
+        self._min_bit_s = min_bit_s
         self.pinned = pinned
-        self.bit_s = max_bit_s if pinned else min(max_bit_s, BEGIN_BIT_S)
+        self.bit_s = max_bit_s if pinned else min(max_bit_s, begin_bit_s)
         self.changes: deque[RateChange] = deque(maxlen=RECORDED)
         self._changed_ns = now_ns
         self._received: deque[tuple[int, int]] = deque()
@@ -94,6 +106,11 @@ class BitrateControl:
         if not self.pinned:
             self._set(self.bit_s // 2, "no reports", now_ns)
 
+    def on_free(self, now_ns: int) -> None:
+        """The link has had no queue for some time: no limit is needed."""
+        if not self.pinned:
+            self._set(self.max_bit_s, "free", now_ns, is_rise=True)
+
     def _received_bit_s(self, now_ns: int) -> float:
         while self._received and self._received[0][0] < now_ns - MEASURED_NS:
             self._received_bytes -= self._received.popleft()[1]
@@ -102,7 +119,7 @@ class BitrateControl:
         return self._received_bytes * 8e9 / MEASURED_NS
 
     def _set(self, bit_s: int, reason: str, now_ns: int, *, is_rise: bool = False) -> None:
-        bit_s = max(min(bit_s, self.max_bit_s), min(RATE_MIN, self.max_bit_s))
+        bit_s = max(min(bit_s, self.max_bit_s), min(self._min_bit_s, self.max_bit_s))
         self._changed_ns = now_ns
         if bit_s == self.bit_s and self.changes:
             return
