@@ -201,9 +201,7 @@ _ONE_WAY: Final = click.option("--one-way", is_flag=True, help="Only from the fi
 @cmd.command(nodes=Nodes.NONE)
 @click.argument("one", metavar="[NODE]", type=PLATFORM, required=False)
 @click.argument("other", metavar="[NODE]", type=PLATFORM, required=False)
-@click.option(
-    "--loss", "loss_percent", type=click.FloatRange(0, 100), metavar="PERCENT", help="Loss of frames."
-)
+@click.option("--loss", metavar="PERCENT", help="Loss of frames: 0 to 100.")
 @click.option("--delay", metavar="TIME", help="Additional delay: 50ms, 1s.")
 @click.option("--jitter", metavar="TIME", help="Additional random delay: 0 to this.")
 @click.option("--rate", metavar="RATE", help="Limit of the rate: 1mbit, 250kbit, or auto.")
@@ -213,7 +211,7 @@ def link(
     ctx: click.Context,
     one: str | None,
     other: str | None,
-    loss_percent: float | None,
+    loss: str | None,
     delay: str | None,
     jitter: str | None,
     rate: str | None,
@@ -227,16 +225,9 @@ def link(
     Example: swarmctl lab link uav1 uav2 --loss 30 --delay 50ms --rate 1mbit
     """
     from swarmctl.terminal.output import Output
-    from swarmctl.terminal.quantities import span_s
-    from swarmlab.radio.core.link import ImpairmentChange
     from swarmlab.run import links
 
-    change = ImpairmentChange(
-        loss_ratio=None if loss_percent is None else loss_percent / 100,
-        delay_s=None if delay is None else span_s(delay),
-        jitter_s=None if jitter is None else span_s(jitter),
-        rate_bit_s=None if rate is None else links.rate_bit_s(rate),
-    )
+    change = links.change(loss, delay, jitter, rate)
     links.impair(one or "", other or "", change, Output(settings(ctx)), one_way=one_way)
 
 

@@ -10,13 +10,13 @@ import msgspec
 from swarmctl.session import labs
 from swarmctl.session.labs import LabNode, LabState
 from swarmctl.terminal.output import Output
-from swarmctl.terminal.quantities import bit_s
+from swarmctl.terminal.quantities import bit_s, span_s
 from swarmctl.terminal.table import Column
 from swarmlab.radio import orders
-from swarmlab.radio.core.link import Impairment, ImpairmentChange
+from swarmlab.radio.core.link import DELAY_MAX_S, RATE_MAX_BIT_S, Impairment, ImpairmentChange
 from swarmlab.radio.core.network import LinkReport
 from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, Links, RadioOrder, ReadLinks
-from swarmware.errors import InvalidInput
+from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.names import platform_of
 
 _UNLIMITED: Final = "auto"
@@ -34,26 +34,59 @@ _COLUMNS: Final = (
     Column("TO"),
     Column("STATE"),
     Column("DISTANCE", right=True),
-    Column("RATE", right=True, drop=2),
+    Column("RATE", right=True, drop=3),
     Column("LOSS", right=True, drop=2),
-    Column("SET", drop=1),
+    Column("SET", wraps=True),
     Column("FRAMES", right=True),
     Column("LOST", right=True),
-    Column("DROPPED", right=True),
+    Column("DROPPED", right=True, drop=1),
     Column("CUT", right=True),
-    Column("QUEUED", right=True, drop=3),
+    Column("QUEUED", right=True, drop=4),
     Column("DELAY", right=True),
 )
 
 
-def rate_bit_s(text: str) -> float:
-    """Parse a bit rate: 1mbit, 250kbit; 0 for `auto`, no limit.
+def change(loss: str | None, delay: str | None, jitter: str | None, rate: str | None) -> ImpairmentChange:
+    """The change that the options of `lab link` state.
 
-    Raises: InvalidInput for any other text.
+    Raises: InvalidInput, OutOfRange for an option that is invalid.
     """
+    return ImpairmentChange(
+        loss_ratio=None if loss is None else _loss_ratio(loss),
+        delay_s=None if delay is None else _delay_s("delay", delay),
+        jitter_s=None if jitter is None else _delay_s("jitter", jitter),
+        rate_bit_s=None if rate is None else _rate_bit_s(rate),
+    )
+
+
+def _loss_ratio(text: str) -> float:
+    try:
+        percent = float(text.removesuffix("%"))
+    except ValueError:
+        raise InvalidInput(f"loss {text!r}: expected a percentage, such as 30") from None
+    if not 0 <= percent <= 100:
+        raise OutOfRange(f"loss {text}: expected 0 to 100 percent")
+    return percent / 100
+
+
+def _delay_s(name: str, text: str) -> float:
+    found_s = span_s(text)
+    if found_s > DELAY_MAX_S:
+        raise OutOfRange(f"{name} {text}: expected at most {DELAY_MAX_S:g}s")
+    return found_s
+
+
+def _rate_bit_s(text: str) -> float:
+    """0 for `auto`, no limit."""
     if text.lower() == _UNLIMITED:
         return 0.0
-    return float(bit_s(text))
+    try:
+        found_bit_s = float(bit_s(text))
+    except InvalidInput:
+        raise InvalidInput(f"rate {text!r}: expected 1mbit, 250kbit or {_UNLIMITED}") from None
+    if found_bit_s > RATE_MAX_BIT_S:
+        raise OutOfRange(f"rate {text}: expected at most {RATE_MAX_BIT_S / 1e9:g}gbit")
+    return found_bit_s
 
 
 def impair(one: str, other: str, change: ImpairmentChange, out: Output, *, one_way: bool) -> None:
@@ -93,6 +126,10 @@ def partition(groups: Sequence[str], out: Output) -> None:
     apart = tuple((a, b) for a, b in permutations(names, 2) if group_of.get(a, 0) != group_of.get(b, 0))
     if not apart:
         raise InvalidInput(f"groups {' '.join(groups)}: all nodes are in one; expected two groups or more")
+    # a shell makes four words of {a,b} {c,d}: the operator sees which groups were meant
+    numbers = [*range(1, len(groups) + 1), 0]
+    members = [[name for name in names if group_of.get(name, 0) == number] for number in numbers]
+    out.say(f"groups: {' | '.join(','.join(group) for group in members if group)}")
     _order(lab, CutLinks(apart), out)
 
 

@@ -23,9 +23,14 @@ from swarmware.types.tree import TreeChange, TreeListing
 PATH: Final = "net/limits"
 """The board that changes, in the record."""
 NO_RULE: Final = "no rule"
-"""In the record: operators have set none."""
+"""In the record: none of the rules that changed."""
+SAME_RULES: Final = "the same rules"
+"""In the record: at most their order has changed."""
 TREE_S: Final = 0.5
 """For the answer of this node's tree: a change is effective within a second."""
+
+_RuleKey = tuple[str, int | None]
+"""Text of a rule and the instant of its end, which distinguish it from what it was before a change."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -41,7 +46,7 @@ class ChannelApi:
         self._changes = module.stream_writer(
             "net/changes", TreeChange, kind="event", description="Changes of channels by operators"
         )
-        self._written = ""
+        self._written: dict[_RuleKey, str] = {}
         """The rules of operators as they were published last."""
         self._write()
 
@@ -85,29 +90,39 @@ class ChannelApi:
     @contextmanager
     def _recorded(self, meta: Meta, change: str) -> Iterator[None]:
         """Records a change that is made in the meantime, or its refusal."""
-        before = _text(self._table.limits(self._module.now_ns()))
+        before = self._rules()
         shown = names.join(self._module.platform, PATH)
         by, via = requester(self._module, meta), () if meta.sender is None else meta.sender.via
         try:
             yield
         except SwarmError as error:
-            self._changes.write(TreeChange(shown, by, before, change, str(error), via))
+            self._changes.write(TreeChange(shown, by, "", change, str(error), via))
             raise
-        after = _text(self._table.limits(self._module.now_ns()))
-        self._changes.write(TreeChange(shown, by, before, after, via=via))
+        self._changes.write(TreeChange(shown, by, *_difference(before, self._rules()), via=via))
 
     def on_time_over(self) -> None:
         """Publishes and records what is in force after the time of a rule is over."""
         before, module = self._written, self._module
         self._write()
-        path = names.join(module.platform, PATH)
-        self._changes.write(TreeChange(path, f"{module.name}@{module.platform}", before, self._written))
+        by, path = f"{module.name}@{module.platform}", names.join(module.platform, PATH)
+        self._changes.write(TreeChange(path, by, *_difference(before, self._written)))
 
     def _write(self) -> ChannelLimits:
         limits = self._table.limits(self._module.now_ns())
         self._limits.write(limits)
-        self._written = _text(limits)
+        self._written = self._rules()
         return limits
+
+    def _rules(self) -> "dict[_RuleKey, str]":
+        """Texts of the rules of operators."""
+        now_ns = self._module.now_ns()
+        found: dict[_RuleKey, str] = {}
+        for rule in self._table.limits(now_ns).limits:
+            if not rule.from_file:
+                left_s = rule.remaining_s
+                ends_ns = None if left_s is None else now_ns + round(left_s * 1e9)
+                found[str(rule), ends_ns] = f"{rule}" if left_s is None else f"{rule} --for {left_s:.3g}s"
+        return found
 
     def _resources(self) -> list[Resource]:
         """Resources of local applications; how they travel is decided by the template, where it has them."""
@@ -115,7 +130,9 @@ class ChannelApi:
         node.table.refresh()
         resources = template.load(node.config.template, node.config.share_path / "templates").resources
         links = {each.path: each.link for each in resources if each.kind is Kind.BOARD}
-        return [
+        # settings are kept by the tree, no application provides them
+        settings = [each for each in resources if each.kind is Kind.SETTING]
+        return settings + [
             msgspec.structs.replace(each, link=links[each.path])
             if each.kind is Kind.BOARD and each.path in links
             else each
@@ -124,6 +141,10 @@ class ChannelApi:
         ]
 
 
-def _text(limits: ChannelLimits) -> str:
-    """The rules of operators, one after the other."""
-    return ", ".join(str(rule) for rule in limits.limits if not rule.from_file) or NO_RULE
+def _difference(before: dict[_RuleKey, str], after: dict[_RuleKey, str]) -> tuple[str, str]:
+    """The rules that only one of two times has, those before and those after."""
+    if before.keys() == after.keys():
+        return SAME_RULES, SAME_RULES
+    gone = ", ".join(text for key, text in before.items() if key not in after)
+    new = ", ".join(text for key, text in after.items() if key not in before)
+    return gone or NO_RULE, new or NO_RULE

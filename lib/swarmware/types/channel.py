@@ -112,15 +112,29 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
         ):
             if value is not None:
                 words.append(f"--{option} {value}")
-        size = "" if self.buffer_bytes is None else f"{self.buffer_bytes}B"
-        age = "" if self.buffer_s is None else f"{self.buffer_s:g}s"
-        if size or age:
-            words.append(f"--buffer {'/'.join(filter(None, (size, age)))}")
+        if self.buffer:
+            words.append(f"--buffer {self.buffer}")
         return " ".join(words)
+
+    @property
+    def buffer(self) -> str:
+        """Size and time of the buffer, as an operator sets them: `2MB/30s`; empty: none is set."""
+        size = "" if self.buffer_bytes is None else _size_text(self.buffer_bytes)
+        age = "" if self.buffer_s is None else f"{self.buffer_s:g}s"
+        return "/".join(filter(None, (size, age)))
+
+
+def _size_text(size: int) -> str:
+    for unit, factor in (("MB", 1_000_000), ("kB", 1000)):
+        if size % factor == 0:
+            return f"{size // factor}{unit}"
+    return f"{size}B"
 
 
 NO_SETTINGS: Final = ChannelSettings()
 SETTING_NAMES: Final = ChannelSettings.__struct_fields__
+_VIDEO_NAMES: Final = frozenset({"protocol", "compression"})
+"""Settings of which each makes images a video."""
 LinkPattern = Annotated[str, msgspec.Meta(max_length=100)]
 
 
@@ -266,7 +280,7 @@ def settings_of(rules: Iterable[ChannelLimit], path: str, link: str = "") -> Cha
 
 
 def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[str] = ()) -> ChannelSettings:
-    """Settings with a change.
+    """Settings with a change. Video is a protocol and a compression: a change of one takes the other with it.
 
     Raises: InvalidInput for the name of a setting that does not exist.
     """
@@ -277,6 +291,9 @@ def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[s
         if name not in SETTING_NAMES:
             raise InvalidInput(f"channel setting {name!r}: expected one of {', '.join(SETTING_NAMES)}")
         fields[name] = None
+    given = _VIDEO_NAMES & fields.keys()
+    if len(given) == 1 and change.is_video != settings.is_video:
+        fields |= dict.fromkeys(_VIDEO_NAMES - given)
     return msgspec.structs.replace(settings, **fields)
 
 

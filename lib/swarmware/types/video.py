@@ -1,13 +1,15 @@
 """Video sessions: set up by a request to the node of the source, sent as RTP, shown with their counters."""
 
-from typing import Annotated
+from typing import Annotated, Final
 
 import msgspec
 
 from swarmware.model.open_enum import OpenEnum
 from swarmware.types.registry import register
 
-BitRate = Annotated[int, msgspec.Meta(ge=1_000, le=1_000_000_000)]
+BITRATES_BIT_S: Final = (1_000, 1_000_000_000)
+"""Lowest and highest rate of an encoder."""
+BitRate = Annotated[int, msgspec.Meta(ge=BITRATES_BIT_S[0], le=BITRATES_BIT_S[1])]
 """In bit/s."""
 
 

@@ -83,6 +83,35 @@ def test_a_change_keeps_the_other_settings_of_the_rule_and_may_take_one_out(tabl
     assert table.limits(0).limits == FILE, "a rule that sets nothing is none"
 
 
+@pytest.mark.parametrize(
+    ("before", "change", "unset", "expected"),
+    [
+        (("rtp", "h264"), (None, "jpeg:70"), (), (None, "jpeg:70")),
+        (("rtp", None), (None, "none"), (), (None, "none")),
+        (("rtp", "h264"), ("zmq", None), (), ("zmq", None)),
+        (("rtp", "h264"), (None, None), ("protocol",), (None, None)),
+        (("zmq", "zlib:6"), (None, "h264"), (), (None, "h264")),
+        ((None, "zlib:6"), ("rtp", None), (), ("rtp", None)),
+        (("rtp", None), (None, "h264"), (), ("rtp", "h264")),
+        (("zmq", "zlib:6"), (None, "zstd:1"), (), ("zmq", "zstd:1")),
+    ],
+)
+def test_images_are_a_video_no_longer_when_their_protocol_or_their_compression_is_changed(
+    table: ChannelTable,
+    before: tuple[str | None, str | None],
+    change: tuple[str | None, str | None],
+    unset: tuple[str, ...],
+    expected: tuple[str | None, str | None],
+) -> None:
+    for (protocol, compression), taken in ((before, ()), (change, unset)):
+        wanted = ChannelSettings(4.0, ChannelProtocol(protocol) if protocol else None, compression)
+        table.set(SetChannel(PICTURE.path, wanted, link="gcs", unset=taken), 0)
+    found = table.limits(0).limits[0].settings
+    assert (found.protocol, found.compression) == expected
+    assert found.max_hz == 4.0
+    found.check()
+
+
 def test_a_request_without_settings_removes_the_rule_of_this_pattern_and_link(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(1.0), link="gcs"), 0)

@@ -8,6 +8,7 @@ from tests.unit.cli.test_commands import ScriptedSession
 from swarmctl.commands.traffic.channels import (
     change,
     clear_channels,
+    duration_s,
     list_channels,
     set_channel,
     undo_channel,
@@ -47,7 +48,7 @@ def test_all_options_together_are_settings() -> None:
     found, unset = options(rate="5hz", protocol="zmq", compress="zstd:1", buffer="2MB/30s", priority="low")
     assert found == WHOLE
     assert unset == ()
-    assert str(found) == "--rate 5hz --protocol zmq --compress zstd:1 --priority low --buffer 2000000B/30s"
+    assert str(found) == "--rate 5hz --protocol zmq --compress zstd:1 --priority low --buffer 2MB/30s"
 
 
 @pytest.mark.parametrize(
@@ -90,6 +91,8 @@ def test_default_and_auto_take_a_setting_out_of_the_rule() -> None:
         ({"compress": "h264", "protocol": "udp"}, InvalidInput, "rtp with h264"),
         ({"compress": "jpeg", "protocol": "rtp"}, InvalidInput, "rtp with h264"),
         ({"buffer": "2MB/"}, InvalidInput, "time ''"),
+        ({"buffer": "2MB/3MB"}, InvalidInput, "expected a size, a time or both"),
+        ({"buffer": "2s/3s"}, InvalidInput, "expected a size, a time or both"),
         ({"buffer": "2GB"}, InvalidInput, "size '2GB'"),
         ({"buffer": "900MB"}, OutOfRange, "buffer_bytes"),
         ({"buffer": "2d"}, OutOfRange, "buffer_s"),
@@ -102,6 +105,13 @@ def test_an_invalid_option_is_refused_before_a_node_is_joined(
         options(**given)
 
 
+def test_a_time_of_nothing_is_not_taken_for_no_end() -> None:
+    assert (duration_s(""), duration_s("5m")) == (0.0, 300.0)
+    for text in ("0s", "2d"):
+        with pytest.raises(OutOfRange, match=f"--for {text}: expected more than 0s, at most 24h"):
+            duration_s(text)
+
+
 def session(**answers: Any) -> ScriptedSession:
     found = {f"/uav1/sys/broker/{verb}": answer for verb, answer in answers.items()}
     return ScriptedSession(found, node="uav1")
@@ -112,7 +122,7 @@ async def test_rules_are_printed_with_what_they_do_not_apply_to_by_reason() -> N
     one = session(set_channel=ChannelLimits(LIMITS.limits, refused))
     await set_channel(one, SetChannel("sensor/**", WHOLE, link="gcs"), yes=False)
     text = one.stdout.getvalue()
-    for word in ("sensor/**", "gcs", "5 Hz", "zmq", "zstd:1", "2000000 B / 30 s", "low", "12.5", "operator"):
+    for word in ("sensor/**", "gcs", "5 Hz", "zmq", "zstd:1", "2MB/30s", "low", "12s", "operator"):
         assert word in text
     assert "max" in text
     assert "file" in text
@@ -141,7 +151,7 @@ async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved()
         1,
         1,
         1,
-        0.1,
+        4.5,
         "live",  # type: ignore[arg-type]
     )
     answers = {
@@ -154,6 +164,7 @@ async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved()
     text = one.stdout.getvalue()
     for word in ("sensor/lidar", "gcs", "8442", "1234", "62.5 Hz", "queue of 84 ms", "72.0", "0.25"):
         assert word in text
+    assert " 8.0s " in text, "12.5 s were left when the rules were published, 4.5 s ago"
     assert "camera: sent without its compression: expected an Image" in one.stderr.getvalue()
     structured = ScriptedSession(answers, node="uav1", output="json")
     await list_channels(structured)

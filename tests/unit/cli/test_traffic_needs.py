@@ -45,8 +45,10 @@ def test_a_need_is_rate_times_size_and_the_largest_comes_first() -> None:
 
 def test_limits_and_compression_lessen_what_is_sent_and_not_what_is_written() -> None:
     limit = ChannelLimit("sensor/camera", ChannelSettings(2.0), link="gcs")
-    found = needs(1e9, limit, link="gcs", ratios={LIDAR: 0.28})
+    coded = ChannelLimit(LIDAR, ChannelSettings(compression="auto"))
+    found = needs(1e9, limit, coded, link="gcs", ratios={LIDAR: 0.28})
     assert found[LIDAR].sent_bytes_s == pytest.approx(252_000)
+    assert needs(1e9, ratios={LIDAR: 0.28})[LIDAR].sent_bytes_s == 900_000, "it is not compressed any longer"
     assert found[CAMERA].sent_bytes_s == 100_000
     assert found[CAMERA].written_bytes_s == 500_000
     assert needs(1e9, limit)[CAMERA].sent_bytes_s == 500_000, "not on the way to others"
@@ -70,13 +72,14 @@ def test_a_fair_rate_is_below_the_limit_in_force() -> None:
 
 
 def session(output: str = "table", *entries: TreeEntry) -> ScriptedSession:
-    counters = ChannelTraffic(LIDAR, offered_frames=10, offered_bytes=12_000)
+    counters = ChannelTraffic(LIDAR, offered_frames=10, offered_bytes=3_000)
     slow = LinkTraffic("gcs", LinkTransport.UDP, capacity_bytes_s=60_000.0, capacity_ns=-3_000_000_000)
     links = [LinkTraffic("gcs", LinkTransport.TCP), slow]
     traffic = msgspec.convert(
         [0] * 16 + [1.0, [], msgspec.to_builtins(links), [msgspec.to_builtins(counters)]], Traffic
     )
-    limits = registry.encode(ChannelLimits((ChannelLimit("sensor/*", ChannelSettings(100.0)),)))
+    rule = ChannelLimit("sensor/*", ChannelSettings(100.0, compression="zstd:1"))
+    limits = registry.encode(ChannelLimits((rule,)))
 
     def value(path: str, data: bytes) -> TreeValue:
         return TreeValue(f"/uav1/{path}", "Blob", data, 1, 1, 1, 0.1, "live")  # type: ignore[arg-type]
@@ -91,6 +94,7 @@ def session(output: str = "table", *entries: TreeEntry) -> ScriptedSession:
         "/uav1/sys/tree/get /uav1/net/limits": value("net/limits", limits),
         f"/uav1/sys/tree/get /uav1/{CAMERA}": value(CAMERA, bytes(50_000)),
         f"/uav1/sys/tree/get /uav1/{POSE}": value(POSE, bytes(25)),
+        f"/uav1/sys/tree/get /uav1/{LIDAR}": value(LIDAR, bytes(1200)),
     }
     return ScriptedSession(answers, node="uav1", output=output)
 

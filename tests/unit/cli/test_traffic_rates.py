@@ -167,6 +167,16 @@ async def test_one_of_the_two_tables_can_be_asked_for(monkeypatch: pytest.Monkey
     assert "CHANNEL" not in text
 
 
+@pytest.mark.parametrize(("width", "says"), [(200, False), (60, True)])
+async def test_columns_for_which_a_terminal_has_no_room_are_named(
+    width: int, says: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = ShownSession()
+    monkeypatch.setattr(type(session.out), "width", property(lambda _out: width))
+    text = await shown(session, monkeypatch, parts=(top.TrafficTable.CHANNELS,))
+    assert ("-o wide also shows RE-SENT /s, HELD BACK /s, DELIVERED /s" in text) is says
+
+
 def test_the_help_offers_the_columns_that_exist() -> None:
     assert list(SORT_KEYS) == list(top.SortKey)
 

@@ -8,7 +8,7 @@ from tests.unit.cli.test_commands import ScriptedSession
 
 from swarmctl.commands.video import sessions
 from swarmctl.terminal.quantities import bit_s
-from swarmware.errors import InvalidInput
+from swarmware.errors import InvalidInput, NotFound, OutOfRange
 from swarmware.types.video import VideoDirection, VideoRateChange, VideoSession, VideoSessions
 
 SENT = VideoSession(
@@ -32,8 +32,16 @@ TO_ADDRESS = VideoSession(71, VideoDirection.SENT, "camera", "10.0.0.7:5004", sd
 RECEIVED = VideoSession(72, VideoDirection.RECEIVED, "front", "uav2", pictures=9, packets=40, lost=2)
 
 
+class VideoNode(ScriptedSession):
+    """A node that knows no other platform than a ground station."""
+
+    async def reach(self, platform: str) -> None:
+        if platform != "gcs":
+            raise NotFound(f"node {platform!r}: not known to gcs")
+
+
 def scripted(**answers: Any) -> ScriptedSession:
-    return ScriptedSession({f"sys/video/{name}": found for name, found in answers.items()})
+    return VideoNode({f"sys/video/{name}": found for name, found in answers.items()})
 
 
 async def test_a_session_to_a_platform_names_the_stream_of_its_images() -> None:
@@ -53,6 +61,17 @@ async def test_a_session_to_an_address_shows_the_commands_of_receivers(tmp_path:
     session = scripted(start=TO_ADDRESS)
     await sessions.start(session, "camera", "10.0.0.7:5004", 1_000_000, False, None)
     assert "s=camera" in session.stdout.getvalue()
+
+
+async def test_a_receiver_that_no_node_is_and_a_rate_that_no_encoder_has_are_refused_at_once() -> None:
+    session = scripted(start=SENT)
+    with pytest.raises(NotFound, match="node 'nobody': not known"):
+        await sessions.start(session, "camera", "nobody", 1_000_000, False, None)
+    assert session.asked == []
+    assert sessions.bitrate_bit_s("500kbit") == 500_000
+    for text in ("100gbit", "5bit"):
+        with pytest.raises(OutOfRange, match=f"rate {text}: expected 1kbit to 1gbit"):
+            sessions.bitrate_bit_s(text)
 
 
 async def test_a_description_is_only_for_an_address() -> None:

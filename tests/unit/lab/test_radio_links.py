@@ -22,7 +22,7 @@ from swarmlab.radio.core.link import ImpairmentChange
 from swarmlab.radio.core.network import LinkReport
 from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, OrderServer, RadioOrder
 from swarmlab.run import links
-from swarmware.errors import InvalidInput, NoAnswer, NotFound, SwarmError
+from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, SwarmError
 from swarmware.model.platform_kind import PlatformKind
 
 NAMES = ("gcs", "ugv1", "uav1", "uav2", "uav2.nav")
@@ -215,10 +215,43 @@ def test_bytes_that_are_no_order_are_refused_and_the_next_order_is_executed(
     ("text", "expected"), [("1mbit", 1e6), ("250kbit", 250e3), ("1.5Mbit", 1.5e6), ("auto", 0), ("9bit", 9)]
 )
 def test_rates_are_typed_with_their_unit(text: str, expected: float) -> None:
-    assert links.rate_bit_s(text) == expected
+    assert links.change(None, None, None, text) == ImpairmentChange(rate_bit_s=expected)
 
 
 @pytest.mark.parametrize("text", ["", "1", "1m", "0mbit", "-1mbit", "mbit", "1 mbit/s"])
 def test_other_rates_are_refused(text: str) -> None:
-    with pytest.raises(InvalidInput, match="expected 1mbit"):
-        links.rate_bit_s(text)
+    with pytest.raises(InvalidInput, match="expected 1mbit, 250kbit or auto"):
+        links.change(None, None, None, text)
+
+
+def test_a_loss_is_a_percentage_with_or_without_its_sign() -> None:
+    for text in ("30", "30%"):
+        assert links.change(text, "50ms", "1s", None) == ImpairmentChange(
+            loss_ratio=0.3, delay_s=0.05, jitter_s=1.0
+        )
+    with pytest.raises(InvalidInput, match="loss 'much': expected a percentage, such as 30"):
+        links.change("much", None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("130", None, None, None), "loss 130: expected 0 to 100 percent"),
+        (("nan", None, None, None), "loss nan: expected 0 to 100 percent"),
+        ((None, "2m", None, None), "delay 2m: expected at most 60s"),
+        ((None, None, "61s", None), "jitter 61s: expected at most 60s"),
+        ((None, None, None, "500gbit"), "rate 500gbit: expected at most 100gbit"),
+    ],
+)
+def test_an_impairment_that_the_radio_does_not_take_is_refused_before_it_is_sent(
+    options: tuple[str | None, str | None, str | None, str | None], message: str
+) -> None:
+    with pytest.raises(OutOfRange, match=message):
+        links.change(*options)
+
+
+def test_a_partition_says_which_groups_it_has_made(radio: ServedRadio) -> None:
+    messages = io.StringIO()
+    out = Output(CliSettings(lab="t"), io.StringIO(), messages)
+    links.partition(("uav1,ugv1", "uav2"), out)
+    assert messages.getvalue() == "groups: ugv1,uav1 | uav2,uav2.nav | gcs\n"

@@ -7,8 +7,9 @@ import msgspec
 from swarmctl.resources.limits import MISSION_STATE
 from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
-from swarmctl.terminal.quantities import rate_hz, size_bytes, span_s
+from swarmctl.terminal.quantities import rate_hz, size_bytes, span_s, spoken
 from swarmctl.terminal.table import Column
+from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model import names
 from swarmware.model.compression import Compression
 from swarmware.model.names import Pattern
@@ -16,6 +17,7 @@ from swarmware.types import registry
 from swarmware.types.channel import (
     NO_SETTINGS,
     RATE_MAX_HZ,
+    SPAN_MAX_S,
     ChannelLimit,
     ChannelLimits,
     ChannelPriority,
@@ -76,10 +78,11 @@ def change(
         unset += ["buffer_bytes", "buffer_s"]
     elif buffer is not None:
         for part in buffer.split("/"):
-            if part[-1:] in ("B", "b"):
-                found["buffer_bytes"] = size_bytes(part)
-            else:
-                found["buffer_s"] = span_s(part)
+            is_size = part[-1:] in ("B", "b")
+            name = "buffer_bytes" if is_size else "buffer_s"
+            if name in found:
+                raise InvalidInput(f"buffer {buffer!r}: expected a size, a time or both, such as 2MB/30s")
+            found[name] = size_bytes(part) if is_size else span_s(part)
     settings = msgspec.structs.replace(NO_SETTINGS, **found)
     settings.check()
     return settings, tuple(unset)
@@ -87,6 +90,17 @@ def change(
 
 def _max_hz(text: str) -> float:
     return RATE_MAX_HZ if text == "max" else rate_hz(text)
+
+
+def duration_s(text: str) -> float:
+    """The time of `--for`; empty: 0, until the rule is changed.
+
+    Raises: InvalidInput, OutOfRange for one that no rule can have.
+    """
+    found_s = span_s(text) if text else 0.0
+    if text and not 0 < found_s <= SPAN_MAX_S:
+        raise OutOfRange(f"--for {text}: expected more than 0s, at most {SPAN_MAX_S / 3600:g}h")
+    return found_s
 
 
 def effect(request: SetChannel) -> str:
@@ -126,7 +140,7 @@ async def list_channels(session: Session) -> None:
     """Prints the rules and the state of the channels. Raises: as `Session.ask`."""
     target = session.platform
     found = await owned(session, names.join(target, "net/limits"))
-    limits = registry.decode(ChannelLimits, found.data)
+    limits = _after(registry.decode(ChannelLimits, found.data), found.age_s or 0.0)
     states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
     if session.settings.structured:
         session.out.document(ChannelsView(target, limits, states))
@@ -187,6 +201,17 @@ async def list_channels(session: Session) -> None:
             session.out.warn(f"{one.path}: sent without its compression: {one.refused}")
 
 
+def _after(limits: ChannelLimits, age_s: float) -> ChannelLimits:
+    """The rules of a board that was written some time ago, with what is left of their times now."""
+    rules = [
+        one
+        if one.remaining_s is None
+        else msgspec.structs.replace(one, remaining_s=max(0.0, one.remaining_s - age_s))
+        for one in limits.limits
+    ]
+    return msgspec.structs.replace(limits, limits=tuple(rules))
+
+
 def _show_refused(session: Session, refused: Iterable[ChannelRefusal]) -> None:
     by_reason: dict[str, list[str]] = {}
     for one in refused:
@@ -208,24 +233,23 @@ def _show_rules(session: Session, limits: ChannelLimits) -> None:
         Column("COMPRESSION"),
         Column("BUFFER"),
         Column("PRIORITY"),
-        Column("LEFT s", right=True),
+        Column("LEFT", right=True),
         Column("BY", drop=1),
     ]
     empty = f"{session.platform}: no rule is set for channels"
     session.out.table(columns, [_row(one) for one in limits.limits], empty=empty)
 
 
-def _row(rule: ChannelLimit) -> tuple[str | float | None, ...]:
+def _row(rule: ChannelLimit) -> tuple[str | None, ...]:
     settings = rule.settings
-    size, age = settings.buffer_bytes, settings.buffer_s
     return (
         rule.pattern,
         rule.link or "all",
         settings.rate.replace("hz", " Hz"),
         settings.protocol or "",
         settings.compression or "",
-        " / ".join(filter(None, ("" if size is None else f"{size} B", "" if age is None else f"{age:g} s"))),
+        settings.buffer,
         settings.priority or "",
-        rule.remaining_s,
+        None if rule.remaining_s is None else spoken(rule.remaining_s),
         "file" if rule.from_file else "operator",
     )

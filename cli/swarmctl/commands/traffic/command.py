@@ -123,9 +123,8 @@ def set_(
 
     Example: swarmctl traffic set 'sensor/**' --rate 5hz --compress zstd:1 --buffer 2MB/30s -n uav1
     """
-    from swarmctl.commands.traffic.channels import change, set_channel
+    from swarmctl.commands.traffic.channels import change, duration_s, set_channel
     from swarmctl.session.each_node import run_each
-    from swarmctl.terminal.quantities import span_s
     from swarmware.types.channel import SetChannel, check_rule_names
 
     if not any((rate, protocol, compress, buffer, priority)):
@@ -133,7 +132,7 @@ def set_(
     chosen, local = at_path(ctx, pattern)
     check_rule_names(local, link)  # invalid ones are refused before the node is joined
     settings_, unset = change(rate, protocol, compress, buffer, priority)
-    request = SetChannel(local, settings_, span_s(span) if span else 0.0, link, unset)
+    request = SetChannel(local, settings_, duration_s(span), link, unset)
     run_each(chosen, set_channel, request, yes=yes)
 
 

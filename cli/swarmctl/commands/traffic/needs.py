@@ -11,6 +11,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
 from swarmware.errors import NotFound
 from swarmware.model import names
+from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
 from swarmware.types import registry
 from swarmware.types.channel import ChannelLimit, ChannelLimits, ChannelStates, settings_of
@@ -66,15 +67,16 @@ def compare(
 ) -> list[ChannelNeed]:
     """The needs by resource, with the rates at which all fit.
 
-    `sizes`: bytes of a value; `ratios`: of compressed values, coded bytes by plain ones.
+    `sizes`: bytes of a value; `ratios`: coded bytes by plain ones, of what was compressed so far.
     """
     rules = tuple(limits)
     found = []
     for entry in entries:
         local = names.split(entry.path)[1]
         written_hz, size = entry.measured_hz or 0.0, sizes.get(local, 0.0)
-        max_hz = settings_of(rules, local, link).max_hz
-        sent_hz = written_hz if max_hz is None else min(written_hz, max_hz)
+        settings = settings_of(rules, local, link)
+        sent_hz = written_hz if settings.max_hz is None else min(written_hz, settings.max_hz)
+        is_compressed = settings.compression not in (None, Method.NONE)
         found.append(
             ChannelNeed(
                 local,
@@ -82,7 +84,7 @@ def compare(
                 written_hz,
                 size,
                 written_hz * size,
-                sent_hz * size * ratios.get(local, 1.0),
+                sent_hz * size * (ratios.get(local, 1.0) if is_compressed else 1.0),
             )
         )
     found.sort(key=lambda need: -need.sent_bytes_s)
@@ -135,10 +137,12 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
         raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
     states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
     board = await owned(session, names.join(target, "net/limits"))
+    # of what was compressed the broker has counted compressed bytes: its newest value tells its size
+    compressed = {one.path for one in states.compressions if one.plain_bytes}
     sizes = {
         one.channel: one.offered_bytes / one.offered_frames
         for one in traffic.channels
-        if one.offered_frames and one.offered_bytes
+        if one.offered_frames and one.offered_bytes and one.channel not in compressed
     }
     for entry in entries:
         local = names.split(entry.path)[1]

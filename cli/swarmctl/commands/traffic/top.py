@@ -186,7 +186,10 @@ class TrafficTop:
             ]
             columns = (*((Column("NODE"),) if several else ()), *columns)
             cells = [[show(cell) for cell in row] for row in rows]
-            texts.append(fitted_table(columns, cells, width).text if rows else f"no {part}")
+            table = fitted_table(columns, cells, width)
+            texts.append(table.text if rows else f"no {part}")
+            if rows and table.hidden:
+                texts.append(f"-o wide also shows {', '.join(table.hidden)}")
         text = "\n\n".join(texts)
         if out.redraws:
             out.redraw(text, last=last)

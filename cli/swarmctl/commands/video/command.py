@@ -38,10 +38,9 @@ def start(ctx: click.Context, source: str, to: str, bitrate: str, sdp: Path | No
     """
     from swarmctl.commands.video import sessions
     from swarmctl.session.session import run
-    from swarmctl.terminal.quantities import bit_s
 
     chosen, local = at_path(ctx, source)
-    run(chosen, sessions.start, local, to, bit_s(bitrate), pinned, sdp)
+    run(chosen, sessions.start, local, to, sessions.bitrate_bit_s(bitrate), pinned, sdp)
 
 
 @cmd.command()
@@ -69,9 +68,8 @@ def rate(ctx: click.Context, session: int, bitrate: str, pinned: bool) -> None:
     """
     from swarmctl.commands.video import sessions
     from swarmctl.session.session import run
-    from swarmctl.terminal.quantities import bit_s
 
-    run(settings(ctx), sessions.set_rate, session, bit_s(bitrate), pinned)
+    run(settings(ctx), sessions.set_rate, session, sessions.bitrate_bit_s(bitrate), pinned)
 
 
 @cmd.command(nodes=Nodes.ONE)

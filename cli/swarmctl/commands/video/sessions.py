@@ -5,10 +5,12 @@ from pathlib import Path
 from typing import Final
 
 from swarmctl.session.session import Session
+from swarmctl.terminal.quantities import bit_s
 from swarmctl.terminal.table import Column
-from swarmware.errors import InvalidInput
+from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.types.rpc import Empty
 from swarmware.types.video import (
+    BITRATES_BIT_S,
     VideoDirection,
     VideoRate,
     VideoSession,
@@ -23,8 +25,8 @@ _COLUMNS: Final = (
     Column("SESSION"),
     Column("SOURCE"),
     Column("WAY"),
-    Column("KBIT/S", right=True),
-    Column("LIMIT", right=True),
+    Column("TARGET kbit/s", right=True),
+    Column("LIMIT kbit/s", right=True),
     Column("PICTURES", right=True),
     Column("SKIPPED", right=True, drop=3),
     Column("PACKETS", right=True),
@@ -34,13 +36,25 @@ _COLUMNS: Final = (
 )
 
 
+def bitrate_bit_s(text: str) -> int:
+    """Parse the rate of a session: 1mbit, 500kbit. Raises: InvalidInput, OutOfRange."""
+    found_bit_s = bit_s(text)
+    lowest, highest = BITRATES_BIT_S
+    if not lowest <= found_bit_s <= highest:
+        raise OutOfRange(f"rate {text}: expected {lowest / 1e3:g}kbit to {highest / 1e9:g}gbit")
+    return found_bit_s
+
+
 async def start(
-    session: Session, source: str, to: str, bit_s: int, pinned: bool, description: Path | None
+    session: Session, source: str, to: str, max_bit_s: int, pinned: bool, description: Path | None
 ) -> None:
     """Starts a session; `description`: file for its SDP. Raises: as `Session.ask`, InvalidInput."""
-    if description is not None and ":" not in to:
+    is_platform = ":" not in to
+    if description is not None and is_platform:
         raise InvalidInput(f"--sdp {description}: {to} is a platform; expected --to HOST:PORT")
-    request = VideoStart(source, to, bit_s, pinned)
+    if is_platform:
+        await session.reach(to)
+    request = VideoStart(source, to, max_bit_s, pinned)
     found = await session.ask("sys/video/start", request, VideoSession, timeout_s=_TIMEOUT_S)
     if description is not None:
         try:
@@ -102,9 +116,9 @@ def _row(one: VideoSession) -> tuple[str | int, ...]:
     )
 
 
-async def set_rate(session: Session, number: int, bit_s: int, pinned: bool) -> None:
+async def set_rate(session: Session, number: int, max_bit_s: int, pinned: bool) -> None:
     """Sets the rate of a session and prints it."""
-    found = await session.ask("sys/video/rate", VideoRate(number, bit_s, pinned), VideoSession)
+    found = await session.ask("sys/video/rate", VideoRate(number, max_bit_s, pinned), VideoSession)
     if session.settings.structured:
         session.out.document(found)
         return

@@ -15,9 +15,11 @@ DELAY_WEIGHT: Final = 0.05
 """Weight of one frame in the mean delay: about the last twenty."""
 
 
+DELAY_MAX_S: Final = 60.0
+RATE_MAX_BIT_S: Final = 1e11
 LossRatio = Annotated[float, msgspec.Meta(ge=0, le=1)]
-AddedDelay = Annotated[float, msgspec.Meta(ge=0, le=60)]
-RateLimit = Annotated[float, msgspec.Meta(ge=0, le=1e11)]
+AddedDelay = Annotated[float, msgspec.Meta(ge=0, le=DELAY_MAX_S)]
+RateLimit = Annotated[float, msgspec.Meta(ge=0, le=RATE_MAX_BIT_S)]
 
 
 class Impairment(msgspec.Struct, frozen=True, kw_only=True):
