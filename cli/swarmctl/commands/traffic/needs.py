@@ -137,7 +137,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
         raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
     states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
     board = await owned(session, names.join(target, "net/limits"))
-    # of what was compressed the broker has counted compressed bytes: its newest value tells its size
+    # of what was compressed the broker has counted compressed bytes: the size is that of its newest value
     compressed = {one.path for one in states.compressions if one.plain_bytes}
     sizes = {
         one.channel: one.offered_bytes / one.offered_frames
