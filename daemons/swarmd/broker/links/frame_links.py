@@ -5,6 +5,8 @@ import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
+import msgspec
+
 from swarmd.broker.config import Config
 from swarmd.broker.core.admission.origins import is_check
 from swarmd.broker.core.forwarding.send_queue import QueuedFrame
@@ -226,7 +228,8 @@ class FrameLinks:
         now_ns = self._clock.now_ns()
         for hw, quality in qualities:
             is_opening = self._connections.state(hw) is ConnectionStatus.CONNECTING
-            self._driver.feed(self._core.on_quality(hw, quality, now_ns, is_opening=is_opening))
+            known = msgspec.structs.replace(quality, is_opening=is_opening)
+            self._driver.feed(self._core.on_quality(hw, known, now_ns))
 
     def disconnect(self, hw: int) -> list[QueuedFrame]:
         """Ends the links to a lost neighbour; returns the frames that have not arrived."""

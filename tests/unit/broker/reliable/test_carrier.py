@@ -114,7 +114,7 @@ def test_frames_that_wait_for_a_connection_that_does_not_open_take_datagrams() -
     assert unopened(links, UNOPENED_NS, UNOPENED_NS + S) == [UseDatagrams(UAV1)]
     clean = LinkQuality(0.0)
     for second in range(4, 60):
-        links.on_quality(UAV1, clean, second * S, is_opening=True)
+        links.on_quality(UAV1, LinkQuality(0.0, is_opening=True), second * S)
     assert links.uses_datagrams(UAV1)
     for second in range(60, 62 + CLEAN_NS // S):
         links.on_quality(UAV1, clean, second * S)

@@ -34,6 +34,8 @@ class LinkQuality(msgspec.Struct, frozen=True):
     """Loss of the worse direction."""
     rtt_ns: int = 0
     """0: not measured."""
+    is_opening: bool = False
+    """Whether a connection to it is not open."""
 
 
 class Carrier:

@@ -88,11 +88,8 @@ class ReliableLinks:
         """The reliable links to all neighbours."""
         return list(self._links.values())
 
-    def on_quality(
-        self, hw: int, quality: LinkQuality, now_ns: int, *, is_opening: bool = False
-    ) -> list[Action]:
-        """What beacons measure of the link to a neighbour, once a second while it is up; `is_opening`: one of
-        its connections is not open."""
+    def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
+        """What beacons measure of the link to a neighbour, once a second while it is up."""
         self._qualities[hw] = quality
         carrier = self._carrier(hw)
         carrier.on_quality(quality)
@@ -103,7 +100,8 @@ class ReliableLinks:
                 carrier.on_block(now_ns + BLOCKED_NS)
                 return [UseConnection(hw, link.clear(now_ns))]
         if carrier.by_datagram:
-            is_used = is_opening or self._kind is FrameCarrier.UDP or (link is not None and link.is_full)
+            is_full = link is not None and link.is_full
+            is_used = quality.is_opening or self._kind is FrameCarrier.UDP or is_full
             carrier.end_when_clean(is_used, now_ns)
             return []
         return self._choose(hw, carrier, now_ns)
