@@ -10,11 +10,15 @@ from tests.unit.cli.test_commands import R, ScriptedSession
 
 from swarmctl.commands.traffic import top
 from swarmctl.commands.traffic.command import SORT_KEYS
+from swarmctl.commands.traffic.limited import LimitedChannel, limited
+from swarmware.errors import NotFound
 from swarmware.module.module import Module
 from swarmware.testing.virtual import VirtualClock, VirtualTime
+from swarmware.types.channel import RATE_MAX_HZ, ChannelSettings, ChannelState, ChannelStates
 from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Traffic
 
 S = 1_000_000_000
+AUTO = ChannelSettings(RATE_MAX_HZ, adaptive=True)
 
 
 class CountingSession(ScriptedSession):
@@ -30,6 +34,8 @@ class CountingSession(ScriptedSession):
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[R], **_: Any) -> R:
         self.time.run_for(0.01)
+        if reply is ChannelStates:
+            raise NotFound("no tree service runs there")
         since_ns = self.restart_ns if self.time.now_ns > self.restart_ns else 0
         pose = ChannelTraffic("nav/pose", offered_frames=10 * (self.time.now_ns - since_ns) // S)
         counters = msgspec.convert([0] * 16 + [1.0, []], Traffic)
@@ -117,14 +123,19 @@ def test_a_link_and_a_channel_have_all_their_rates() -> None:
 class ShownSession(ScriptedSession):
     """A broker with two channels and two links, for a person who reads a table."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_limited: bool = False) -> None:
         super().__init__({})
+        self.is_limited = is_limited
         self.time = VirtualTime()
         self.module = cast("Module", SimpleNamespace(platform="gcs", clock=VirtualClock(self.time)))
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[R], **_: Any) -> R:
         self.time.run_for(1)
         now = self.time.now_ns // S
+        if reply is ChannelStates:
+            scan = ChannelState("map/scan", "uav2", AUTO, 3, 900, 0, 40 * now, 62.5, "queue of 84 ms")
+            free = ChannelState("map/tiles", "uav2", AUTO, 0, 0, 0, 0, None, "the link carries all")
+            return cast("R", ChannelStates((scan, free) if self.is_limited else ()))
         slow = ChannelTraffic("a/slow", sent_bytes=10 * now, dropped=7 * now)
         fast = ChannelTraffic("b/fast", sent_bytes=1000 * now)
         found = msgspec.structs.replace(
@@ -175,6 +186,27 @@ async def test_columns_for_which_a_terminal_has_no_room_are_named(
     monkeypatch.setattr(type(session.out), "width", property(lambda _out: width))
     text = await shown(session, monkeypatch, parts=(top.TrafficTable.CHANNELS,))
     assert ("-o wide also shows RE-SENT /s, HELD BACK /s, DELIVERED /s" in text) is says
+
+
+async def test_what_its_link_or_a_rule_limits_is_shown_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = await shown(ShownSession(is_limited=True), monkeypatch)
+    [line] = [line for line in text.splitlines() if line.startswith("map/")]
+    assert line.split()[:5] == ["map/scan", "uav2", "62.5", "40.0", "3"]
+    assert line.endswith("queue of 84 ms")
+    assert "LIMITED" not in await shown(ShownSession(), monkeypatch)
+    only = await shown(ShownSession(), monkeypatch, parts=(top.TrafficTable.LIMITED,))
+    assert "no limited" in only
+
+
+def test_a_counter_that_began_again_makes_no_negative_rate() -> None:
+    before, now = (
+        ChannelStates((ChannelState("map/scan", "uav2", AUTO, 0, 0, 0, held, 5.0, "set"),))
+        for held in (90, 3)
+    )
+    for former in (before, None):
+        assert limited(former, now, 2.0) == [LimitedChannel("map/scan", "uav2", 5.0, "set", 0.0, 0)]
 
 
 def test_the_help_offers_the_columns_that_exist() -> None:

@@ -62,7 +62,9 @@ def ls(ctx: click.Context) -> None:
     help="Column that orders the tables, the largest first.",
 )
 @click.option(
-    "--only", type=click.Choice(["links", "channels"]), help="One of the two tables, by link or by channel."
+    "--only",
+    type=click.Choice(["links", "channels", "limited"]),
+    help="One of the tables: by link, by channel, or the channels whose rate has a limit.",
 )
 @click.pass_context
 def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only: str | None) -> None:

@@ -1,6 +1,6 @@
 """Rates of the links and channels of brokers, from their counters, redrawn once a period."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from functools import partial
 from typing import Final
@@ -8,11 +8,13 @@ from typing import Final
 import msgspec
 
 from swarmctl.commandline.nodes import is_selection
+from swarmctl.commands.traffic.limited import COLUMNS, LimitedChannel, limited, row
 from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmware.errors import Partial, SwarmError
 from swarmware.runtime.instant import until
+from swarmware.types.channel import ChannelStates
 from swarmware.types.net import UNACCEPTED, ChannelTraffic, LinkTraffic, Traffic
 from swarmware.types.rpc import Empty
 
@@ -36,6 +38,8 @@ class TrafficTable(StrEnum):
 
     LINKS = "links"
     CHANNELS = "channels"
+    LIMITED = "limited"
+    """Channels by notification whose rate has a limit now; not shown where there is none."""
 
 
 class ChannelRates(msgspec.Struct, frozen=True):
@@ -87,6 +91,7 @@ class TrafficRates(msgspec.Struct, frozen=True):
     received_bytes_s: float
     channels: list[ChannelRates]
     links: list[LinkRates]
+    limited: list[LimitedChannel] = []
 
 
 _CHANNEL_KEYS: Final = {
@@ -126,6 +131,7 @@ class TrafficTop:
         if not before:
             raise errors[asked[0]]
         clock = session.module.clock
+        states = await self._states(asked)
         turn = 0
         while turn != count:
             # from reading to reading: a period of the clock may end just after the command began
@@ -138,7 +144,10 @@ class TrafficTop:
                 for name, one in now.items()
                 if name in before and one.at_ns != before[name].at_ns
             ]
+            now_states = await self._states(asked)
+            found = [_with_limited(one, before[one.platform].at_ns, states, now_states) for one in found]
             before |= now
+            states |= now_states
             if not found and now:
                 continue
             turn += 1
@@ -149,6 +158,13 @@ class TrafficTop:
 
     async def _traffic(self, asked: list[str]) -> tuple[dict[str, Traffic], dict[str, SwarmError]]:
         return await ask_all(self._session, asked, "sys/broker/traffic", Empty(), Traffic)
+
+    async def _states(self, asked: list[str]) -> dict[str, ChannelStates]:
+        """States of the channels by notification; a node without a tree service has none."""
+        if TrafficTable.LIMITED not in self._parts:
+            return {}
+        found, _ = await ask_all(self._session, asked, "sys/tree/channels", Empty(), ChannelStates)
+        return found
 
     def _sorted(self, found: TrafficRates) -> TrafficRates:
         channels = sorted(found.channels, key=lambda one: one.channel)
@@ -174,16 +190,12 @@ class TrafficTop:
         title = f"{whose}: {sent:.2f} kB/s out, {received:.2f} kB/s in, on the wire; {again:.2f} kB/s re-sent"
         texts = [title]
         for part in self._parts:
-            columns = _LINK_COLUMNS if part is TrafficTable.LINKS else _CHANNEL_COLUMNS
+            columns = _COLUMNS[part]
             rows = [
-                (*((one.platform,) if several else ()), *row)
-                for one in found
-                for row in (
-                    map(_link_row, one.links)
-                    if part is TrafficTable.LINKS
-                    else map(_channel_row, one.channels)
-                )
+                (*((one.platform,) if several else ()), *row) for one in found for row in _rows(part, one)
             ]
+            if part is TrafficTable.LIMITED and not rows and len(self._parts) > 1:
+                continue
             columns = (*((Column("NODE"),) if several else ()), *columns)
             cells = [[show(cell) for cell in row] for row in rows]
             table = fitted_table(columns, cells, width)
@@ -242,6 +254,32 @@ _LINK_COLUMNS: Final = (
     _right("LOST /s", 2),
     _right("kbit/s IN"),
 )
+
+
+_COLUMNS: Final = {
+    TrafficTable.LINKS: _LINK_COLUMNS,
+    TrafficTable.CHANNELS: _CHANNEL_COLUMNS,
+    TrafficTable.LIMITED: COLUMNS,
+}
+
+
+def _with_limited(
+    found: TrafficRates, since_ns: int, before: dict[str, ChannelStates], now: dict[str, ChannelStates]
+) -> TrafficRates:
+    """The rates with the channels that have a limit, as far as their node reports them."""
+    states = now.get(found.platform)
+    if states is None:
+        return found
+    channels = limited(before.get(found.platform), states, (found.at_ns - since_ns) / 1e9)
+    return msgspec.structs.replace(found, limited=channels)
+
+
+def _rows(part: TrafficTable, found: TrafficRates) -> Iterable[tuple[Cell, ...]]:
+    if part is TrafficTable.LINKS:
+        return map(_link_row, found.links)
+    if part is TrafficTable.CHANNELS:
+        return map(_channel_row, found.channels)
+    return map(row, found.limited)
 
 
 def _channel_row(one: ChannelRates) -> tuple[Cell, ...]:
