@@ -39,6 +39,7 @@ from swarmd.broker.core.media.arrivals import WINDOW as ARRIVALS
 from swarmd.broker.core.media.medium import NOMINAL_BYTES, PENALTY_NS
 from swarmd.broker.core.media.medium import PERFECT as MEDIUM_PERFECT
 from swarmd.broker.core.media.medium_link import PERIODS as MEDIUM_PERIODS
+from swarmd.broker.core.media.medium_link import PERIODS_MAX as MEDIUM_PERIODS_MAX
 from swarmd.broker.core.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
 from swarmd.broker.core.media.medium_table import LISTING_NS as MEDIA_NS
 from swarmd.broker.core.reliable.carrier import CLEAN, CLEAN_NS, LOSSY
@@ -287,6 +288,7 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"reports every {MEDIA_NS / SECOND} s by which media",
         f"the share of the last {ARRIVALS} datagrams (at least {ARRIVALS_MIN} are expected)",
         f"or since {MEDIUM_PERIODS} periods of the sender",
+        f"(divided by the square of that share, at most {MEDIUM_PERIODS_MAX:.0f})",
         f"Another one must be better by more than {MEDIUM_HYSTERESIS}",
     ):
         assert words in TEXT, words

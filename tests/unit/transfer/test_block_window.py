@@ -2,7 +2,7 @@
 
 from random import Random
 
-from swarmware.transport.transfer.block_window import FIRST, LIMIT, BlockWindow
+from swarmware.transport.transfer.block_window import FIRST, LIMIT, TIMEOUT_MAX_S, TIMEOUT_S, BlockWindow
 
 
 def taken(window: BlockWindow) -> list[int]:
@@ -58,3 +58,16 @@ def test_each_block_is_sent_until_it_arrives_through_any_failures() -> None:
             window.on_done(number)
             arrived.add(number)
     assert arrived == {*range(10), *range(20, 50)}
+
+
+def test_a_block_of_a_slow_link_gets_more_time_with_each_failure() -> None:
+    window = BlockWindow([(0, 9)])
+    times_s = [window.timeout_s]
+    for _ in range(5):
+        number = window.take()
+        assert number == 0
+        window.on_failed(number)
+        times_s.append(window.timeout_s)
+    assert times_s == [TIMEOUT_S, 2 * TIMEOUT_S, 4 * TIMEOUT_S, 8 * TIMEOUT_S, TIMEOUT_MAX_S, TIMEOUT_MAX_S]
+    window.on_failed(9)
+    assert window.timeout_s == TIMEOUT_MAX_S, "one that was not on its way proves nothing"

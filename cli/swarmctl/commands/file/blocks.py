@@ -11,8 +11,6 @@ from swarmctl.terminal.progress import Progress
 from swarmware.errors import NoAnswer
 from swarmware.transport.transfer.block_window import BlockWindow
 
-BLOCK_TIMEOUT_S: Final = 6.0
-"""Time for one block, retransmissions included."""
 SLOW_TIMEOUT_S: Final = 60.0
 """Time for a request after which the other side reads or checks a whole file."""
 
@@ -34,11 +32,12 @@ class MovedFile(msgspec.Struct, frozen=True):
 async def move_blocks(
     session: Session,
     ranges: Iterable[tuple[int, int]],
-    move: Callable[[int], Awaitable[object]],
+    move: Callable[[int, float], Awaitable[object]],
     give_up_s: float,
     progress: Progress,
 ) -> None:
-    """Calls `move` for each block, again where it raises NoAnswer, a window of them at a time.
+    """Calls `move` for each block with its time-out in s, again where it raises NoAnswer, a window of them at
+    a time.
 
     Raises: NoAnswer when no block has passed for `give_up_s`; other errors of `move`.
     """
@@ -46,13 +45,13 @@ async def move_blocks(
     passed_s = loop.time()
     under_way: dict[asyncio.Task[object], int] = {}
 
-    async def one(number: int) -> object:
-        return await move(number)
+    async def one(number: int, timeout_s: float) -> object:
+        return await move(number, timeout_s)
 
     try:
         while not window.is_done:
             while (number := window.take()) is not None:
-                under_way[loop.create_task(one(number), name=f"block {number}")] = number
+                under_way[loop.create_task(one(number, window.timeout_s), name=f"block {number}")] = number
             ended, _ = await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
             for task in ended:
                 number = under_way.pop(task)

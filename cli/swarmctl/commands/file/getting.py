@@ -3,7 +3,7 @@
 import asyncio
 from pathlib import Path
 
-from swarmctl.commands.file.blocks import BLOCK_TIMEOUT_S, SLOW_TIMEOUT_S, MovedFile, move_blocks
+from swarmctl.commands.file.blocks import SLOW_TIMEOUT_S, MovedFile, move_blocks
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput
@@ -33,11 +33,9 @@ async def get_file(session: Session, name: str, target: Path, give_up_s: float) 
         with Progress(session.out, f"{session.platform}: {name}", block_count(entry.size_bytes)) as progress:
             progress.at(len(blocks) - blocks.missing)
 
-            async def read(number: int) -> None:
+            async def read(number: int, timeout_s: float) -> None:
                 wanted = FileRead(entry.name, entry.digest, number * BLOCK_BYTES)
-                found = await session.module.request(
-                    path, wanted, FileData, timeout_s=BLOCK_TIMEOUT_S, bulk=True
-                )
+                found = await session.module.request(path, wanted, FileData, timeout_s=timeout_s, bulk=True)
                 part.write(wanted.offset, found.data)
 
             await move_blocks(session, blocks.ranges(len(blocks)), read, give_up_s, progress)

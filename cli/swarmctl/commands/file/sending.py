@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from swarmctl.commands.file.blocks import BLOCK_TIMEOUT_S, SLOW_TIMEOUT_S, MovedFile, move_blocks
+from swarmctl.commands.file.blocks import SLOW_TIMEOUT_S, MovedFile, move_blocks
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput
@@ -37,14 +37,17 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
     path = session.path("sys/files")
     with content, Progress(session.out, f"{session.platform}: {name}", block_count(size_bytes)) as progress:
 
-        async def write(number: int) -> FileProgress:
+        async def write(number: int, timeout_s: float) -> FileProgress:
             offset = number * BLOCK_BYTES
             content.seek(offset)
             block = FileBlock(name, digest, offset, content.read(BLOCK_BYTES))
             is_last = BLOCK_BYTES * (number + 1) >= size_bytes
-            timeout_s = SLOW_TIMEOUT_S if is_last else BLOCK_TIMEOUT_S
             return await session.module.request(
-                f"{path}/write", block, FileProgress, timeout_s=timeout_s, bulk=True
+                f"{path}/write",
+                block,
+                FileProgress,
+                timeout_s=SLOW_TIMEOUT_S if is_last else timeout_s,
+                bulk=True,
             )
 
         while True:

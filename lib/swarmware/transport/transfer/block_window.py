@@ -10,6 +10,11 @@ GROWTH: Final = 0.5
 LIMIT: Final = 16.0
 """Blocks on their way at most: 256 KiB, which fill 50 Mbit/s at 40 ms."""
 
+TIMEOUT_S: Final = 6.0
+"""Time for one block at first, retransmissions included."""
+TIMEOUT_MAX_S: Final = 48.0
+"""That time on a slow link: each failure doubles it, and the next try of a block begins anew."""
+
 
 class BlockWindow:
     """The blocks that wait, and a window of those on their way, which answers widen and failures halve."""
@@ -21,6 +26,8 @@ class BlockWindow:
             self._waiting.extend(range(first, last + 1))
         self._under_way: set[int] = set()
         self._size = FIRST
+        self.timeout_s = TIMEOUT_S
+        """Time after which a block that is sent or asked for now has failed."""
 
     @property
     def is_done(self) -> bool:
@@ -46,3 +53,4 @@ class BlockWindow:
             self._under_way.remove(number)
             self._waiting.appendleft(number)
             self._size = max(self._size / 2, 1.0)
+            self.timeout_s = min(2 * self.timeout_s, TIMEOUT_MAX_S)

@@ -6,6 +6,7 @@ from swarmd.broker.config import Carries
 from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon.medium_parts import LISTING_BYTES, MediumListing
 from swarmd.broker.core.media.medium import COST_MAX, MAIN_MEDIUM, MediumProfile
+from swarmd.broker.core.media.medium_link import MediumLink
 from swarmd.broker.core.media.medium_table import LISTING_NS, ByMedium, MediumTable, Use
 
 SECOND = 1_000_000_000
@@ -230,6 +231,15 @@ def test_every_link_is_listed_where_one_beacon_has_no_room_for_all() -> None:
     assert [len(one) for one in listed] == [25, 25, 25]
     assert len({(one.hw, one.medium) for part in listed for one in part}) == 60
     assert ends.table.listings(3 * LISTING_NS, 0) == ()
+
+
+@pytest.mark.parametrize(("lost", "periods"), [(0, 2.5), (9, 4.8), (20, 6.0)])
+def test_a_medium_that_loses_much_is_silent_after_more_missing_beacons(lost: int, periods: float) -> None:
+    link = MediumLink(RADIO, SECOND)
+    arrived = [number for number in range(33) if not (number and number <= lost)]
+    for number in arrived:
+        link.on_arrival(number, ("host", 7), SECOND, 0)
+    assert link.deadline_ns == pytest.approx(periods * SECOND, rel=0.02)
 
 
 def test_hundreds_of_links_are_all_listed_in_a_period_that_a_medium_survives() -> None:

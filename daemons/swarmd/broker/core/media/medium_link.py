@@ -7,7 +7,9 @@ from swarmd.broker.core.media.arrivals import Arrivals
 from swarmd.broker.core.media.medium import COST_MAX, PERFECT, Address, MediumProfile
 
 PERIODS: Final = 2.5
-"""Beacon periods without one after which the medium is silent: one may be lost."""
+"""Beacon periods without one after which a medium that loses nothing is silent: one may be lost."""
+PERIODS_MAX: Final = 6.0
+"""The same of one that loses much: at 30 % six losses in a row are one of a thousand."""
 LISTINGS: Final = 5
 """Listings without an answer about this medium after which the neighbour does not receive by it."""
 _FULL: Final = 255
@@ -58,7 +60,9 @@ class MediumLink:
     @property
     def deadline_ns(self) -> int:
         """When the medium is silent, unless a datagram arrives."""
-        return self._received_ns + max(self._timeout_ns, round(PERIODS * self._period_ns))
+        lossy = PERIODS * (_FULL / max(self._arrivals.quality, 1)) ** 2
+        periods = min(lossy, PERIODS_MAX)
+        return self._received_ns + max(self._timeout_ns, round(periods * self._period_ns))
 
     def is_received(self, now_ns: int) -> bool:
         """Whether datagrams of the neighbour arrive."""
