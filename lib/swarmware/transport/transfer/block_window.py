@@ -4,6 +4,8 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
+from swarmware.runtime.backoff import pause_after
+
 FIRST: Final = 2.0
 GROWTH: Final = 0.5
 """Growth of the window with each block that arrives; the link itself controls its rate."""
@@ -12,8 +14,8 @@ LIMIT: Final = 16.0
 
 TIMEOUT_S: Final = 6.0
 """Time for one block at first, retransmissions included."""
-TIMEOUT_MAX_S: Final = 48.0
-"""That time on a slow link: each failure doubles it, and the next try of a block begins anew."""
+TIMEOUTS_S: Final = (12.0, 24.0, 48.0)
+"""That time after the first, second, … failure: each try of a block begins at its start."""
 
 
 class BlockWindow:
@@ -26,6 +28,7 @@ class BlockWindow:
             self._waiting.extend(range(first, last + 1))
         self._under_way: set[int] = set()
         self._size = FIRST
+        self._failures = 0
         self.timeout_s = TIMEOUT_S
         """Time after which a block that is sent or asked for now has failed."""
 
@@ -53,4 +56,5 @@ class BlockWindow:
             self._under_way.remove(number)
             self._waiting.appendleft(number)
             self._size = max(self._size / 2, 1.0)
-            self.timeout_s = min(2 * self.timeout_s, TIMEOUT_MAX_S)
+            self._failures += 1
+            self.timeout_s = pause_after(self._failures, TIMEOUTS_S)
