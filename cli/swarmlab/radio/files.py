@@ -75,7 +75,7 @@ def _row(path: Path, line: int, values: list[str]) -> TracePoint:
         return msgspec.convert(numbers, TracePoint)
     except msgspec.ValidationError as error:
         found = explain(str(error), numbers, TracePoint)
-        raise _refusal(path, line, f"{'.'.join(map(str, found.path))}: {found.text}") from error
+        raise _refusal(path, line, found.text) from error
 
 
 def _refusal(path: Path, line: int, text: str) -> ConfigError:

@@ -96,7 +96,7 @@ def test_points_out_of_order_are_refused(tmp_path: Path) -> None:
         (CSV + "0,1,1e6\n", r"link\.csv: line 2: 3 values; expected 4"),
         (CSV + "0,1,1e6,0,0\n", r"link\.csv: line 2: 5 values; expected 4"),
         (CSV + "0,1,1e6,nan\n", r"link\.csv: line 2: loss_ratio: .*nan"),
-        (CSV + "0,1,0,0\n", r"link\.csv: line 2: rate_bit_s: .*expected"),
+        (CSV + "0,1,0,0\n", r"link\.csv: line 2: key rate_bit_s: expected"),
     ],
 )
 def test_a_mistake_in_a_recorded_link_is_named_with_file_and_line(
