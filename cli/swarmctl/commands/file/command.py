@@ -1,13 +1,23 @@
 """`swarmctl file`: files to and from nodes."""
 
 from pathlib import Path
+from typing import Final
 
 import click
 
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.settings import Nodes, settings
 
-GIVE_UP_S = 60.0
+GIVE_UP_S: Final = 60.0
+_GIVE_UP: Final = click.option(
+    "--give-up",
+    "give_up_s",
+    type=click.FloatRange(min=1),
+    default=GIVE_UP_S,
+    show_default=True,
+    metavar="SECONDS",
+    help="End without progress for this time.",
+)
 
 
 @click.group(cls=Group)
@@ -21,10 +31,7 @@ def cmd() -> None:
 @cmd.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--as", "name", default="", metavar="NAME", help="Name at the node; without it the file's own.")
-@click.option(
-    "--give-up", "give_up_s", type=float, default=GIVE_UP_S, show_default=True, metavar="SECONDS",
-    help="End without progress for this time.",
-)  # fmt: skip
+@_GIVE_UP
 @click.pass_context
 def send(ctx: click.Context, file: Path, name: str, give_up_s: float) -> None:
     """Send a file; again after an interruption it sends what is missing.
@@ -43,10 +50,7 @@ def send(ctx: click.Context, file: Path, name: str, give_up_s: float) -> None:
     "--to", "target", type=click.Path(path_type=Path), default=Path(), metavar="PATH", show_default="here",
     help="Folder or file where it is stored.",
 )  # fmt: skip
-@click.option(
-    "--give-up", "give_up_s", type=float, default=GIVE_UP_S, show_default=True, metavar="SECONDS",
-    help="End without progress for this time.",
-)  # fmt: skip
+@_GIVE_UP
 @click.pass_context
 def get(ctx: click.Context, name: str, target: Path, give_up_s: float) -> None:
     """Get a file; again after an interruption it gets what is missing.

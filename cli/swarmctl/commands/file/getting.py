@@ -18,7 +18,8 @@ async def get_file(session: Session, name: str, target: Path, give_up_s: float) 
     Raises: NotFound; NoAnswer; Denied; InvalidInput for a target that cannot be written; Conflict when the
     file changed meanwhile.
     """
-    listing = await session.ask("sys/files/list", FileQuery(name), FileListing, timeout_s=SLOW_TIMEOUT_S)
+    timeout_s = min(give_up_s, SLOW_TIMEOUT_S)
+    listing = await session.ask("sys/files/list", FileQuery(name), FileListing, timeout_s=timeout_s)
     entry = listing.files[0]
     if await asyncio.to_thread(target.is_dir):
         target /= Path(entry.name).name

@@ -51,7 +51,8 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
             )
 
         while True:
-            state = await session.ask("sys/files/offer", offer, FileProgress, timeout_s=SLOW_TIMEOUT_S)
+            timeout_s = min(give_up_s, SLOW_TIMEOUT_S)
+            state = await session.ask("sys/files/offer", offer, FileProgress, timeout_s=timeout_s)
             missing = sum(last - first + 1 for first, last in state.missing)
             if resumed_bytes is None:
                 held = block_count(size_bytes) - missing if len(state.missing) < RANGES_MAX else 0
