@@ -183,7 +183,7 @@ def test_the_halves_of_a_service_have_its_keys_once_and_the_live_settings_of_eit
     both = keys(
         make_node(tmp_path, services={"estimator": {}, "guidance": {}, "navigator": {"rate_hz": 25.0}})
     )
-    halves = make_node(tmp_path / "halves", services={"estimator": {}, "guidance": {}})
+    halves = make_node(tmp_path / "two", services={"estimator": {}, "guidance": {}})
     (halves / "services/navigator.toml").write_text("rate_hz = 25.0\n")
     found = keys(halves)
     assert {name for name in found if not name.startswith("node/")} == {
