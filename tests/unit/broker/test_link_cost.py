@@ -2,8 +2,9 @@
 
 import pytest
 
-from swarmd.broker.core.topology.link_cost import COST_MAX
+from swarmd.broker.core.topology.link_cost import COST_MAX, link_cost
 from swarmd.broker.core.topology.neighbour import Neighbour
+from swarmd.broker.core.topology.routing_table import RouteChanged, RoutingTable
 
 MS = 1_000_000
 
@@ -30,3 +31,12 @@ def test_cost_counts_the_round_trip_and_the_rate(
 def test_a_slow_medium_never_makes_a_link_unusable(neighbour: Neighbour) -> None:
     neighbour.penalty = 10 * COST_MAX
     assert neighbour.cost == COST_MAX
+
+
+def test_of_two_ways_that_lose_nothing_the_one_with_shorter_round_trips_is_used() -> None:
+    slow, fast = (link_cost(255, 255, 0, rtt_ms * MS) for rtt_ms in (130, 5))
+    routing = RoutingTable(1)
+    routing.set_link(2, slow)
+    routing.set_link(3, fast)
+    assert routing.on_rows(2, [(9, 7, slow)], 0) == [RouteChanged(9, 2)]
+    assert routing.on_rows(3, [(9, 7, fast)], 1) == [RouteChanged(9, 3)]
