@@ -30,7 +30,8 @@ class Outage(NamedTuple):
     rerouted: float
     """From the cut until frames go around it, over the third node."""
     data_back: float
-    """From the end of the cut until the first board value of the other end arrives directly."""
+    """From the end of the cut until the first board value of the other end arrives directly; 0: it sends
+    none."""
     frames_back: float
     """From the end of the cut until frames may go directly again."""
 
@@ -43,12 +44,15 @@ def write_pose(node: BrokerNode, now_ns: int) -> None:
 
 
 class Triangle(VirtualSwarm[str]):
-    """uav1, uav2 and uav3 in range of each other; the link between the first two may be cut."""
+    """uav1, uav2 and uav3 in range of each other; the link between the first two may lose more, or all."""
 
-    def __init__(self, seed: int, *, loss: float, third: bool) -> None:
+    def __init__(self, seed: int, *, loss: float = 0.0, third: bool = True, busy: bool = True) -> None:
+        """`busy`: whether uav1 subscribes to the pose of uav2, which then sends at 10 Hz; else all idle."""
         super().__init__(seed, loss=loss, delay_s=(0.001, 0.005))
-        self.is_cut = False
-        self.link = lambda sender, receiver: not self.is_cut or {sender, receiver} != {"uav1", "uav2"}
+        self.busy = busy
+        self.direct_loss = 0.0
+        """Of the link between uav1 and uav2, beside the loss of all links."""
+        self.link = lambda sender, receiver: {sender, receiver} != {"uav1", "uav2"} or self.passes()
         self.values: list[int] = []
         """Instants at which uav1 took a value of uav2; nobody relays any."""
         names = ["uav1", "uav2", "uav3"] if third else ["uav1", "uav2"]
@@ -63,17 +67,25 @@ class Triangle(VirtualSwarm[str]):
             )
             for name in names
         }
-        self.brokers["uav2"].driver.feed(self.brokers["uav2"].core.on_plan(OFFER, 0))
-        self.brokers["uav1"].driver.feed(self.brokers["uav1"].core.on_plan(WANT, 0))
+        if busy:
+            self.brokers["uav2"].driver.feed(self.brokers["uav2"].core.on_plan(OFFER, 0))
+            self.brokers["uav1"].driver.feed(self.brokers["uav1"].core.on_plan(WANT, 0))
+
+    def passes(self) -> bool:
+        """Whether the link between uav1 and uav2 delivers a datagram; a random number only where it needs
+        one."""
+        return self.direct_loss == 0.0 or (
+            self.direct_loss < 1.0 and self.random.random() >= self.direct_loss
+        )
 
     def _on_value(self, node: BrokerNode, _: BoardSubscription, _value: RemoteValue) -> None:
         if node.name == "uav1":
             self.values.append(self.now_ns)
 
-    def via(self) -> str:
-        """Next hop of uav1 to uav2."""
-        routes = self.brokers["uav1"].core.report.routes().routes
-        return next((route.via for route in routes if route.platform == "uav2"), "")
+    def via(self, name: str = "uav1", goal: str = "uav2") -> str:
+        """Next hop of a node to another; empty: none."""
+        routes = self.brokers[name].core.report.routes().routes
+        return next((route.via for route in routes if route.platform == goal), "")
 
     def is_up(self) -> bool:
         """Whether uav1 counts uav2 as a neighbour."""
@@ -83,7 +95,7 @@ class Triangle(VirtualSwarm[str]):
         """Cuts the link, waits, and heals it."""
         self.run_for(SETTLED_S + self.random.random())
         assert self.is_up()
-        self.is_cut = True
+        self.direct_loss = 1.0
         cut_ns = self.now_ns
         noticed = rerouted = 0.0
         has_third = "uav3" in self.brokers
@@ -94,20 +106,21 @@ class Triangle(VirtualSwarm[str]):
             rerouted = rerouted or (since_s if self.via() == "uav3" else 0.0)
             assert since_s < LONGEST_S
         self.run_for(CUT_S)
-        self.is_cut = False
+        self.direct_loss = 0.0
         healed_ns, self.values[:] = self.now_ns, []
         frames_back = 0.0
-        while not (frames_back and self.values):
+        while not (frames_back and (self.values or not self.busy)):
             self.run_for(STEP_S)
             since_s = (self.now_ns - healed_ns) / SECOND
             frames_back = frames_back or (since_s if self.is_up() and self.via() else 0.0)
             assert since_s < LONGEST_S
-        return Outage(noticed, rerouted, (self.values[0] - healed_ns) / SECOND, frames_back)
+        data_back = (self.values[0] - healed_ns) / SECOND if self.busy else 0.0
+        return Outage(noticed, rerouted, data_back, frames_back)
 
 
-def outages(seeds: range, *, loss: float = 0.0, third: bool = True) -> list[Outage]:
+def outages(seeds: range, *, loss: float = 0.0, third: bool = True, busy: bool = True) -> list[Outage]:
     """One outage for each seed."""
-    return [Triangle(seed, loss=loss, third=third).outage() for seed in seeds]
+    return [Triangle(seed, loss=loss, third=third, busy=busy).outage() for seed in seeds]
 
 
 def middle(found: list[Outage]) -> Outage:

@@ -57,3 +57,50 @@ def test_a_neighbour_does_not_need_what_it_heard_well(table: NeighbourTable, pee
     assert table.needed(50, {40}, 200 * MS), "what 40 sends is often lost"
     peer.datagram(300 * MS, Echo(UAV3, 1, 5, WELL - 1))
     assert table.needed(50, {UAV3}, 300 * MS)
+
+
+def triple(table: NeighbourTable, one_hears_other: int, other_hears_one: int) -> tuple[Peer, Peer]:
+    """Two neighbours that hear each other with these qualities, and this node with all."""
+    one, other = Peer(table, UAV2), Peer(table, UAV3)
+    for peer in (one, other):
+        bring_up(table, peer, 0)
+    one.datagram(200 * MS, Echo(UAV3, 1, 5, one_hears_other))
+    other.datagram(200 * MS, Echo(UAV2, 1, 5, other_hears_one))
+    return one, other
+
+
+@pytest.mark.parametrize(
+    ("one_hears_other", "other_hears_one", "linked"),
+    [
+        (255, 255, {UAV2, UAV3}),
+        (WELL - 1, WELL - 1, {UAV2, UAV3}),  # 1 040: less than twice the 512 over this node, and 256
+        (153, 153, set()),  # 60 % each way: 1 975
+        (102, 255, set()),  # 40 % one way: 1 600
+        (102, 102, set()),
+    ],
+)
+def test_rows_of_neighbours_are_needed_where_their_link_is_much_worse_than_the_way_over_this_node(
+    table: NeighbourTable, one_hears_other: int, other_hears_one: int, linked: set[int]
+) -> None:
+    triple(table, one_hears_other, other_hears_one)
+    assert table.common(200 * MS) == {UAV2, UAV3}
+    assert table.linked(200 * MS) == linked
+
+
+def test_rows_are_not_needed_any_more_when_the_link_of_two_neighbours_is_good_again(
+    table: NeighbourTable,
+) -> None:
+    one, other = triple(table, 102, 102)
+    assert table.linked(200 * MS) == set()
+    one.datagram(2 * SECOND, Echo(UAV3, 1, 5, 255), listed(table, 2 * SECOND))
+    other.datagram(2 * SECOND, Echo(UAV2, 1, 5, 255), listed(table, 2 * SECOND))
+    assert table.linked(2 * SECOND) == {UAV2, UAV3}
+
+
+def test_a_way_over_this_node_that_is_as_bad_needs_no_rows(table: NeighbourTable) -> None:
+    one, other = triple(table, 153, 153)
+    for number in range(1, 20):  # of both every second datagram arrives
+        for peer in (one, other):
+            peer.datagram((200 + 100 * number) * MS, listed(table, (200 + 100 * number) * MS), skip=1)
+    assert [neighbour.cost > 3 * 256 for neighbour in table.up()] == [True, True]
+    assert table.linked(2200 * MS) == {UAV2, UAV3}

@@ -218,6 +218,8 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"A changed value is in the next {['one', 'two', 'three'][REPEATS - 1]} datagrams",
         f"1 to {HOPS_MAX}; any other number makes the body invalid",
         f"with a quality of {WELL} or more",
+        f"costs at least {WORSE_RATIO} times as much as the way over this node, and {WORSE_BY} more",
+        f"a quality of {WELL} or more counts as 255",
         f"at most once in {PERIOD_NS / SECOND} s, and {FURTHER_NS / SECOND} s more for each hop",
         f"is more than {OLDEST_NS // SECOND} s old",
         f"may be relayed again after {REPEAT_NS / SECOND} s",

@@ -66,6 +66,7 @@ class Neighbour:
         "echoed_quality",
         "expected",
         "hears",
+        "hears_badly",
         "hears_well",
         "hello",
         "hw",
@@ -101,6 +102,8 @@ class Neighbour:
         """Nodes that it lists as received, and the time of its last listing."""
         self.hears_well: set[int] = set()
         """Those of them that it receives with at least WELL."""
+        self.hears_badly: dict[int, int] = {}
+        """Quality of the others."""
         self.penalty = 0
         """Cost that the rate of its medium adds."""
         self.restart(now_ns)
@@ -111,6 +114,7 @@ class Neighbour:
         self.clock_us = 0
         self.hears.clear()
         self.hears_well.clear()
+        self.hears_badly.clear()
         self.period_ns = FIRST_PERIOD_NS
         self.listing_ns = LISTING_NS
         self.revive(now_ns)

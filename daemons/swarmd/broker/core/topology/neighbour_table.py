@@ -4,7 +4,9 @@ from typing import Final
 
 from swarmd.broker.core.beacon.beacon import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
 from swarmd.broker.core.topology.clock_sample import ClockSample
+from swarmd.broker.core.topology.destination_routes import is_much_worse
 from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.topology.link_cost import link_cost
 from swarmd.broker.core.topology.neighbour import (
     CLOCK_HIGH_MAX,
     FIRST_PERIOD_NS,
@@ -47,6 +49,7 @@ FORGET_NS: Final = 600_000_000_000
 NEIGHBOUR_LIMIT: Final = 1024
 _CLOCK_MAX_US: Final = CLOCK_HIGH_MAX << 32
 _MOD32: Final = 0xFFFF_FFFF
+_FULL: Final = 255
 
 
 class NeighbourTable:
@@ -156,7 +159,7 @@ class NeighbourTable:
             if abs(clock_us) > _CLOCK_MAX_US:
                 neighbour.hello = None  # beyond the range of clocks: wait for the next hello
                 known = False
-        hears, hears_well = neighbour.hears, neighbour.hears_well
+        hears, hears_well, hears_badly = neighbour.hears, neighbour.hears_well, neighbour.hears_badly
         for hw, sequence, hold_us, quality in echoes:
             if quality:
                 hears[hw] = rx_ns
@@ -164,8 +167,10 @@ class NeighbourTable:
                 hears.pop(hw, None)
             if quality >= WELL:
                 hears_well.add(hw)
+                hears_badly.pop(hw, None)
             else:
                 hears_well.discard(hw)
+                hears_badly[hw] = quality
             if hw != self.own_hw:
                 continue
             if not quality:
@@ -297,19 +302,34 @@ class NeighbourTable:
                 oldest_ns = now_ns - LISTINGS * neighbour.listing_ns - HEARS_SLACK_NS
                 hears = {hw for hw, reported_ns in neighbour.hears.items() if reported_ns >= oldest_ns}
                 neighbour.hears_well &= hears
+                for hw in neighbour.hears_badly.keys() - hears:
+                    del neighbour.hears_badly[hw]
                 hears.add(neighbour.hw)
                 received_by[neighbour.hw] = hears
             common = set.intersection(*received_by.values()) - {self.own_hw} if received_by else set[int]()
             self._common = frozenset(common)
-            self._linked = frozenset(
-                hw for hw in common if hw in received_by and received_by.keys() <= received_by[hw]
-            )
+            linked = {hw for hw in common if hw in received_by and received_by.keys() <= received_by[hw]}
+            self._linked = frozenset(linked - self._badly_linked(linked))
         return self._common
 
     def linked(self, now_ns: int) -> frozenset[int]:
-        """Common nodes that receive every neighbour in turn: routes to them need no advertisement."""
+        """Common nodes that receive every neighbour in turn: routes to them need no advertisement, unless one
+        over this node is much better than such a link."""
         self.common(now_ns)
         return self._linked
+
+    def _badly_linked(self, linked: set[int]) -> set[int]:
+        """Those of the linked nodes whose link to one of the others costs much more than over this node."""
+        found: set[int] = set()
+        for neighbour in self.up():
+            for hw, quality in neighbour.hears_badly.items():
+                if hw not in linked or {hw, neighbour.hw} <= found:
+                    continue
+                other = self._all[hw]
+                direct = link_cost(quality, other.hears_badly.get(neighbour.hw, _FULL), 0, 0)
+                if is_much_worse(direct, neighbour.cost + other.cost):
+                    found |= {hw, neighbour.hw}
+        return found
 
     def _count(self, neighbour: Neighbour, header: Header) -> None:
         ahead = header.sequence - neighbour.top
