@@ -13,7 +13,9 @@ from swarmd.broker.core.topology.routing_table import (
     FORWARD_AGAIN_NS,
     REQUEST_HOPS,
     REQUESTS_MAX,
+    SEEK_AFTER_NS,
     SEEK_AGAIN_NS,
+    SEEK_OTHER_NS,
     RouteChanged,
     RoutingTable,
 )
@@ -42,6 +44,14 @@ def advertised(routing: RoutingTable, metric: int, sequence: int = 7) -> None:
     """The node has advertised a route over A."""
     routing.on_rows(A, [(FAR, sequence, metric)], 0)
     assert row(routing, 0) == RouteRow(FAR, sequence, metric + 256)
+
+
+def after_the_rise(routing: RoutingTable, risen_ns: int) -> tuple[NeighbourRequest, ...]:
+    """The requests of the beacons after a metric rose."""
+    routing.advance(risen_ns + SEEK_AFTER_NS - 1)
+    assert routing.neighbour_requests() == (), "those whose routes lead back do not have the rise yet"
+    routing.advance(risen_ns + SEEK_AFTER_NS)
+    return routing.neighbour_requests()
 
 
 # the node that asks
@@ -85,7 +95,47 @@ def test_a_route_that_becomes_worse_requests_the_best_of_the_others(routing: Rou
     assert routing.neighbour_requests() == ()
     routing.set_link(A, 8192)
     assert routing.worsen(A, 2) == []
-    assert routing.neighbour_requests() == (NeighbourRequest(C, FAR, 8, REQUEST_HOPS),)
+    assert after_the_rise(routing, 2) == (NeighbourRequest(C, FAR, 8, REQUEST_HOPS),)
+
+
+def test_a_neighbour_whose_route_leads_back_is_not_asked(routing: RoutingTable) -> None:
+    advertised(routing, 256)
+    routing.on_rows(B, [(FAR, 6, 900)], 1)
+    routing.on_rows(C, [(FAR, 7, 768)], 1)  # over this node
+    routing.set_link(A, 8192)
+    routing.worsen(A, 2)
+    assert row(routing, 3) == RouteRow(FAR, 7, 8448)
+    routing.on_rows(C, [(FAR, 7, 8704)], 100)  # it has the rise
+    assert after_the_rise(routing, 2) == (NeighbourRequest(B, FAR, 8, REQUEST_HOPS),)
+
+
+def test_where_the_metric_fell_again_nobody_is_asked(routing: RoutingTable) -> None:
+    advertised(routing, 256)
+    routing.on_rows(B, [(FAR, 6, 900)], 1)
+    routing.on_rows(A, [(FAR, 8, 8000)], 2)
+    routing.on_rows(A, [(FAR, 9, 256)], 3)
+    assert after_the_rise(routing, 2) == ()
+
+
+def test_a_route_that_was_lost_since_its_rise_is_not_sought_of_one_neighbour(routing: RoutingTable) -> None:
+    advertised(routing, 256)
+    routing.set_link(A, 8192)
+    routing.worsen(A, 2)
+    routing.on_rows(B, [(FAR, 6, 900)], 3)
+    assert routing.drop_link(A, 3) == [RouteChanged(FAR, 0)]
+    routing.neighbour_requests()
+    assert after_the_rise(routing, 2) == ()
+
+
+def test_another_neighbour_is_asked_sooner_than_the_same_one_again(routing: RoutingTable) -> None:
+    advertised(routing, 4000)
+    routing.on_rows(B, [(FAR, 6, 1000)], 0)
+    routing.on_rows(C, [(FAR, 6, 500)], SEEK_OTHER_NS - 1)
+    assert [one.neighbour_hw for one in routing.neighbour_requests()] == [B]
+    routing.on_rows(C, [(FAR, 6, 500)], SEEK_OTHER_NS)
+    assert [one.neighbour_hw for one in routing.neighbour_requests()] == [C]
+    routing.on_rows(C, [(FAR, 6, 500)], SEEK_AGAIN_NS)
+    assert routing.neighbour_requests() == (), "a second after its own request"
 
 
 def test_a_beacon_has_a_limit_of_requests(routing: RoutingTable) -> None:
@@ -201,6 +251,24 @@ def test_a_little_worse_is_advertised_with_the_newest_number(routing: RoutingTab
     assert not is_much_worse(1800, 1256)
     routing.on_rows(A, [(FAR, 40, 1544)], 2)
     assert row(routing, 5 * SECOND) == RouteRow(FAR, 40, 1800)
+
+
+# rises that are advertised at once
+
+
+def test_a_rise_by_half_is_advertised_at_once(routing: RoutingTable) -> None:
+    advertised(routing, 4000 - 256)
+    routing.on_rows(A, [(FAR, 8, 5900)], 1)
+    assert row(routing, 2) is None, "6156 of 4000: with the next regular row"
+    routing.on_rows(A, [(FAR, 9, 6000)], 3)
+    assert row(routing, 4) == RouteRow(FAR, 9, 6256)
+
+
+def test_another_next_hop_that_is_worse_by_half_waits(routing: RoutingTable) -> None:
+    advertised(routing, 4000 - 256)
+    routing.on_rows(B, [(FAR, 8, 6000)], 1)
+    assert routing.drop_link(A, 2) == [RouteChanged(FAR, B)]
+    assert row(routing, 3) is None
 
 
 # in the beacon

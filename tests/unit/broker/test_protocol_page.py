@@ -49,7 +49,7 @@ from swarmd.broker.core.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER
 from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS
-from swarmd.broker.core.topology.destination_routes import HELD_NS, WORSE_BY, WORSE_RATIO
+from swarmd.broker.core.topology.destination_routes import HELD_NS, URGENT_RATIO, WORSE_BY, WORSE_RATIO
 from swarmd.broker.core.topology.link_cost import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
 from swarmd.broker.core.topology.neighbour import (
     CLOCK_HIGH_MAX,
@@ -85,7 +85,9 @@ from swarmd.broker.core.topology.routing_table import (
     REQUEST_FOR_NS,
     REQUESTS_MAX,
     RETRACTIONS,
+    SEEK_AFTER_NS,
     SEEK_AGAIN_NS,
+    SEEK_OTHER_NS,
     SOURCE_GC_NS,
     STRETCH_FROM,
     STRETCH_MAX,
@@ -250,10 +252,13 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"(once in {FORWARD_AGAIN_NS / SECOND} s per destination)",
         f"metric 0xFFFF {['once', 'twice'][RETRACTIONS - 1]}",
         f"at most by 2¹⁵, {['one', 'two', 'three', 'four'][JUMPS - 1]} times",
-        f"at least {WORSE_RATIO} times the last advertised one and {WORSE_BY} is",
+        f"at least {URGENT_RATIO} times the last advertised one and {WORSE_BY} is",
+        f"larger by a ratio of at least {WORSE_RATIO} and {WORSE_BY},",
         f"not with a newer one, for {HELD_NS // SECOND} s",
         f"worse by {['a quarter'][round(4 * BETTER_RATIO) - 1]} of that, at least by {BETTER_BY}; once",
-        f"in {SEEK_AGAIN_NS / SECOND:g} s per destination, with S + 1",
+        f"in {SEEK_AGAIN_NS / SECOND:g} s per destination and neighbour",
+        f"another neighbour after {SEEK_OTHER_NS / SECOND} s, with S + 1",
+        f"it compares {SEEK_AFTER_NS / SECOND} s later",
         f"(once in {FORWARD_AGAIN_NS / SECOND} s per destination, {REQUESTS_MAX} in a beacon at most)",
         f"every {REFRESH_NS / SECOND} s per hop of distance",
         f"without one after {REFRESH_ANYWAY} such periods",

@@ -19,7 +19,7 @@ from swarmd.broker.core.beacon.beacon import (
     RouteRow,
     SequenceRequest,
 )
-from swarmd.broker.core.topology.destination_routes import DestinationRoutes, is_much_worse, newer
+from swarmd.broker.core.topology.destination_routes import DestinationRoutes, is_much_worse, is_urgent, newer
 
 HYSTERESIS: Final = 96
 """Required improvement of a new next hop: varying loss must not change routes."""
@@ -52,7 +52,12 @@ BETTER_BY: Final = 256
 """A route that is not feasible is requested where the present one is worse by this share of it, at least by
 one hop without loss (RFC 8966, section 3.8.2.2)."""
 SEEK_AGAIN_NS: Final = 1_000_000_000
-"""The same destination is not requested again within this time."""
+"""The same destination is not requested of the same neighbour again within this time."""
+SEEK_OTHER_NS: Final = 300_000_000
+"""Nor of another one within this."""
+SEEK_AFTER_NS: Final = 200_000_000
+"""Other routes are compared this long after a metric rose: by then those neighbours have advertised the rise
+whose routes lead over this node, and they are not asked in vain."""
 DESTINATION_LIMIT: Final = 4096
 _SWEEP_NS: Final = 1_000_000_000
 _FAR_NS: Final = 1 << 62
@@ -94,6 +99,8 @@ class RoutingTable:
         self._directed: list[NeighbourRequest] = []
         """Requests to one neighbour each, for the next beacon."""
         self._asking: dict[int, DestinationRoutes] = {}
+        self._seeking: dict[int, int] = {}
+        """Destinations whose metric rose, and when their other routes are compared."""
         self._sweep_ns = NEVER_NS
         self._hold_ns = HOLD_NS
 
@@ -230,7 +237,13 @@ class RoutingTable:
             self._ask(destination, now_ns)
 
     def advance(self, now_ns: int) -> list[RouteChanged]:
-        """Removes expired routes; call at each beacon."""
+        """Requests better routes where metrics rose, and removes expired ones; call at each beacon."""
+        for hw in [hw for hw, due_ns in self._seeking.items() if due_ns <= now_ns]:
+            del self._seeking[hw]
+            destination = self._destinations[hw]  # forgotten much later than this
+            best, total = destination.best_other(self._costs)
+            if best:
+                self._seek(destination, best, total, now_ns)
         changes: list[RouteChanged] = []
         if now_ns < self._sweep_ns:
             return changes
@@ -335,25 +348,24 @@ class RoutingTable:
     def _set_metric(
         self, destination: DestinationRoutes, total: int, now_ns: int, changes: list[RouteChanged]
     ) -> None:
-        """Sets the metric of the present route; where it rose, others are compared or requested."""
+        """Sets the metric of the present route; where it rose, others are compared."""
         before, destination.metric = destination.metric, total
         if total <= before + HYSTERESIS:
             return
         self._select(destination, now_ns, changes)
-        if is_much_worse(destination.metric, destination.advertised_metric) and not destination.linked:
+        if is_urgent(destination.metric, destination.advertised_metric) and not destination.linked:
             destination.due_ns = now_ns
-        best, best_total = destination.best_other(self._costs)
-        if best:
-            self._seek(destination, best, best_total, now_ns)
+        self._seeking.setdefault(destination.hw, now_ns + SEEK_AFTER_NS)
 
     def _seek(self, destination: DestinationRoutes, via: int, total: int, now_ns: int) -> None:
         """Requests a newer row of a neighbour whose route is much better, but not feasible."""
+        again_ns = SEEK_AGAIN_NS if via == destination.sought_via else SEEK_OTHER_NS
         if (
             destination.via
             and destination.metric > total + max(BETTER_BY, total * BETTER_RATIO)
-            and now_ns - destination.sought_ns >= SEEK_AGAIN_NS
+            and now_ns - destination.sought_ns >= again_ns
         ):
-            destination.sought_ns = now_ns
+            destination.sought_ns, destination.sought_via = now_ns, via
             self._request_of(via, destination.hw, (destination.limit_sequence + 1) & 0xFFFF, REQUEST_HOPS)
 
     def _request_of(self, via: int, hw: int, sequence: int, hops_left: int) -> None:
