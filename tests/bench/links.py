@@ -79,6 +79,7 @@ class LinkBench(NamedTuple):
 BENCHES: Final = (
     LinkBench("boards", "board_loss.py", own_rows, "board 30 Hz, 1 kB, 20 % loss"),
     LinkBench("radio", "radio_links.py", own_rows, "messages over 1 and 3 bad hops; cuts and returns"),
+    LinkBench("notice", "link_notice.py", own_rows, "cuts at 10 and 2 Hz (virtual time)"),
     LinkBench("reliable", "reliable_links.py", own_rows, "streams, bytes sent again, overload, files"),
     LinkBench(
         "channels", "channel_links.py", own_rows, "VLP-16 stream; rate, buffer and outage of its channel"

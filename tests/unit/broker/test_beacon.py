@@ -33,6 +33,7 @@ from swarmd.broker.core.beacon.beacon import (
 from swarmd.broker.core.beacon.medium_parts import MediumListing, encode_media, media_bytes
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck, body_bytes
+from swarmd.broker.core.beacon.solicitation import Solicitation, solicitation_bytes
 from swarmd.broker.core.beacon.structure_parts import (
     StructurePart,
     encode_questions,
@@ -95,6 +96,7 @@ BEACONS = st.builds(
     structure_questions=some(U32),
     media=some(st.builds(MediumListing, U32, U16, U8)),
     neighbour_requests=some(st.builds(NeighbourRequest, U32, U16 | U32, U16, U8)),
+    solicitation=st.none() | st.builds(Solicitation, U16, some(U32)),
 )
 HEADERS = st.builds(
     Header, epoch=st.integers(0, 15), sender_hw=U32, sequence=U32, tx_us=U32, session=st.none() | U64
@@ -138,6 +140,7 @@ def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
         question_bytes(len(beacon.structure_questions)),
         media_bytes(len(beacon.media)),
         request_part_bytes(beacon.neighbour_requests),
+        solicitation_bytes(len(beacon.solicitation.asked)) if beacon.solicitation is not None else 0,
     ]
     first = len(body) - sum(parts)
     # without its last extra parts it is a whole beacon, if one is left

@@ -59,7 +59,7 @@ def test_a_node_at_rest_that_ends_is_missed_after_1_3_s_at_most(hundredths: int)
     air, one, other = pair(hundredths)
     air.run_for(20.0 + hundredths / 100)
     other.stop()
-    air.run_for(0.7)
+    air.run_for(0.45)
     assert up(one) == ["uav2"], "one lost beacon is no lost node"
     air.run_for(0.6)
     assert up(one) == []

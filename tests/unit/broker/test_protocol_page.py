@@ -92,6 +92,14 @@ from swarmd.broker.core.topology.routing_table import (
     STRETCH_FROM,
     STRETCH_MAX,
 )
+from swarmd.broker.core.topology.solicited import (
+    ANSWER_SLACK_NS,
+    ASK_AGAIN_NS,
+    ASKS_MAX,
+    ASKS_MIN,
+    LOSS_MIN,
+    SUSPICION,
+)
 from swarmd.broker.core.topology.topology import CHANGING_NS, JUMPS
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmd.broker.links.pair_seal import PAIR_WINDOW
@@ -220,6 +228,12 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"A changed value is in the next {['one', 'two', 'three'][REPEATS - 1]} datagrams",
         f"1 to {HOPS_MAX}; any other number makes the body invalid",
         f"with a quality of {WELL} or more",
+        f"again {ASK_AGAIN_NS // MS} ms after each request",
+        f"(`answer`, in ms: {TRIGGERED_NS // MS} ms, the gap",
+        f"the round trip and {ANSWER_SLACK_NS // MS} ms have passed since the last of"
+        f" {ASKS_MIN} to {ASKS_MAX} requests",
+        f"in less than {round(100 * SUSPICION)} % of the periods",
+        f"counts with a loss of 1/{round(1 / LOSS_MIN)}",
         f"costs at least {WORSE_RATIO} times as much as the way over this node, and {WORSE_BY} more",
         f"a quality of {WELL} or more counts as 255",
         f"at most once in {PERIOD_NS / SECOND} s, and {FURTHER_NS / SECOND} s more for each hop",

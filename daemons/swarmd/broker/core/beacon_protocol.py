@@ -17,12 +17,13 @@ from swarmd.broker.core.beacon.beacon_codec import (
     relay_bytes,
     value_bytes,
 )
-from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, MIN_HZ, Slowdown, allowed_hz
+from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, MIN_HZ, TRIGGERED_NS, Slowdown, allowed_hz
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
-from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, HelloSchedule, Moment, NodeIdentity
+from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, SLOWER, HelloSchedule, Moment, NodeIdentity
 from swarmd.broker.core.beacon.medium_parts import media_bytes
 from swarmd.broker.core.beacon.proof_parts import proofs_bytes
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
+from swarmd.broker.core.beacon.solicitation import ASKED_MAX, Solicitation, solicitation_bytes
 from swarmd.broker.core.beacon.value_proof import ValueProof
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
@@ -43,6 +44,8 @@ OWN_SHARE: Final = 700
 """Limit in bytes of the topology sections; the rest of the body is for values, members and relays."""
 SETTLE_NS: Final = 15_000_000_000
 """No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
+ANSWER_FALL: Final = 2.0
+"""A time to answer that fell by this factor is stated, as one that rose by SLOWER."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
 
@@ -112,6 +115,8 @@ class BeaconProtocol:
         self._relay_room = 0.0
         """Bytes of the relay budget that are left."""
         self._datagram_bytes = _FIRST_DATAGRAM_BYTES
+        self._answer_ms = 0
+        """Time to answer a solicitation that was stated last."""
 
     def set_plan(
         self, plan: TreePlan
@@ -221,6 +226,7 @@ class BeaconProtocol:
             values,
             structure,
             first_hello,
+            update.is_asked,
             contradictions,
         )
 
@@ -284,7 +290,7 @@ class BeaconProtocol:
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         media = () if self._media is None else self._media.listings(now_ns, OWN_SHARE // 4)
-        room -= media_bytes(len(media))
+        room -= media_bytes(len(media)) + solicitation_bytes(ASKED_MAX)
         section = self.topology.compose(now_ns, min(room, OWN_SHARE))
         room -= (
             len(section.echoes) * ECHO_BYTES
@@ -322,10 +328,27 @@ class BeaconProtocol:
             structure_questions=structures.questions,
             media=media,
             neighbour_requests=section.neighbour_requests,
+            solicitation=self._solicitation(section.asked, now_ns, has_hello=hello is not None),
         )
         rose = hello is not None and self._declared_period.declare(self.hellos.declared_ns, now_ns)
         period_ns = self._declared_period.ns if rose else 0
         return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns, is_signed)
+
+    def _solicitation(self, asked: tuple[int, ...], now_ns: int, *, has_hello: bool) -> Solicitation | None:
+        """What the beacon asks, and the own time to answer: with hellos while links change, else when it has
+        changed, so that nothing is sent at rest."""
+        answer_ms = min(self._answer_ns(now_ns) // 1_000_000 + 1, 0xFFFF)
+        known_ms = self._answer_ms
+        has_changed = not known_ms / ANSWER_FALL <= answer_ms <= known_ms * SLOWER
+        is_due = has_hello and (has_changed or self.topology.is_changing(now_ns))
+        if not asked and not is_due:
+            return None
+        self._answer_ms = answer_ms
+        return Solicitation(answer_ms, asked)
+
+    def _answer_ns(self, now_ns: int) -> int:
+        """Time until a triggered beacon is sent, at the latest."""
+        return TRIGGERED_NS + round(1e9 / self.allowed_hz()) + self.delay.recent_ns(now_ns)
 
     def _hello(self, now_ns: int) -> Hello | None:
         topology = self.topology

@@ -139,7 +139,7 @@ class BrokerCore:
         datagrams in batches at the same instants."""
         self._boards_asked = False
         self._links_ns: int | None = None
-        """Deadline of the links when the inputs were read last; datagrams since then only move it later."""
+        """Deadline of the links when the inputs were read last; datagrams only move it later."""
         self._duplicate_ns = 0
         self._clock_samples = ClockBatches(self.nodes, now_ns)
 
@@ -161,7 +161,7 @@ class BrokerCore:
         """Instant of the next beacon, of the next tables, or of a silent link."""
         if self._tables_changed or self._triggered:
             return AT_ONCE
-        due_ns = min(self._schedule.due_ns, self._publish_ns)  # this runs after each datagram
+        due_ns = min(self._schedule.due_ns, self._publish_ns, self._neighbours.again_ns)
         if self._links_ns is not None and self._links_ns < due_ns:
             due_ns = self._links_ns
         asked_ns = None if self.exchange is None else self.exchange.deadline_ns()
@@ -183,7 +183,7 @@ class BrokerCore:
         self._on_changes(*protocol.advance(now_ns), actions, now_ns)
         if limits.version != version:
             actions.append(LimitEnded())
-        if self._triggered:
+        if self._neighbours.take_asking() or self._triggered:
             self._triggered = False
             self._schedule.trigger(now_ns, round(1e9 / protocol.allowed_hz()))
         if self._boards_asked and now_ns >= self._schedule.due_ns:
@@ -318,7 +318,7 @@ class BrokerCore:
             self._protocol.hellos.schedule()
         if received.links or received.routes:
             self._on_changes(received.links, received.routes, actions, now_ns)
-        if received.first_hello or received.links:
+        if received.first_hello or received.links or received.is_asked:
             self._triggered = True
         return True, actions
 

@@ -24,5 +24,7 @@ class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
     """Structure of its tree."""
     first_hello: bool
     """First hello of a new or restarted neighbour: answer soon with an own hello."""
+    is_asked: bool
+    """It asks for a beacon of this node."""
     contradictions: list[Contradiction]
     """Relayed values that the beacons of their origins contradict."""

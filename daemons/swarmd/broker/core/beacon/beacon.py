@@ -11,6 +11,7 @@ import msgspec
 from swarmd.broker.core.beacon.beacon_signature import BeaconSignature
 from swarmd.broker.core.beacon.medium_parts import MediumListing
 from swarmd.broker.core.beacon.session_checks import SessionCheck
+from swarmd.broker.core.beacon.solicitation import Solicitation
 from swarmd.broker.core.beacon.structure_parts import StructurePart
 from swarmd.broker.core.beacon.value_proof import ValueProof
 
@@ -184,6 +185,8 @@ class Beacon(msgspec.Struct, frozen=True, gc=False):
     media: tuple[MediumListing, ...] = ()
     """By which media the sender receives whom; none from a node with one medium."""
     neighbour_requests: tuple[NeighbourRequest, ...] = ()
+    solicitation: Solicitation | None = None
+    """Which neighbours are overdue, and the sender's own time to answer."""
 
 
 def encode_age(age_us: int) -> int:

@@ -15,6 +15,7 @@ from swarmd.broker.core.beacon import (
     proof_parts,
     request_parts,
     session_checks,
+    solicitation,
     structure_parts,
 )
 from swarmd.broker.core.beacon.beacon import (
@@ -169,6 +170,9 @@ def encode(beacon: Beacon) -> bytes:
         if beacon.neighbour_requests:
             present |= Section.EXTRA
             out.append(request_parts.encode_requests(beacon.neighbour_requests))
+        if beacon.solicitation is not None:
+            present |= Section.EXTRA
+            out.append(solicitation.encode_solicitation(beacon.solicitation))
         if proofs := proof_parts.encode_proofs(beacon.relays):
             present |= Section.EXTRA
             out.append(proofs)
@@ -229,6 +233,7 @@ def _decode(data: bytes) -> Beacon:
         contents[_MEDIA] = medium_parts.decode_media(data, start)
         contents[_RELAYS] = proof_parts.decode_proofs(data, start, contents[_RELAYS])
         contents[_NEIGHBOUR_REQUESTS] = request_parts.decode_requests(data, start)
+        contents[_SOLICITATION] = solicitation.decode_solicitation(data, start)
     if present & Section.EXTRA and present & Section.HELLO:
         port, version = session_checks.decode_hello_parts(data, start)
         contents[0] = msgspec.structs.replace(contents[0], frame_port=port, roster_version=version)
@@ -435,6 +440,8 @@ _SECTIONS: Final = (
 """In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
 parts."""
 _RELAYS: Final = 6
-_STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA, _NEIGHBOUR_REQUESTS = range(len(_SECTIONS), len(_SECTIONS) + 5)
+_STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA, _NEIGHBOUR_REQUESTS, _SOLICITATION = range(
+    len(_SECTIONS), len(_SECTIONS) + 6
+)
 """Fields of `Beacon` behind those of the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Final
 
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Hello
+from swarmd.broker.core.topology import solicited
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.link_cost import COST_MAX, link_cost
 
@@ -48,6 +49,10 @@ HEARS_SLACK_NS: Final = 500_000_000
 CLOCK_HIGH_MAX: Final = 1 << 19
 """Clocks run within 71 years of their zero: in ns, differences of two of them fit into 64 bits."""
 _FULL: Final = 255
+_HALVES: Final = round(2 * (PERIODS - 2))
+"""Half periods beyond the datagrams that may be missed."""
+FAR_NS: Final = 1 << 62
+"""After every instant."""
 
 
 class Neighbour:
@@ -55,6 +60,10 @@ class Neighbour:
 
     __slots__ = (
         "address",
+        "answer_ns",
+        "ask_due_ns",
+        "asks",
+        "asks_needed",
         "clock_us",
         "compared_cost",
         "cost_inputs",
@@ -117,6 +126,8 @@ class Neighbour:
         self.hears_badly.clear()
         self.period_ns = FIRST_PERIOD_NS
         self.listing_ns = LISTING_NS
+        self.answer_ns = 0
+        """Time in which it answers a request for a beacon; 0: it does not, as far as is known."""
         self.revive(now_ns)
 
     def revive(self, now_ns: int) -> None:
@@ -133,6 +144,10 @@ class Neighbour:
         self.received = 0
         self.received_ns = now_ns
         self.deadline_ns = now_ns
+        self.asks = self.asks_needed = 0
+        """Requests for a beacon since its last datagram, and how many without an answer end the link."""
+        self.ask_due_ns = FAR_NS
+        """When the next request is due, or after the last one the end of the link; FAR_NS: none."""
         self.listed_ns = NEVER_NS
         self.reported = _FULL
         self.rtt_ns = 0
@@ -168,13 +183,60 @@ class Neighbour:
             return 2
         if self.window == LONG_MASK:
             return _misses(_LOSS_MIN, neighbours)
-        expected = min(LONG_WINDOW, self.expected)
-        long_loss = (expected - self.window.bit_count()) / max(_BAD_OF, expected)
-        if long_loss >= _BAD:
+        if self._long_loss() >= _BAD:
             return 2
-        # of the long window alone, and its error: a link whose loss rose lately may be leaving its range
+        return _misses(self._loss_bound(), neighbours)
+
+    def _long_loss(self) -> float:
+        expected = min(LONG_WINDOW, self.expected)
+        return (expected - self.window.bit_count()) / max(_BAD_OF, expected)
+
+    def _loss_bound(self) -> float:
+        """Loss of the long window alone, and its error: a link whose loss rose lately may be leaving its
+        range."""
+        long_loss = self._long_loss()
         error = _ERRORS * math.sqrt(long_loss * (1.0 - long_loss) / LONG_WINDOW)
-        return _misses(max(long_loss + error, _LOSS_MIN), neighbours)
+        return max(long_loss + error, _LOSS_MIN)
+
+    def expect(self, neighbours: int, link_timeout_ns: int) -> None:
+        """Sets the deadline of the link after a datagram, and when the next one counts as overdue.
+
+        A neighbour is asked only where that is sooner than to wait for a number of its beacons.
+        """
+        misses, period_ns = self.misses(neighbours), self.period_ns
+        timeout_ns = link_timeout_ns if misses < MISSES_MAX else round(LOSSY_RATIO * link_timeout_ns)
+        periods_ns = (2 * misses + _HALVES) * period_ns // 2
+        self.deadline_ns = self.received_ns + max(timeout_ns, periods_ns)
+        self.asks, self.ask_due_ns = 0, FAR_NS
+        if periods_ns > timeout_ns and self.answer_ns and self.state is LinkState.UP:
+            silence_ns = solicited.silence_ns(
+                solicited.overdue_beacons(min(self._long_loss(), _BAD), neighbours), period_ns
+            )
+            asking_ns = (solicited.ASKS_MIN - 1) * self._ask_again_ns() + self._answered_ns()
+            if silence_ns + asking_ns < periods_ns:
+                self.ask_due_ns = self.received_ns + silence_ns
+
+    def on_asked(self, now_ns: int, neighbours: int, link_timeout_ns: int) -> None:
+        """A beacon that asks it is sent."""
+        self.asks += 1
+        if self.asks == 1:
+            beacons = max((now_ns - self.received_ns) // self.period_ns, 1)
+            loss_out = max(1.0 - self.reported / _FULL, _LOSS_MIN)
+            self.asks_needed = solicited.asks(self._loss_bound(), loss_out, beacons, FALSE_ALARM / neighbours)
+        if self.asks < self.asks_needed:
+            self.ask_due_ns = now_ns + self._ask_again_ns()
+        else:
+            self.ask_due_ns = max(now_ns + self._answered_ns(), self.received_ns + link_timeout_ns)
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether its link is down: its deadline has passed, or it has not answered."""
+        return now_ns >= self.deadline_ns or (now_ns >= self.ask_due_ns and 0 < self.asks_needed <= self.asks)
+
+    def _ask_again_ns(self) -> int:
+        return max(solicited.ASK_AGAIN_NS, self.answer_ns)
+
+    def _answered_ns(self) -> int:
+        return self.answer_ns + self.rtt_ns + solicited.ANSWER_SLACK_NS
 
     def hears_until_ns(self, hw: int) -> int:
         """Until when its listing of a node is valid."""

@@ -3,28 +3,25 @@
 from typing import Final
 
 from swarmd.broker.core.beacon.beacon import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
+from swarmd.broker.core.beacon.solicitation import ASKED_MAX
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.destination_routes import is_much_worse
 from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.link_cost import link_cost
 from swarmd.broker.core.topology.neighbour import (
     CLOCK_HIGH_MAX,
+    FAR_NS,
     FIRST_PERIOD_NS,
     HEARS_SLACK_NS,
     LISTING_NS,
     LISTINGS,
     LONG_MASK,
     LONG_WINDOW,
-    LOSSY_RATIO,
-    MISSES_MAX,
-    PERIODS,
     UNLISTED_SLACK_NS,
     WINDOW,
     Neighbour,
 )
 
-_HALVES: Final = round(2 * (PERIODS - 2))
-"""Half periods beyond the datagrams that may be missed."""
 _PERIOD_MAX_NS: Final = 10_000_000_000
 LISTING_EACH_NS: Final = 50_000_000
 """The same with many neighbours: time for each of them."""
@@ -67,6 +64,11 @@ class NeighbourTable:
         self._active = 0
         """Number of neighbours whose link is not down."""
         self._usual_ns: int | None = None  # until a period or a link changes
+        self._to_ask: set[int] = set()
+        """Neighbours that the next beacon asks for one."""
+        self._is_asking = False
+        self.again_ns = FAR_NS
+        """When `advance` is due for the neighbours that the last beacons asked; FAR_NS: for none."""
 
     def get(self, hw: int) -> Neighbour | None:
         """Neighbour of this hardware id in any state; None: unknown."""
@@ -126,10 +128,8 @@ class NeighbourTable:
         neighbour.received += 1
         self._count(neighbour, header)
         neighbour.missed = 0
-        misses = neighbour.misses(len(self._all))
-        timeout_ns = self._timeout_ns if misses < MISSES_MAX else round(LOSSY_RATIO * self._timeout_ns)
-        periods_ns = (2 * misses + _HALVES) * neighbour.period_ns // 2
-        neighbour.deadline_ns = rx_ns + max(timeout_ns, periods_ns)
+        neighbour.expect(len(self._all), self._timeout_ns)
+        self._to_ask.discard(neighbour.hw)
         return neighbour
 
     def on_hello(self, neighbour: Neighbour, header: Header, hello: Hello) -> None:
@@ -222,14 +222,21 @@ class NeighbourTable:
     def advance(self, now_ns: int) -> list[LinkChanged]:
         """Takes links down whose deadline has passed, and counts overdue datagrams."""
         changes, forgotten = list[LinkChanged](), list[int]()
+        if now_ns >= self.again_ns:
+            self.again_ns = FAR_NS  # those that are due later count in `deadline_ns`
         for neighbour in self._all.values():
             if neighbour.state is LinkState.DOWN:
                 if now_ns - neighbour.received_ns > FORGET_NS:
                     forgotten.append(neighbour.hw)
-            elif now_ns >= neighbour.deadline_ns:
+            elif neighbour.is_silent(now_ns):
+                self._to_ask.discard(neighbour.hw)
                 neighbour.withdrawals = WITHDRAWALS
                 self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
             else:
+                if now_ns >= neighbour.ask_due_ns:
+                    neighbour.ask_due_ns = FAR_NS
+                    self._to_ask.add(neighbour.hw)
+                    self._is_asking = True
                 period_ns = neighbour.period_ns
                 late_ns = now_ns - neighbour.received_ns - period_ns // 2
                 neighbour.missed = 0 if late_ns < period_ns else min(late_ns // period_ns, WINDOW)
@@ -247,7 +254,27 @@ class NeighbourTable:
 
     def deadline_ns(self) -> int | None:
         """Instant by which `advance` must be called; None: no deadline."""
-        return min((n.deadline_ns for n in self._all.values() if n.state is not LinkState.DOWN), default=None)
+        return min(
+            (min(n.deadline_ns, n.ask_due_ns) for n in self._all.values() if n.state is not LinkState.DOWN),
+            default=None,
+        )
+
+    def take_asking(self) -> bool:
+        """Whether neighbours became overdue since the last call: the next beacon asks them, soon."""
+        is_asking, self._is_asking = self._is_asking, False
+        return is_asking
+
+    def asked(self, now_ns: int) -> tuple[int, ...]:
+        """Overdue neighbours that the beacon composed now asks for one; it is sent."""
+        if not self._to_ask:
+            return ()
+        asked = sorted(self._to_ask)[:ASKED_MAX]
+        self._to_ask.difference_update(asked)
+        for hw in asked:
+            neighbour = self._all[hw]
+            neighbour.on_asked(now_ns, len(self._all), self._timeout_ns)
+            self.again_ns = min(self.again_ns, neighbour.ask_due_ns)
+        return tuple(asked)
 
     def sent(self, sequence: int, tx_ns: int) -> None:
         """Records the send time of a datagram, for the echoes that answer it."""

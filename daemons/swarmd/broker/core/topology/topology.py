@@ -47,6 +47,8 @@ class TopologyUpdate(msgspec.Struct, frozen=True, gc=False):
     clock_sample: ClockSample | None
     links: list[LinkChanged]
     routes: list[RouteChanged]
+    is_asked: bool
+    """The neighbour asks for a beacon."""
 
 
 class TopologySection(msgspec.Struct, frozen=True, gc=False):
@@ -56,6 +58,8 @@ class TopologySection(msgspec.Struct, frozen=True, gc=False):
     rows: tuple[RouteRow, ...]
     requests: tuple[SequenceRequest, ...]
     neighbour_requests: tuple[NeighbourRequest, ...]
+    asked: tuple[int, ...]
+    """Neighbours that are overdue."""
 
 
 class Topology:
@@ -91,6 +95,9 @@ class Topology:
         if beacon.hello is not None:
             self.neighbours.on_hello(neighbour, header, beacon.hello)
         fresh = neighbour.top == header.sequence
+        solicitation = beacon.solicitation
+        if solicitation is not None:
+            neighbour.answer_ns = solicitation.answer_ms * 1_000_000
         clock_sample = self.neighbours.on_echoes(neighbour, header, beacon.echoes, rx_ns, links)
         routing = self.routing
         if links:
@@ -108,7 +115,8 @@ class Topology:
             routes += routing.on_requests(header.sender_hw, beacon.requests, rx_ns)
         if beacon.neighbour_requests and neighbour.state is LinkState.UP:
             routing.on_neighbour_requests(header.sender_hw, beacon.neighbour_requests, rx_ns)
-        return TopologyUpdate(neighbour, fresh, clock_sample, links, routes)
+        is_asked = solicitation is not None and self.own_hw in solicitation.asked
+        return TopologyUpdate(neighbour, fresh, clock_sample, links, routes, is_asked)
 
     def advance(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
         """Handles deadlines of links and expiry of routes."""
@@ -192,6 +200,7 @@ class Topology:
         self._composed_ns = now_ns
         listing_ns = self.neighbours.listing_ns()
         echoes = self.neighbours.echoes(now_ns, min(room * 3 // 4 // ECHO_BYTES, 255), listing_ns)
+        asked = self.neighbours.asked(now_ns)
         requests = self.routing.requests(now_ns)[:REQUESTS_MAX]
         neighbour_requests = self.routing.neighbour_requests()
         room -= (
@@ -199,7 +208,7 @@ class Topology:
         )
         linked = self.neighbours.linked(now_ns)
         rows = self.routing.rows(now_ns, max(0, min(ROWS_MAX, room // ROW_BYTES)), linked)
-        return TopologySection(echoes, rows, requests, neighbour_requests)
+        return TopologySection(echoes, rows, requests, neighbour_requests, asked)
 
     def sent(self, sequence: int, tx_ns: int) -> None:
         """Records the send time of a beacon."""
