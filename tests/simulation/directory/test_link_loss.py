@@ -1,6 +1,7 @@
 """A cut link is noticed, gone around and used again in time."""
 
 import pytest
+from tests.simulation.directory.brokers import beacon_of
 from tests.simulation.directory.link_loss import SETTLED_S, Triangle, middle, outages, worst
 from tests.simulation.directory.storm import Storm
 
@@ -52,6 +53,20 @@ def test_idle_nodes_rarely_ask_in_vain_and_no_link_falls(loss: float, most_hz: f
     swarm.run_for(LASTS_S)
     assert not any(node.links for node in nodes)
     assert sum(node.sent for node in nodes) / len(nodes) / LASTS_S < most_hz
+
+
+def test_nodes_state_their_time_to_answer_while_links_change_and_not_at_rest_and_never_at_10_hz() -> None:
+    swarm, stated = Triangle(1), set[tuple[str, bool]]()
+    send = swarm.multicast
+
+    def multicast(sender: str, data: bytes) -> None:
+        if beacon_of(data).solicitation is not None:
+            stated.add((sender, swarm.now_ns > SETTLED_S * 1e9))
+        send(sender, data)
+
+    swarm.multicast = multicast  # type: ignore[method-assign]  # what is in the air
+    swarm.run_for(6 * SETTLED_S)
+    assert stated == {("uav1", False), ("uav3", False)}, "uav2 sends at 10 Hz"
 
 
 def test_a_cell_of_idle_nodes_that_misses_one_stays_within_its_airtime() -> None:

@@ -23,7 +23,7 @@ from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, SLOWER, HelloSc
 from swarmd.broker.core.beacon.medium_parts import media_bytes
 from swarmd.broker.core.beacon.proof_parts import proofs_bytes
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
-from swarmd.broker.core.beacon.solicitation import ASKED_MAX, Solicitation, solicitation_bytes
+from swarmd.broker.core.beacon.solicitation import Solicitation, solicitation_bytes
 from swarmd.broker.core.beacon.value_proof import ValueProof
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
@@ -46,6 +46,8 @@ SETTLE_NS: Final = 15_000_000_000
 """No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
 ANSWER_FALL: Final = 2.0
 """A time to answer that fell by this factor is stated, as one that rose by SLOWER."""
+ANSWER_SHARE: Final = 0.5
+"""A node whose answer takes more of its declared period does not answer: its next beacon is as soon."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
 
@@ -290,7 +292,7 @@ class BeaconProtocol:
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         media = () if self._media is None else self._media.listings(now_ns, OWN_SHARE // 4)
-        room -= media_bytes(len(media)) + solicitation_bytes(ASKED_MAX)
+        room -= media_bytes(len(media))
         section = self.topology.compose(now_ns, min(room, OWN_SHARE))
         room -= (
             len(section.echoes) * ECHO_BYTES
@@ -298,6 +300,8 @@ class BeaconProtocol:
             + len(section.requests) * REQUEST_BYTES
             + request_part_bytes(section.neighbour_requests)
         )
+        solicitation = self._solicitation(section.asked, now_ns, has_hello=hello is not None)
+        room -= solicitation_bytes(len(section.asked)) if solicitation is not None else 0
         hz = self.beacon_hz()
         values = self._composed = self.published.values(now_ns, room, round(1e9 / hz))
         room -= sum(value_bytes(value.payload) for value in values)
@@ -328,20 +332,22 @@ class BeaconProtocol:
             structure_questions=structures.questions,
             media=media,
             neighbour_requests=section.neighbour_requests,
-            solicitation=self._solicitation(section.asked, now_ns, has_hello=hello is not None),
+            solicitation=solicitation,
         )
         rose = hello is not None and self._declared_period.declare(self.hellos.declared_ns, now_ns)
         period_ns = self._declared_period.ns if rose else 0
         return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns, is_signed)
 
     def _solicitation(self, asked: tuple[int, ...], now_ns: int, *, has_hello: bool) -> Solicitation | None:
-        """What the beacon asks, and the own time to answer: with hellos while links change, else when it has
-        changed, so that nothing is sent at rest."""
+        """What the beacon asks, and the own time to answer: with hellos while links change or the rate falls,
+        else when it has changed, so that nothing is sent at rest, and at 10 Hz nothing at all."""
         answer_ms = min(self._answer_ns(now_ns) // 1_000_000 + 1, 0xFFFF)
+        if ANSWER_SHARE * self.hellos.declared_ns < answer_ms * 1_000_000:
+            answer_ms = 0
         known_ms = self._answer_ms
         has_changed = not known_ms / ANSWER_FALL <= answer_ms <= known_ms * SLOWER
-        is_due = has_hello and (has_changed or self.topology.is_changing(now_ns))
-        if not asked and not is_due:
+        is_changing = self.topology.is_changing(now_ns) or self.hellos.quiet_rate.is_falling
+        if not asked and not (has_hello and (has_changed or (answer_ms and is_changing))):
             return None
         self._answer_ms = answer_ms
         return Solicitation(answer_ms, asked)
