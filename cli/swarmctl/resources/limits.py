@@ -4,6 +4,7 @@ from typing import Final
 
 from swarmctl.resources.newest import newest
 from swarmctl.resources.rate_meter import RateMeter
+from swarmctl.resources.subscription import ORDERED
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError
 from swarmware.model import names
@@ -13,6 +14,8 @@ from swarmware.types.tree import TreeEntry
 
 MISSION_STATE: Final = "mission/state"
 """Board whose rate a mission needs: its barriers wait for it."""
+
+LOSSES: Final = "tree/losses"
 
 _BY_LINK = {
     "tick": "the beacon carries the newest value only",
@@ -43,6 +46,9 @@ async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
         reason = f"its rate follows the link by {limit.pattern!r}; `swarmctl traffic channels` shows it"
     elif limit is not None:
         reason = f"limit {limit.settings.max_hz:g} Hz of {limit.pattern!r}; `swarmctl traffic set` changes it"
+    elif entry.kind in ORDERED:
+        losses = names.join(names.split(entry.path)[0] or session.here, LOSSES)
+        reason = f"its link carries fewer; items wait in order, and {losses} counts those that were lost"
     else:
         reason = _BY_LINK.get(entry.link, "its link carries fewer values")
     return f"{entry.path}: written at {written_hz:.1f} Hz, arrives here at {here_hz:.1f} Hz: {reason}"

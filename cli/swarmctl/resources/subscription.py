@@ -114,7 +114,7 @@ class ValueSubscription:
 
     @property
     def lost(self) -> int:
-        """Items of streams and of histories that were overwritten before they were read."""
+        """Items of streams and histories that were overwritten before they were read, or lost on the way."""
         return sum(stream.lost for stream in self._streams)
 
     def __aiter__(self) -> Self:

@@ -4,6 +4,7 @@ import asyncio
 
 from swarmware.model.frame import Frame
 from swarmware.model.names import split
+from swarmware.module.sequence_gaps import SequenceGaps
 from swarmware.module.stream import FAIR
 from swarmware.module.wakeup import Wakeup
 from swarmware.node.follower import RingFollower, mirror_of_platform
@@ -23,11 +24,15 @@ class FrameReader:
         self.path = path
         self.every, self.history = every or history, history
         self._follower: RingFollower | HistoryFollower
+        self._gaps: SequenceGaps | None = None
+        """Of the mirror of a stream."""
         if history:
             self._follower = HistoryFollower(node, path)
             self._read = self._follower.next
         else:
             platform, local = split(path)
+            if every and platform is not None:
+                self._gaps = SequenceGaps()
             self._follower = RingFollower(
                 ring_file(node.shm_dir, local, platform),
                 name=f"frames {path}",
@@ -40,8 +45,9 @@ class FrameReader:
 
     @property
     def lost(self) -> int:
-        """Frames of an event, a stream or a history that were overwritten before they were read."""
-        return self._follower.lost
+        """Frames of an event, a stream or a history that were overwritten before they were read, or lost on
+        the way from another platform."""
+        return self._follower.lost if self._gaps is None else self._gaps.lost
 
     def __aiter__(self) -> "FrameReader":
         return self
@@ -54,6 +60,8 @@ class FrameReader:
         while (frame := self._read()) is None:
             self._run = 0
             await self._wakeup.wait(None)
+        if self._gaps is not None:
+            self._gaps.on_item(frame.sequence, frame.stamp_ns)
         return frame
 
     def close(self) -> None:

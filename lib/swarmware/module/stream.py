@@ -9,6 +9,7 @@ import msgspec
 from swarmware.errors import NoAnswer, WireError
 from swarmware.model.names import split
 from swarmware.module.meta import Meta
+from swarmware.module.sequence_gaps import SequenceGaps
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.follower import RingFollower, mirror_of_platform
 from swarmware.node.history_follower import HistoryFollower
@@ -42,9 +43,7 @@ class StreamReader(Immediate, Generic[T]):
         self.meta: Meta | None = None
         """Sender and stamp of the item returned last."""
         self._cls = cls
-        self._last: tuple[int, int] | None = None
-        """Owner's sequence and stamp of the item returned last, of a mirror."""
-        self._gaps = 0
+        self._gaps = SequenceGaps()
         platform, local = split(path)
         self._mirrored = platform is not None and not history
         self._run = 0
@@ -71,22 +70,14 @@ class StreamReader(Immediate, Generic[T]):
     def lost(self) -> int:
         """Items that were lost: overwritten here before they were read, or dropped on the way from
         another platform, which a gap of its sequence shows."""
-        return self._gaps if self._mirrored else self._follower.lost
-
-    def _count_gap(self, sequence: int, stamp_ns: int) -> None:
-        """Count the gap in the sequence before an item; a smaller sequence means a restart of the owner."""
-        if self._last is not None:
-            last, last_ns = self._last
-            if sequence > last + 1 and stamp_ns >= last_ns:
-                self._gaps += sequence - last - 1
-        self._last = sequence, stamp_ns
+        return self._gaps.lost if self._mirrored else self._follower.lost
 
     def take(self) -> T | None:
         """Return the next item without waiting; None: there is none."""
         while (frame := self._follower.next()) is not None:
             try:
                 if self._mirrored:
-                    self._count_gap(frame.sequence, frame.stamp_ns)
+                    self._gaps.on_item(frame.sequence, frame.stamp_ns)
                 value = registry.decode(self._cls, frame.payload, frame.codec)
             except WireError as error:
                 self._follower.refuse(error)

@@ -87,7 +87,9 @@ async def print_changes(
         if printed == count:
             break
     if news.lost:
-        raise Partial(f"{name}: {news.lost} values were overwritten before they were read")
+        raise Partial(
+            f"{name}: {news.lost} values were lost on the way, or overwritten before they were read"
+        )
 
 
 async def _count(session: Session, entries: list[TreeEntry], meters: dict[str, RateMeter]) -> None:

@@ -1,0 +1,33 @@
+"""Why fewer values arrive than their owner writes: what the operator is told."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from swarmctl.resources import limits
+from swarmctl.resources.rate_meter import RateMeter
+from swarmware.model.resource import Kind
+from swarmware.types.tree import TreeEntry
+
+
+async def told(monkeypatch: pytest.MonkeyPatch, kind: Kind, link: str) -> str:
+    async def no_limit(_session: Any, _path: str) -> None:
+        return None
+
+    monkeypatch.setattr(limits, "limit_of", no_limit)
+    session: Any = SimpleNamespace(here="gcs")
+    entry = TreeEntry(path="/uav1/map/delta", kind=kind, type="Text", link=link)
+    return await limits.thinning(session, entry, RateMeter(5.0, numbered=True))
+
+
+async def test_a_stream_that_its_link_does_not_carry_names_the_counter_of_its_losses(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = await told(monkeypatch, Kind.STREAM, "request")
+    assert "/uav1/tree/losses counts those that were lost" in text
+    assert "request" not in text
+
+
+async def test_a_board_names_the_way_that_carries_its_newest_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "the beacon carries the newest value only" in await told(monkeypatch, Kind.BOARD, "tick")
