@@ -92,6 +92,14 @@ def test_a_type_is_found_by_name_without_having_been_imported() -> None:
         registry.find("Pse")
 
 
+def test_a_type_that_is_unknown_is_searched_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not registry.installed("Pse")
+    imported: list[str] = []
+    monkeypatch.setattr(registry, "import_module", imported.append)
+    assert not registry.installed("Pse") and not registry.installed("Psf")
+    assert not imported, "a log may have a million values of such a type"
+
+
 def test_two_types_of_one_name_are_refused() -> None:
     with pytest.raises(InvalidInput, match="belongs to"):
         registry.register(msgspec.defstruct("Pose", [("x", int)], module="elsewhere"))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from swarmd.logger.config import Config
-from swarmware.errors import ConfigError, Denied, SwarmError
+from swarmware.errors import ConfigError, Denied, NoAnswer, SwarmError
 from swarmware.health.monitor import HealthMonitor
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class UploadState(StrEnum):
     """No address is configured or the address is invalid, or nothing was tried yet."""
     CONNECTED = "connected"
     AWAY = "away"
-    """The server does not answer: the ring keeps the entries."""
+    """The server does not answer, or stores nothing: the ring keeps the entries."""
 
 
 class Upload:
@@ -50,6 +50,8 @@ class Upload:
         self._forwarder: LogForwarder | None = None
         self._state = UploadState.OFF
         self._why = ""
+        self._refused = 0
+        """Values that the server has refused since the start of the service."""
 
     @property
     def state(self) -> str:
@@ -91,7 +93,7 @@ class Upload:
                     self._health.report(MONGODB, "misconfigured", level="warn", detail=str(error))
                     return
                 except (SwarmError, OSError) as error:
-                    self._report_fault("denied" if isinstance(error, Denied) else "unreachable", str(error))
+                    self._report_fault(_state_of(error), str(error))
                     await asyncio.sleep(self._config.retry_s)
                     continue
                 if not more:
@@ -111,10 +113,25 @@ class Upload:
             stored = await batch
         finally:
             batch.cancel()
+        self._report_refusals()
         if not late:
             self._health.report(MONGODB)
             self._state, self._why = UploadState.CONNECTED, ""
         return stored
+
+    def _report_refusals(self) -> None:
+        """Logs entries that the server stored without their values: the first one, the tenth, and so on."""
+        refused = self._store.refused if self._store is not None else []
+        before, self._refused = self._refused, self._refused + len(refused)
+        if refused and (not before or len(str(before)) < len(str(self._refused))):
+            last = refused[-1]
+            log.warning(
+                "MongoDB refused %d values since the start, the last one of %s (%s): %s; stored as payload",
+                self._refused,
+                last.entry.topic,
+                last.entry.type,
+                last.reason,
+            )
 
     def _report_fault(self, state: str, why: str) -> None:
         self._state, self._why = UploadState.AWAY, why
@@ -136,6 +153,16 @@ class Upload:
             )
             self._forwarder = LogForwarder(self._directory, self._platform, self._store, config.forward_batch)
         return self._forwarder.step()
+
+
+def _state_of(error: SwarmError | OSError) -> str:
+    """State of the health check: why nothing is stored."""
+    match error:
+        case Denied():
+            return "denied"
+        case NoAnswer() | OSError():
+            return "unreachable"
+    return "refused"
 
 
 def _in_thread(function: Callable[[], T]) -> "asyncio.Future[T]":

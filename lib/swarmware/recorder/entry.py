@@ -48,10 +48,20 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
         except (NotFound, WireError):
             return None
 
-    def plain(self) -> Any:
-        """The payload as dictionaries and lists with field names, for output, JSON and databases."""
+    def content(self) -> Any:
+        """The decoded payload: a Struct, or plain MessagePack when the type is unknown here; else None."""
         value = self.value()
-        return plain(value if value is not None else list_or_none(self.payload))
+        return value if value is not None else list_or_none(self.payload)
+
+    def plain(self) -> Any:
+        """The payload as dictionaries and lists with field names, for output, JSON and databases.
+
+        None when it is not MessagePack, or nested deeper than the interpreter follows.
+        """
+        try:
+            return plain(self.content())
+        except RecursionError:
+            return None
 
 
 def list_or_none(payload: bytes) -> Any:

@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from itertools import islice
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmware.errors import ConfigError, Denied, NoAnswer, missing_extra
+from swarmware.errors import ConfigError, Denied, NoAnswer, SwarmError, missing_extra
 from swarmware.model import names
 from swarmware.recorder.address import password_in, without_password
 from swarmware.recorder.entry import Cursor, LogEntry
@@ -22,10 +22,10 @@ from swarmware.recorder.query import Query
 
 try:
     from bson import encode
-    from bson.errors import BSONError
+    from bson.errors import BSONError, InvalidDocument
     from bson.raw_bson import RawBSONDocument
     from pymongo import ASCENDING, DESCENDING, MongoClient, ReplaceOne
-    from pymongo.errors import OperationFailure, PyMongoError
+    from pymongo.errors import BulkWriteError, OperationFailure, PyMongoError
 except ImportError as error:
     raise missing_extra("mongodb", error, "mongo") from error
 
@@ -45,13 +45,25 @@ _LINE: Final = 160
 _TIMEOUTS: Final = re.compile(r" \(configured timeouts:[^)]*\)")
 _DENIALS: Final = {13, 18}
 """Unauthorized and AuthenticationFailed."""
+_MALFORMED: Final = {2, 9, 14, 15, 22, 10334}
+"""BadValue, FailedToParse, TypeMismatch, Overflow, InvalidBSON, BSONObjectTooLarge: one document makes the
+server refuse a whole request with these, such as one that is nested 200 levels deep."""
+_INT64: Final = (1 << 63) - 1
+
+
+class RefusedEntry(NamedTuple):
+    """An entry whose document the server refuses."""
+
+    entry: LogEntry
+    reason: str
 
 
 class MongoStore:
     """Circular queues in one collection; slot `<queue>:<sequence mod size>`, written idempotently.
 
     A call may block for `timeout_s` to select the server, and for `answer_s` for each request.
-    Raises: NoAnswer when the server is unreachable, Denied when it refuses, ConfigError for an invalid URI.
+    Raises: NoAnswer when the server is unreachable, Denied without the rights, SwarmError when it refuses a
+    request for another reason, ConfigError for an invalid URI.
     """
 
     def __init__(
@@ -83,6 +95,8 @@ class MongoStore:
         self._types = self._client[database]["types"]
         self._stored_types: set[str] = set()
         """Descriptions that were written here."""
+        self.refused: list[RefusedEntry] = []
+        """Entries of the last `write` whose documents the server refused: they are stored without value."""
 
     def prepare(self) -> None:
         """Creates the B-tree indexes of S0.71; cheap when they exist."""
@@ -100,12 +114,14 @@ class MongoStore:
     def write(self, entries: Sequence[LogEntry], platform: str, cursor: Cursor) -> None:
         """Stores the entries, then the cursor.
 
-        After a crash in between the same entries are written to the same slots once more.
+        After a crash in between the same entries are written to the same slots once more. An entry whose
+        document the server refuses is set aside: stored with its payload and the reason, without its value.
         """
+        self.refused = []
         with _translated():
             if entries:
                 self._write_types({entry.description for entry in entries} - self._stored_types - {""})
-                self._frames.bulk_write([self._slot(entry) for entry in entries], ordered=False)
+                self._write_slots([(entry, to_document(entry, self._queue_size)) for entry in entries])
                 for queue in sorted({entry.queue for entry in entries}):
                     if self._bytes[queue] > self._queue_bytes:
                         self._trim(queue)
@@ -123,8 +139,47 @@ class MongoStore:
             )
         self._stored_types |= descriptions
 
-    def _slot(self, entry: LogEntry) -> ReplaceOne[Any]:
-        document = to_document(entry, self._queue_size)
+    def _write_slots(self, slots: Sequence[tuple[LogEntry, RawBSONDocument]]) -> None:
+        """Stores documents; of refused ones what the server takes.
+
+        Raises: SwarmError when the server refuses even the names and stamps of an entry: then the server is
+        at fault, not the document.
+        """
+        self.refused = left = self._replace(slots)
+        for with_payload in (True, False):
+            left = self._replace(
+                [
+                    (one.entry, bare_document(one.entry, self._queue_size, one.reason, with_payload))
+                    for one in left
+                ]
+            )
+        if left:
+            raise SwarmError(f"MongoDB refuses entries: {left[0].reason}")
+
+    def _replace(self, slots: Sequence[tuple[LogEntry, RawBSONDocument]]) -> list[RefusedEntry]:
+        """Writes each document to its slot; the refused ones.
+
+        A request that is refused as a whole is halved until the document at fault is alone.
+        """
+        if not slots:
+            return []
+        try:
+            self._frames.bulk_write([self._slot(*slot) for slot in slots], ordered=False)
+        except BulkWriteError as error:
+            refused = error.details.get("writeErrors")
+            if not refused:
+                raise  # of the write concern: the documents are stored, but not as safely as asked
+            return [RefusedEntry(slots[one["index"]][0], _short(str(one["errmsg"]))) for one in refused]
+        except (OperationFailure, InvalidDocument) as error:
+            if isinstance(error, OperationFailure) and error.code not in _MALFORMED:
+                raise
+            if len(slots) == 1:
+                return [RefusedEntry(slots[0][0], _short(str(error)))]
+            middle = len(slots) // 2
+            return self._replace(slots[:middle]) + self._replace(slots[middle:])
+        return []
+
+    def _slot(self, entry: LogEntry, document: RawBSONDocument) -> ReplaceOne[Any]:
         if entry.queue not in self._bytes:
             self._bytes[entry.queue] = self._measured(entry.queue)
         self._bytes[entry.queue] += len(document.raw)
@@ -203,8 +258,28 @@ class MongoStore:
 
 
 def to_document(entry: LogEntry, queue_size: int) -> RawBSONDocument:
-    """The document of an entry; a value that BSON cannot represent is stored as payload only."""
-    document = {
+    """The document of an entry; a value that BSON cannot represent is set aside, with the reason."""
+    document = _names_and_stamps(entry, queue_size) | {"value": entry.plain(), "payload": entry.payload}
+    try:
+        data = encode(document)
+    except (BSONError, OverflowError, RecursionError, TypeError, ValueError) as error:
+        return bare_document(entry, queue_size, _short(f"BSON cannot represent it: {error}"))
+    if len(data) > _DOCUMENT_LIMIT:
+        reason = f"{len(data)} bytes; expected at most {_DOCUMENT_LIMIT}"
+        return bare_document(entry, queue_size, reason)
+    return RawBSONDocument(data)
+
+
+def bare_document(
+    entry: LogEntry, queue_size: int, reason: str, with_payload: bool = True
+) -> RawBSONDocument:
+    """The document of an entry that is set aside: without its value, and with the reason for that."""
+    left = {"value": None, "reason": reason, "payload": entry.payload if with_payload else b""}
+    return RawBSONDocument(encode(_names_and_stamps(entry, queue_size) | left))
+
+
+def _names_and_stamps(entry: LogEntry, queue_size: int) -> dict[str, Any]:
+    return {
         "_id": f"{entry.queue}:{entry.sequence % queue_size}",
         "queue": entry.queue,
         "sequence": entry.sequence,
@@ -212,22 +287,14 @@ def to_document(entry: LogEntry, queue_size: int) -> RawBSONDocument:
         "path": entry.path,
         "kind": entry.kind,
         "type": entry.type,
-        "stamp_ns": entry.stamp_ns,
+        # a stamp of another platform may be any number; BSON has 64 bits
+        "stamp_ns": max(-_INT64, min(entry.stamp_ns, _INT64)),
         "utc_ns": entry.utc_ns,
         "utc": datetime.fromtimestamp(entry.utc_ns // _MS / 1000, UTC),
         **({"sender": entry.sender} if entry.sender else {}),
         **({"sent_utc_ns": entry.sent_utc_ns} if entry.sent_utc_ns else {}),
         **({"description": digest(entry.description)} if entry.description else {}),
-        "value": entry.plain(),
-        "payload": entry.payload,
     }
-    try:
-        data = encode(document)
-    except (BSONError, OverflowError, RecursionError, TypeError, ValueError):
-        data = b""
-    if not data or len(data) > _DOCUMENT_LIMIT:
-        data = encode(document | {"value": None})
-    return RawBSONDocument(data)
 
 
 def digest(description: str) -> str:
@@ -301,14 +368,13 @@ def _translated() -> Iterator[None]:
     try:
         yield
     except OperationFailure as error:
-        if error.code in _DENIALS:
-            raise Denied(f"MongoDB: {_short(error)}") from error
-        raise NoAnswer(f"MongoDB: {_short(error)}") from error
+        kind = Denied if error.code in _DENIALS else SwarmError
+        raise kind(f"MongoDB: {_short(str(error))}") from error
     except PyMongoError as error:
-        raise NoAnswer(f"MongoDB: {_short(error)}") from error
+        raise NoAnswer(f"MongoDB: {_short(str(error))}") from error
 
 
-def _short(error: Exception) -> str:
-    """One line: the driver adds its time-outs and the topology of all servers."""
-    text = _TIMEOUTS.sub("", str(error).split(", Timeout:")[0].split(", full error:")[0])
+def _short(text: str) -> str:
+    """One line of an error: the driver adds its time-outs and the topology of all servers."""
+    text = _TIMEOUTS.sub("", text.split(", Timeout:", maxsplit=1)[0].split(", full error:", maxsplit=1)[0])
     return text if len(text) <= _LINE else text[: _LINE - 1] + "…"

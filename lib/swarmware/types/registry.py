@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Callable
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib import import_module
 from typing import Protocol, TypeVar, runtime_checkable
 
@@ -81,14 +81,21 @@ def find(name: str) -> type[msgspec.Struct]:
     Raises: NotFound when no loaded module defines it.
     """
     if name not in _TYPES:
-        from pkgutil import iter_modules
-
-        for area in iter_modules(swarmware.types.__path__):
-            import_module(f"swarmware.types.{area.name}")
+        _import_all()
     try:
         return _TYPES[name]
     except KeyError:
         raise NotFound(f"type {name!r}: unknown here; expected one of {', '.join(sorted(_TYPES))}") from None
+
+
+@cache
+def _import_all() -> None:
+    """Import the modules of this package, which register their types: once, a log may have a million values
+    of a type that is unknown here."""
+    from pkgutil import iter_modules
+
+    for area in iter_modules(swarmware.types.__path__):
+        import_module(f"swarmware.types.{area.name}")
 
 
 def encode(value: msgspec.Struct) -> bytes:

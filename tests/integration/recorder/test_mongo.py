@@ -12,7 +12,7 @@ from pymongo import MongoClient
 from tests.integration.recorder.mongod import Mongod
 
 from swarmd.logger.log_forwarder import LogForwarder
-from swarmware.errors import ConfigError, NoAnswer
+from swarmware.errors import ConfigError, NoAnswer, SwarmError
 from swarmware.recorder.entry import Cursor, LogEntry
 from swarmware.recorder.mongo import MongoStore, check_uri, digest, to_document
 from swarmware.recorder.payload_type import logged_description
@@ -236,6 +236,91 @@ def test_values_that_bson_cannot_hold_are_stored_as_their_payload(mongod: Mongod
     store.write(entries, "uav1", Cursor())
     assert [entry.payload for entry in store.entries(Query())] == payloads
     store.close()
+
+
+def nested(levels: int) -> bytes:
+    """MessagePack of maps within maps."""
+    return b"\x81\xa1a" * levels + b"\x07"
+
+
+@pytest.mark.mongod
+@pytest.mark.parametrize("levels", [150, 179, 180, 199, 200, 300, 900, 2000])
+def test_a_value_nested_too_deep_is_set_aside_and_the_rest_goes_on(
+    mongod: Mongod, tmp_path: Path, levels: int
+) -> None:
+    ring = LogRing(tmp_path)
+    channel = LogChannel("uav1", "a/value", "event", "Unknown", "uav1:a:out")
+    for number in range(1, 21):
+        payload = nested(levels) if number in (2, 13) else nested(1)
+        ring.append(channel, number, START + number, payload)
+    ring.close()
+    store = MongoStore(mongod.uri, f"nested{levels}")
+    drain(LogForwarder(tmp_path, "uav1", store, 64))
+    refused = [one.entry.sequence for one in store.refused]
+    found = list(store.entries(Query()))
+    documents = {one["sequence"]: one for one in store._frames.find()}
+    store.close()
+    assert [entry.sequence for entry in found] == list(range(1, 21))
+    assert [entry.payload == nested(levels) for entry in found] == [n in (2, 13) for n in range(1, 21)]
+    assert documents[1]["value"] == {"a": 7} and "reason" not in documents[1]
+    if levels < 180:
+        assert documents[13]["value"] is not None and "reason" not in documents[13]
+    else:
+        assert documents[13]["value"] is None
+    if 180 <= levels <= 300:
+        assert refused == [2, 13] and "nest" in documents[13]["reason"]
+
+
+@pytest.mark.mongod
+def test_what_a_validator_refuses_keeps_its_payload_or_else_its_reason(mongod: Mongod) -> None:
+    client: MongoClient[dict[str, Any]] = MongoClient(mongod.uri)
+    collection = client["validated"].create_collection("frames", validator={"value.value": {"$ne": 7}})
+    store = MongoStore(mongod.uri, "validated")
+    entries = [
+        LogEntry(
+            "uav1:x:out", number, "uav1", "x", "event", "Int", 1, START + number, b"\x91" + bytes([value])
+        )
+        for number, value in enumerate((6, 7, 8), start=1)
+    ]
+    try:
+        store.write(entries, "uav1", Cursor())
+        assert [(one.entry.sequence, one.reason) for one in store.refused] == [
+            (2, "Document failed validation")
+        ]
+        assert [one["value"] for one in collection.find().sort("sequence")] == [
+            {"value": 6},
+            None,
+            {"value": 8},
+        ]
+        collection.delete_many({})
+        client["validated"].command("collMod", "frames", validator={"payload": {"$ne": b"\x91\x07"}})
+        store.write(entries, "uav1", Cursor())
+        assert [one["payload"] for one in collection.find().sort("sequence")] == [
+            b"\x91\x06",
+            b"",
+            b"\x91\x08",
+        ]
+        collection.delete_many({})
+        client["validated"].command("collMod", "frames", validator={"sequence": {"$lt": 0}})
+        with pytest.raises(SwarmError, match="MongoDB refuses entries: Document failed") as caught:
+            store.write(entries, "uav1", Cursor())
+        assert not isinstance(caught.value, NoAnswer), "a server that refuses is not unreachable"
+    finally:
+        store.close()
+        client.close()
+
+
+@pytest.mark.mongod
+def test_a_stamp_beyond_64_bits_is_stored_as_the_nearest_one(mongod: Mongod) -> None:
+    store = MongoStore(mongod.uri, "stamps")
+    entries = [
+        LogEntry("uav1:x:out", number, "uav1", "x", "event", "Int", stamp, START, b"\x91\x07")
+        for number, stamp in enumerate((-(1 << 70), 1 << 63), start=1)
+    ]
+    store.write(entries, "uav1", Cursor())
+    found = sorted(entry.stamp_ns for entry in store.entries(Query()))
+    store.close()
+    assert found == [1 - (1 << 63), (1 << 63) - 1]
 
 
 @pytest.mark.mongod
