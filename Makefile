@@ -11,7 +11,7 @@ SITE ?= share/doc/site
 # tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
-.PHONY: lab test simulations lint check quick hooks bench bench-links figures docs site dist boot-test clean
+.PHONY: lab test simulations kills lint check quick hooks bench bench-links figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -23,6 +23,9 @@ test: $(VENV)/.test ## all tests; those that compute one per core, those that wa
 
 simulations: $(VENV)/.test ## simulations with all their seeds, properties with all their examples; test runs a part
 	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/unit
+
+kills: $(VENV)/.test ## kills each daemon again and again, with one process for each and one for all; test does ten
+	$(RUN) tests.integration.guard.steady_kills --count 100
 
 lint: $(VENV)/.test ## style, types, layering
 	$(BIN)/ruff check .

@@ -280,9 +280,7 @@ class Parent:
             # what fails at its start has reported why: a second one would fail in the same way
             return how.code
         now_ns = time.monotonic_ns()
-        pause_s = self._lives.on_end(
-            now_ns, killed=was_ready and (not how.known or how.signal == signal.SIGKILL)
-        )
+        pause_s = self._lives.on_end(now_ns, killed=was_ready and (not how.known or how.killed))
         if pause_s is None:
             self._log(f"ended: {how}; given up after {self._lives.restarts} restarts")
             return SwarmError.exit_code

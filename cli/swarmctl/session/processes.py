@@ -16,7 +16,7 @@ from typing import Final
 import msgspec
 
 from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.start_ticks import lives, start_ticks
 
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""
@@ -33,7 +33,7 @@ class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
 
     def alive(self) -> bool:
         """Whether the process runs; a zombie does not."""
-        return start_ticks(self.pid) == self.start_ticks != 0
+        return lives(self.pid, self.start_ticks)
 
     def handle(self) -> ProcessHandle:
         """Handle of this process.

@@ -17,11 +17,11 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     start_s: Annotated[float, msgspec.Meta(ge=1, le=600)] = 20.0
     """Time from the start of a process until its service has joined the node."""
     back_off_s: tuple[Annotated[float, msgspec.Meta(ge=0, le=600)], ...] = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)
-    """Pause before the first, second, … restart in a row; the last one from then on."""
-    settled_s: Annotated[float, msgspec.Meta(ge=0.1, le=3600)] = 10.0
-    """Run time after which a service is again restarted without a pause."""
+    """Pause before the first, second, … restart in a row after a failed start; the last one from then on."""
+    settled_s: Annotated[float, msgspec.Meta(ge=0.1, le=3600)] = 1.0
+    """Time on the node after which the end of a service is not a failed start: no pause."""
     restart_limit: Annotated[int, msgspec.Meta(ge=0, le=10_000)] = 30
-    """Consecutive restarts after which the guard gives up until an operator requests a restart; 0: never."""
+    """Consecutive failed starts after which the guard gives up until an operator restarts it; 0: never."""
     priorities: bool = True
     """Whether priorities and cores of the processes of services are set by their load; not with one process
     for all services."""

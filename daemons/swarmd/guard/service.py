@@ -26,6 +26,7 @@ from swarmware.module.module import Module
 from swarmware.module.requester import requester
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.service import Service
+from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types.health import (
     UNSTOPPABLE,
     GuardStatus,
@@ -136,7 +137,7 @@ class Guard(Service):
     # -- events
 
     def _begin(self) -> None:
-        running = {entry.name: entry.pid for entry in self._table if entry.name in self._core}
+        running = {entry.name: entry.pid for entry in self._living()}
         starting = {
             name: pid
             for name in self._names
@@ -146,14 +147,17 @@ class Guard(Service):
         if running:
             self.module.log.info("found running: %s", ", ".join(running))
 
+    def _living(self) -> list[AppEntry]:
+        """Application files of the supervised services, without those of ended processes."""
+        return [entry for entry in self._table if entry.name in self._core and entry.lives]
+
     def _read_heartbeats(self) -> None:
         """Read the application files and the heartbeats."""
         self._table.refresh()
         now_ns = self.module.now_ns()
         actions: list[Action] = []
-        for entry in self._table:
-            if entry.name in self._core:
-                actions += self._core.on_joined(entry.name, entry.pid, now_ns)
+        for entry in self._living():
+            actions += self._core.on_joined(entry.name, entry.pid, now_ns)
         statuses: list[tuple[str, AppStatus]] = []
         for name, reader in self._status_boards.items():
             if (status := reader.value) is not None:

@@ -11,8 +11,11 @@ if TYPE_CHECKING:
 
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
 """Pauses before the first, second, … consecutive restart; the last one from then on."""
-SETTLED_S: Final = 10.0
-"""Time from ready to the end after which a process is again restarted without a pause."""
+SETTLED_S: Final = 1.0
+"""Time from ready to the end after which the end is not a failed start: the restart has no pause.
+
+A start takes some 0.1 s, so a process that always fails at this age takes a tenth of a processor.
+"""
 LIMIT: Final = 20
 """Consecutive restarts after which the process is given up."""
 
@@ -28,7 +31,7 @@ class RestartPolicy:
         self._limit = limit
         self._ready_ns: int | None = None
         self.consecutive = 0
-        """Consecutive ends, each before the process had run for `settled_s` after it was ready."""
+        """Consecutive ends, each of a process that was not ready, or not yet for `settled_s`."""
         self.restarts = 0
         """Restarts since the start."""
 

@@ -23,3 +23,11 @@ def start_ticks(pid: int) -> int:
     if len(fields) <= _START or fields[_STATE].decode("ascii", "replace") in _DEAD_STATES:
         return 0
     return int(fields[_START])
+
+
+def lives(pid: int, started: int) -> bool:
+    """Whether the process with this pid that started at this instant still executes code.
+
+    Units: `started` in clock ticks since boot, as of `start_ticks`.
+    """
+    return start_ticks(pid) == started != 0

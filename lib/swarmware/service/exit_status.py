@@ -4,6 +4,8 @@ from __future__ import annotations
 
 UNKNOWN = "gone"
 """Text of an unknown exit status: only the parent of a process receives it."""
+_SIGKILL = 9
+"""Source: signal(7). The module `signal` costs the parent of a node memory."""
 
 
 class ExitStatus:
@@ -32,6 +34,11 @@ class ExitStatus:
     def known(self) -> bool:
         """Whether it is known how the process ended."""
         return self.code is not None or self.signal is not None
+
+    @property
+    def killed(self) -> bool:
+        """Whether SIGKILL ended the process, which says nothing about the process itself."""
+        return self.signal == _SIGKILL
 
     def __str__(self) -> str:
         if self.code is not None:

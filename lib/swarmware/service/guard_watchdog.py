@@ -17,8 +17,6 @@ from swarmware.transport.appfile.trace import died, last_of
 
 LOOK_S: Final = 0.5
 """Period of looking for a missing guard: a process that was starting it may have been killed."""
-SETTLED_S: Final = 1.0
-"""Run time after which a guard is restarted without a pause."""
 
 log = logging.getLogger("swarm.guardwatch")
 
@@ -29,7 +27,7 @@ class GuardWatchdog:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._changed = asyncio.Event()
-        self._restart_policy = RestartPolicy(settled_s=SETTLED_S)
+        self._restart_policy = RestartPolicy()
         self._process: SupervisedProcess | None = None
 
     async def run(self) -> None:
@@ -65,7 +63,8 @@ class GuardWatchdog:
     def _find(self) -> AppEntry | None:
         table = self._node.table
         table.refresh(probe=True)
-        return table.named(GUARD)
+        guard = table.named(GUARD)
+        return guard if guard is not None and guard.lives else None
 
     def _died_before(self) -> bool:
         """Whether a guard died before this process started."""

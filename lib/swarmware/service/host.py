@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from swarmware.service.service import Service
 
 BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
-"""Pause before the n-th start in a row; the last one from then on."""
-SETTLED_S: Final = 10.0
-"""Run time after which a service is restarted without a pause."""
+"""Pause before the n-th restart in a row of a service that fails at its start; the last one from then on."""
+SAME_ERRORS: Final = 5
+"""Consecutive failures of a service by one error after which its restarts are logged at DEBUG only."""
 
 log = logging.getLogger("swarm.host")
 
@@ -177,17 +177,16 @@ class ServiceHost:
 
     async def _keep(self, item: PreparedService) -> None:
         alone = len(self._prepared) == 1
-        policy = RestartPolicy(pauses_s=BACKOFF_S, settled_s=SETTLED_S, limit=0)
-        failures = 0
+        policy = RestartPolicy(pauses_s=BACKOFF_S, limit=0)
+        failures = same = 0
         logged: str | None = None
         while True:
             if (halt := self._halts.get(item.name)) is not None:
                 log.info("%s: stopped on request", item.name)
                 halt.on_end()
                 await halt.released.wait()
-            policy.on_ready(time.monotonic_ns())
             try:
-                await self._run_once(item, policy.restarts, failures)
+                await self._run_once(item, policy, failures)
             except Exception as error:
                 if alone:
                     raise
@@ -198,10 +197,11 @@ class ServiceHost:
                     log.error("%s: failed: %s", item.name, error, exc_info=error)
                 elif text != logged:  # once: the same error returns at each start
                     log.error("%s: failed: %s", item.name, text)
+                same = same + 1 if text == logged else 1
                 logged = text
-                level = logging.WARNING if policy.consecutive < len(BACKOFF_S) else logging.DEBUG
+                level = logging.WARNING if same <= SAME_ERRORS else logging.DEBUG
             else:  # on request
-                level, logged = logging.INFO, None
+                level, logged, same = logging.INFO, None, 0
                 policy.reset()
             if item.name in self._halts:
                 continue
@@ -213,12 +213,12 @@ class ServiceHost:
             except SwarmError as error:  # a mistake in the file does not stop a vehicle that moves
                 log.error("%s: starts with its former configuration: %s", item.name, error)
 
-    async def _run_once(self, item: PreparedService, restarts: int, failures: int) -> None:
+    async def _run_once(self, item: PreparedService, policy: RestartPolicy, failures: int) -> None:
         live = item.cls.live_settings
         async with Module(item.name, node=self.node, config=item.config, live_settings=live) as module:
             module.keep_boards()  # readable while the service restarts; `stop` undoes this
             service = item.cls(module, overridden(item.config, live, self.node.config.data_path))
-            reporter = self._reporters[item.name] = Reporter.open(module, restarts, failures)
+            reporter = self._reporters[item.name] = Reporter.open(module, policy.restarts, failures)
             self._running[item.name] = service
             if self._no_realtime and item.name in self.node.config.realtime.services:
                 service.health.report(
@@ -236,6 +236,7 @@ class ServiceHost:
                     await task  # it failed at once: do not report it as running
                 reporter.state = AppState.RUNNING
                 reporter.report()  # before the next heartbeat
+                policy.on_ready(time.monotonic_ns())
                 self._started[item.name].set()
                 await asyncio.wait([task])
                 if not (task.cancelled() and (item.name in self._again or item.name in self._halts)):

@@ -10,7 +10,7 @@ import os
 import sys
 
 from swarmware.runtime.plain import signal
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.start_ticks import lives, start_ticks
 from swarmware.service.fork import FOLDER as PARENT_FOLDER
 from swarmware.service.fork import StartedProcess, own_folder, request_fork
 from swarmware.service.notify import remove_file
@@ -98,7 +98,7 @@ def start_record(name: str, run_dir: PathLike[str] | str) -> tuple[int, int]:
             pid, started = map(int, file.read().split())
     except (OSError, ValueError):
         return 0, 0
-    return (pid, started) if start_ticks(pid) == started != 0 else (0, 0)
+    return (pid, started) if lives(pid, started) else (0, 0)
 
 
 def starting_pid(name: str, run_dir: PathLike[str] | str) -> int:

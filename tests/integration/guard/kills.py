@@ -184,9 +184,9 @@ def unreadable(root: Path) -> set[str]:
 
 
 @asynccontextmanager
-async def node(root: Path) -> AsyncIterator[tuple[Path, Process]]:
-    """All daemons, a process each; its configuration folder, and the parent of its processes."""
-    config = make_node(root, services={name: {} for name in SERVICES}, processes="per-daemon")
+async def node(root: Path, processes: str = "per-daemon") -> AsyncIterator[tuple[Path, Process]]:
+    """All daemons; the configuration folder of the node, and the parent of its processes."""
+    config = make_node(root, services={name: {} for name in SERVICES}, processes=processes)
     async with spawn(config, ready_s=PATIENCE_S) as parent:
         await whole(root, config, time.monotonic())
         with (root / "uav1/run/apps/planner#1.toml").open("w") as held:

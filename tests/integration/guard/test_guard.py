@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import fcntl
 import os
 import signal
 import time
@@ -15,7 +16,6 @@ from tests.patience import PATIENCE_S
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module.module import Module
-from swarmware.runtime.start_ticks import start_ticks
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
@@ -37,10 +37,6 @@ SERVICES: dict[str, Any] = {"register": {}, "timesync": {}, "health": {}, "guard
 
 def pids(run_dir: Path) -> dict[str, int]:
     return {entry.name: entry.pid for entry in scan(run_dir)}
-
-
-def alive(entry: AppEntry) -> bool:
-    return start_ticks(entry.pid) == entry.pid_start
 
 
 async def until(run_dir: Path, wanted: Any) -> dict[str, int]:
@@ -78,7 +74,7 @@ async def guarded(root: Path, **services: Any) -> AsyncIterator[Path]:
                 if guard is not None:
                     os.kill(guard.pid, signal.SIGTERM)
                 async with asyncio.timeout(PATIENCE_S):
-                    while any(alive(entry) for entry in everybody):  # noqa: ASYNC110 - other processes
+                    while any(entry.lives for entry in everybody):  # noqa: ASYNC110 - other processes
                         await asyncio.sleep(0.01)
 
 
@@ -144,6 +140,27 @@ async def test_a_service_that_hangs_is_killed_and_back_and_the_fault_is_told(tmp
             while "app/timesync" not in told:
                 faults = await asked(module, "sys/health/faults", FaultQuery(True), FaultList)
                 told = {fault.check for fault in faults.faults}
+
+
+async def test_the_file_of_a_dead_service_that_others_lock_is_not_taken_for_a_living_one(
+    tmp_path: Path,
+) -> None:
+    run_dir = tmp_path / "uav1/run"
+    async with (
+        guarded(tmp_path, guard={}, timesync={}) as config,
+        Module("probe", config_dir=config) as module,
+    ):
+        ended = module.stream_reader("guard/restarts", WatchedService)
+        for number in (1, 2):  # the second comes right after the first, so there is a pause before the start
+            old = pids(run_dir)["timesync"]
+            with (run_dir / "apps/timesync#1.toml").open("rb") as file:
+                os.kill(old, signal.SIGSEGV)
+                fcntl.flock(file, fcntl.LOCK_EX)  # as the master does, which moves the file aside
+                async with asyncio.timeout(PATIENCE_S):
+                    event = await ended.next()
+            assert (event.reason, event.restarts) == ("died: signal 11", number)
+            await back(run_dir, "timesync", old)
+        assert (await service(module, "timesync")).restarts == 2
 
 
 async def test_a_guard_that_hangs_is_replaced_by_the_monitor(tmp_path: Path) -> None:

@@ -1,9 +1,11 @@
-"""A handful of the trials of `kills.py`, one of each kind; many are made by running that file."""
+"""A handful of the trials of `kills.py` and `steady_kills.py`; many are made by running those files."""
 
 import asyncio
 from pathlib import Path
 
-from tests.integration.guard.kills import LIMIT_S, TRIALS, run, summary
+import pytest
+from tests.integration.guard import steady_kills
+from tests.integration.guard.kills import LIMIT_S, SERVICES, TRIALS, run, summary
 from tests.integration.swarm.starts import Starts
 
 SEED = 3
@@ -18,4 +20,19 @@ def test_a_node_is_whole_again_in_five_seconds_whatever_dies_together_or_is_dama
     limit_s = max(LIMIT_S, STARTS * starts.slowest_s)
     print("\n".join([*said, summary(took_s), f"limit {limit_s:.2f} s"]))
     assert len(took_s) == len(TRIALS)
+    assert max(took_s) < limit_s, said
+
+
+@pytest.mark.parametrize(
+    ("processes", "victims"), [("per-daemon", (*SERVICES[:6], "tree")), ("one", ("hal", "hal", "hal"))]
+)
+def test_a_daemon_that_is_killed_as_soon_as_it_is_back_is_back_at_once_and_counted_once(
+    tmp_path: Path, processes: steady_kills.Processes, victims: tuple[str, ...]
+) -> None:
+    said: list[str] = []
+    starts = Starts(tmp_path)
+    took_s = asyncio.run(steady_kills.run(tmp_path, processes, victims, said.append, between=starts.measure))
+    limit_s = max(steady_kills.LIMIT_S, STARTS * starts.slowest_s)
+    print("\n".join([*said, f"limit {limit_s:.2f} s"]))
+    assert len(took_s) == len(victims)
     assert max(took_s) < limit_s, said

@@ -234,7 +234,7 @@ class GuardCore:
         return [WatchProcess(name, pid)] if pid else []
 
     def on_joined(self, name: str, pid: int, now_ns: int) -> list[Action]:
-        """The service has an application file, whichever supervisor started it."""
+        """A living process has the application file of the service, whichever supervisor started it."""
         watched = self._services[name]
         if watched.state is ServiceState.STARTING and watched.pid in {pid, 0}:
             watched.transition(ServiceEvent.JOINED, now_ns)
@@ -281,8 +281,9 @@ class GuardCore:
             if (watched.state, ServiceEvent.STOP) in TRANSITIONS:
                 watched.transition(ServiceEvent.STOP, now_ns)  # it ended before it was requested to
             return self._stop_next(now_ns)
+        killed_here = bool(watched.kill_reason)
         watched.reason, watched.kill_reason = watched.kill_reason or exit_reason(how), ""
-        pause_s = watched.policy.on_end(now_ns)
+        pause_s = watched.policy.on_end(now_ns, killed=how.killed and not killed_here)
         if pause_s is None:
             watched.transition(ServiceEvent.GIVE_UP, now_ns)
             watched.reason += f"; given up after {self._limit} restarts in a row"

@@ -9,6 +9,7 @@ import tomli_w
 from swarmware.errors import ConfigError, WireError
 from swarmware.model import document, names
 from swarmware.model.resource import Plain, Resource
+from swarmware.runtime.start_ticks import lives
 
 _MARK: Final = "# crc32 "
 """Mark of the last line: the file is rewritten in place, and a reader must detect a partial one."""
@@ -58,6 +59,15 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     def id(self) -> str:
         """Name and instance of the application: `name#instance`."""
         return f"{self.name}#{self.instance}"
+
+    @property
+    def lives(self) -> bool:
+        """Whether its process still runs, as far as this PID namespace can see.
+
+        A locked file does not prove that: the next process of the application, the master that moves the file
+        aside, and processes that look for a dead guard lock the file of a dead one for a moment.
+        """
+        return lives(self.pid, self.pid_start)
 
     @property
     def app_id(self) -> int:

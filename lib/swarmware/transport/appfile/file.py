@@ -150,4 +150,4 @@ def _holder_lives(fd: int) -> bool:
         entry = decode(os.pread(fd, os.fstat(fd).st_size, 0), "")
     except WireError:
         return False
-    return start_ticks(entry.pid) == entry.pid_start != 0
+    return entry.lives

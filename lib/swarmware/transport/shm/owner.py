@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.start_ticks import lives, start_ticks
 
 
 @functools.cache
@@ -33,4 +33,4 @@ class Owner(msgspec.Struct, frozen=True):
 
     def alive(self) -> bool:
         """Whether exactly this process still runs, as far as this PID namespace can see."""
-        return self.pid != 0 and self.boot_id == boot_id() and start_ticks(self.pid) == self.start_ticks != 0
+        return self.pid != 0 and self.boot_id == boot_id() and lives(self.pid, self.start_ticks)
