@@ -1,6 +1,6 @@
 """Settings of the hardware abstraction (services/hal.toml)."""
 
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import msgspec
 
@@ -21,6 +21,8 @@ RegisterBusName = Literal["i2c", "spi"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 RcChannel = Annotated[int, msgspec.Meta(ge=1, le=CHANNELS)]
 StickLimit = Annotated[float, msgspec.Meta(gt=0, le=100)]
+ORIGIN_ACC_M: Final = 10.0
+"""Error of a fix at a usual dilution of two, without corrections."""
 VescQuantity = Literal["duty", "current", "speed"]
 
 
@@ -58,6 +60,8 @@ class ChassisConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """Gains of its controllers by name, sent whenever the chassis was opened; of others it keeps its own."""
     answer_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 1.0
     """Time within which the chassis must answer an order."""
+    origin_acc_m: Annotated[float, msgspec.Meta(gt=0, le=1000)] = ORIGIN_ACC_M
+    """Error of a fix above which the flight controller of an airframe does not begin its map there."""
 
 
 class SystemDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -106,7 +110,7 @@ class RecordingDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `nmea`: a satellite receiver on a serial line."""
+    """Driver `nmea`: a satellite receiver on a serial line, NMEA 0183 and UBX."""
 
     device: str = "/dev/ttyUSB0"
     """Device file of the line."""

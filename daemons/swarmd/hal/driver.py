@@ -52,6 +52,10 @@ class Sensor(Device):
     async def read(self, now_ns: int) -> bool:
         """Reads the device and publishes its values; False when it had no new ones."""
 
+    def stalled(self, now_ns: int) -> str:
+        """Reason why the device answers, but nothing it says is a measurement; else empty."""
+        return ""
+
 
 Driver = Sensor
 """Name of a sensor's driver in packages that were written for version 0.1."""

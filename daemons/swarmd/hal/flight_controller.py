@@ -38,7 +38,7 @@ class FlightController(Chassis):
     ) -> None:
         # set-points are looked for at the rate of control
         super().__init__(name, msgspec.structs.replace(config, rate_hz=control_hz))
-        self._flight = FlightCore(controller)
+        self._flight = FlightCore(controller, config.origin_acc_m)
         self._source = imu
         self._imu_hz = imu_hz
         self._imu_ns = 0

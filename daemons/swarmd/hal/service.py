@@ -22,7 +22,7 @@ from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
-from swarmware.types.health import Level
+from swarmware.types.health import OK_STATE, Level
 from swarmware.types.vehicle import DriverState, DriverTable, LineLoad
 
 if TYPE_CHECKING:
@@ -215,6 +215,8 @@ class Hal(Service):
                         raise DeviceError(f"{self.config.failures} calls failed in a row: {error}") from error
                 if isinstance(device, Actuator):
                     self._watch(device, schedule, begin_ns)
+                elif isinstance(device, Sensor) and schedule.stalled(reason := device.stalled(begin_ns)):
+                    self._report_stalled(device, reason)
         finally:
             if timer is not None:
                 timer.close()
@@ -230,6 +232,18 @@ class Hal(Service):
         else:
             log.info("driver %s: set-points arrive again", actuator.name)
         self._report_failsafe(actuator, level, reason)
+
+    def _report_stalled(self, sensor: Sensor, reason: str) -> None:
+        if reason:
+            log.warning("driver %s: no measurements: %s", sensor.name, reason)
+        else:
+            log.info("driver %s: measurements arrive again", sensor.name)
+        self.health.report(
+            f"driver/{_check_name(sensor)}",
+            "no data" if reason else OK_STATE,
+            detail=reason,
+            description=f"The device of driver {sensor.name}",
+        )
 
     def _report_failsafe(self, actuator: Actuator, level: Level, reason: str) -> None:
         self.health.report(

@@ -9,6 +9,7 @@ from swarmd.navigator.core.pace import Pace
 from swarmd.navigator.inputs import Fresh, SensorInputs, StateInputs, hovers, map_origin
 from swarmd.navigator.outputs import pose_writer
 from swarmware.errors import NoAnswer
+from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.service.service import Service
 from swarmware.types.vehicle import Setpoint
@@ -24,7 +25,12 @@ class PoseEstimator(Service):
 
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
-        self._core = PoseEstimation(config.estimator, map_origin(module, config), hovers=hovers(module))
+        self._core = PoseEstimation(
+            config.estimator,
+            map_origin(module, config),
+            flies=module.node.config.kind == PlatformKind.UAV,
+            hovers=hovers(module),
+        )
         self._sensors = SensorInputs(module)
         self._state = StateInputs(module)
         self._setpoint = Fresh(module.reader("act/setpoint", Setpoint))

@@ -38,6 +38,11 @@ _FAR: Final = packer(_FAR_PARTS)
 _FAR_BYTES: Final = _FAR.size + _REST.size
 _NEAR_MAX: Final = (1 << 23) - 1
 
+ACCURACY_MIN_M: Final = 0.01
+"""Smallest standard deviation that filters use for a fix: that of a carrier-phase solution."""
+ACCURACY_UNKNOWN_M: Final = 15.0
+"""Standard deviation of a fix whose receiver states none: that of a poor sky without corrections."""
+
 _MM: Final = 1000.0
 _CM: Final = 100.0
 _PART: Final = 16383 * math.sqrt(2)
@@ -178,8 +183,31 @@ class GnssFix(msgspec.Struct, frozen=True, array_like=True, gc=False):
     lat_deg: float
     lon_deg: float
     alt_ellipsoid_m: float
+    """Height above the ellipsoid; NaN in a fix of two dimensions."""
     h_acc_m: float
+    """Horizontal standard deviation."""
     satellites: int
+    """Number of satellites that were used, or 0 if the receiver does not say."""
+
+    @property
+    def has_place(self) -> bool:
+        """Whether latitude and longitude are numbers."""
+        return math.isfinite(self.lat_deg) and math.isfinite(self.lon_deg)
+
+    @property
+    def has_height(self) -> bool:
+        """Whether the fix has three dimensions."""
+        return math.isfinite(self.alt_ellipsoid_m)
+
+    @property
+    def sigma_m(self) -> float:
+        """Horizontal standard deviation for filters, at least 0.01 m.
+
+        An accuracy of zero, below zero, NaN or infinite is not stated: it counts as 15 m, never as perfect.
+        """
+        if not (math.isfinite(self.h_acc_m) and self.h_acc_m > 0.0):
+            return ACCURACY_UNKNOWN_M
+        return max(self.h_acc_m, ACCURACY_MIN_M)
 
 
 @register

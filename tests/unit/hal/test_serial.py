@@ -17,11 +17,13 @@ from swarmd.hal.driver import DeviceError
 from swarmd.hal.drivers.nmea import NmeaReceiver
 from swarmd.hal.drivers.serial_chassis import SerialChassis
 from swarmware.errors import Denied
+from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.testing.firmware import ChassisFirmware
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.chassis import ChassisReport, GainsRequest
 from swarmware.types.control import Drive
+from swarmware.types.health import CheckReport, CheckReports
 from swarmware.types.vehicle import (
     ArmRequest,
     BatteryState,
@@ -32,6 +34,8 @@ from swarmware.types.vehicle import (
     VehicleState,
 )
 
+DATA = Path(__file__).parents[2] / "data"
+ZDA = b"$GPZDA,201530.00,04,07,2002,00,00*60\r\n"
 RETRY = {"drivers": (), "retry_s": 0.05, "report_hz": 50.0, "failures": 2}
 
 
@@ -132,6 +136,51 @@ async def test_a_receiver_publishes_its_fixes_and_garbage_does_not_end_it(tmp_pa
     finally:
         os.close(slave)
         os.close(master)
+
+
+async def test_a_receiver_without_a_position_is_a_fault_that_says_why(tmp_path: Path) -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    line = os.ttyname(slave)
+    receiver = NmeaReceiver(NmeaDriver(device=line, rate_hz=50.0))
+    receiver.silent_s = 0.3
+    try:
+        async with running(tmp_path, [receiver], Config(**RETRY)) as other:  # type: ignore[arg-type]
+            board = other.reader("hal/drivers", DriverTable)
+            checks = other.reader("health/checks/hal", CheckReports)
+            await status(board, "nmea", state="running")
+            sender = asyncio.create_task(repeated(master, ZDA))
+            report = await reported(checks, "no data")
+            assert report.freeze.startswith(f"{line}: sentences are valid, none with a position: enable GGA")
+            found = await status(board, "nmea", note=report.freeze)
+            assert found.state == "running"
+            sender.cancel()
+            sender = asyncio.create_task(repeated(master, (DATA / "null_island.nmea").read_bytes()))
+            await status(board, "nmea", note=f"{line}: sentences are valid, GGA: a fix without satellites")
+            sender.cancel()
+            sender = asyncio.create_task(repeated(master, CLASSIC))
+            await status(board, "nmea", note="")
+            await reported(checks, "ok")
+            sender.cancel()
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+async def repeated(line: int, sentences: bytes) -> None:
+    """A receiver that sends the same sentences again and again."""
+    while True:
+        os.write(line, sentences)
+        await asyncio.sleep(0.05)
+
+
+async def reported(checks: BoardReader[CheckReports], state: str) -> CheckReport:
+    """Waits until the check of the receiver has a state."""
+    async with asyncio.timeout(20.0):
+        while True:
+            found = [one for one in (await checks.changed()).reports if one.check == "hal/driver/nmea"]
+            if found and found[0].state == state:
+                return found[0]
 
 
 async def test_a_receiver_with_the_wrong_rate_is_an_error_that_names_what_arrived(tmp_path: Path) -> None:

@@ -54,7 +54,7 @@ def lumped(goal: Goal) -> Fly:
 def halves(goal: Goal, *, seed: int = 1) -> Fly:
     """Each value takes 2 to 8 ms: sensors to the estimator, and pose to the guidance."""
     chance = random.Random(seed)
-    estimation = PoseEstimation(Config().estimator, ORIGIN, hovers=True)
+    estimation = PoseEstimation(Config().estimator, ORIGIN, flies=True, hovers=True)
     guidance = Guidance(Config(), "uav1", controller(PlatformKind.UAV, Config()))
     received = ReceivedPose(Config().pose_timeout_s)
     for half in (estimation, guidance):
@@ -165,7 +165,7 @@ def test_without_a_pose_the_guidance_stops_the_vehicle() -> None:
 
 
 def test_the_estimator_lets_a_vehicle_rest_only_while_nobody_moves_it() -> None:
-    estimation = PoseEstimation(Config().estimator, ORIGIN, hovers=False)
+    estimation = PoseEstimation(Config().estimator, ORIGIN, flies=True, hovers=False)
     estimation.on_vehicle(VehicleState(armed=True, landed=True))
     chart = LocalMap(ORIGIN)
 

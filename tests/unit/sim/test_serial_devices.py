@@ -13,8 +13,8 @@ from swarmware.devices.chassis_frames import (
     telemetry,
 )
 from swarmware.devices.crsf import CrsfDecoder, RcChannels, RcLink
+from swarmware.devices.gnss_receiver import ReceiverDecoder
 from swarmware.devices.maxbotix import SonarDecoder, SonarUnit
-from swarmware.devices.nmea import NmeaDecoder
 from swarmware.devices.vectornav import VectorNavDecoder
 from swarmware.geometry.attitude import from_euler
 from swarmware.types.chassis import ChassisAction, ChassisOrder, ChassisReport
@@ -41,7 +41,7 @@ def test_each_measurement_is_sent_in_the_protocol_of_its_device() -> None:
     out = devices.on_output(
         SimulationOutput(NOW, Pose(0.0, 0.0), gnss=FIX, imu=IMU, sonar=sonar), VehicleMode.MANUAL
     )
-    (fix,) = NmeaDecoder().feed(sent(out, SerialDevice.GNSS))
+    (fix,) = ReceiverDecoder().feed(sent(out, SerialDevice.GNSS))
     assert [fix.lat_deg, fix.h_acc_m, fix.satellites] == pytest.approx([48.1, 0.036, 17])
     (imu,) = VectorNavDecoder().feed(sent(out, SerialDevice.IMU))
     assert [imu.wz_rad_s, imu.yaw_rad] == pytest.approx([0.5, 1.25])

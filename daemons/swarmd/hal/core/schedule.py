@@ -36,6 +36,7 @@ class Schedule:
         "_safe_since_ns",
         "_since_ns",
         "_since_reads",
+        "_stalled",
         "state",
     )
 
@@ -55,7 +56,7 @@ class Schedule:
         self._first = False
         self.state = DriverState.WAITING
         """State of the driver."""
-        self._note = ""
+        self._note = self._stalled = ""
         self._safe_level: Level = "ok"
         self._safe_since_ns = 0
 
@@ -86,6 +87,13 @@ class Schedule:
             return None
         self._safe_level = level
         return level
+
+    def stalled(self, reason: str) -> bool:
+        """Takes why a sensor that answers has no measurements, or empty; True when this changed."""
+        if reason == self._stalled:
+            return False
+        self._stalled = self._note = reason
+        return True
 
     @property
     def due_ns(self) -> int:

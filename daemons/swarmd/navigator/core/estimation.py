@@ -14,8 +14,8 @@ STOP: Final = Setpoint(0.0)
 class PoseEstimation:
     """Connects the estimator with the state of the vehicle: whether it may be at rest, when it has landed."""
 
-    def __init__(self, config: EstimatorConfig, origin: Origin, *, hovers: bool) -> None:
-        self._estimator = Estimator(config, origin)
+    def __init__(self, config: EstimatorConfig, origin: Origin, *, flies: bool, hovers: bool) -> None:
+        self._estimator = Estimator(config, origin, flies=flies)
         self._hovers = hovers
         """It touches down without rolling."""
         self._vehicle: VehicleState | None = None

@@ -7,7 +7,7 @@ from swarmd.navigator.config import EstimatorConfig
 from swarmd.navigator.core.standstill import Standstill
 from swarmware.geometry.attitude import levelled
 from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap, Origin
-from swarmware.geometry.kalman_axis import FIRST_SPEED_SIGMA_M_S, KalmanAxis
+from swarmware.geometry.kalman_axis import FIRST_SPEED_SIGMA_M_S, SIGMA_MAX_M, KalmanAxis
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
 _PREDICTION_MAX_S: Final = 2.0
@@ -35,7 +35,11 @@ _STEP_RAD: Final = 0.01
 
 
 class Estimator:
-    """Estimates pose and velocity; measurements are buffered until `predict` applies them."""
+    """Estimates pose and velocity; measurements are buffered until `predict` applies them.
+
+    A fix of two dimensions corrects the horizontal position. A ground vehicle keeps its height meanwhile; the
+    pose of a vehicle that flies is valid only while heights arrive, of fixes or of the sonar.
+    """
 
     __slots__ = (
         "_accel",
@@ -44,6 +48,7 @@ class Estimator:
         "_config",
         "_fix",
         "_fix_ns",
+        "_flies",
         "_found",
         "_gated_fixes",
         "_height_m",
@@ -59,13 +64,15 @@ class Estimator:
         "_sigmas",
         "_standstill",
         "_used_ns",
+        "_vertical_ns",
         "_w",
         "_yaw",
         "at_rest",
     )
 
-    def __init__(self, config: EstimatorConfig, origin: Origin) -> None:
+    def __init__(self, config: EstimatorConfig, origin: Origin, *, flies: bool = True) -> None:
         self._config = config
+        self._flies = flies
         self._map = LocalMap(origin)
         self._axes: tuple[KalmanAxis, KalmanAxis, KalmanAxis] | None = None
         self._yaw: float | None = None
@@ -77,6 +84,8 @@ class Estimator:
         self._used_ns = -(1 << 62)
         self._height_m: float | None = None
         self._height_ns = -(1 << 62)
+        self._vertical_ns = -(1 << 62)
+        """Stamp of the newest height, of a fix or of the sonar."""
         self._compass: tuple[float, float] | None = None
         self._imu_ns = -(1 << 62)
         self._standstill = Standstill(config.rest_accel_m_s2, config.rest_gyro_rad_s)
@@ -114,7 +123,7 @@ class Estimator:
 
     def on_gnss(self, fix: GnssFix, stamp_ns: int) -> None:
         """Takes a position fix."""
-        if stamp_ns > self._fix_ns:
+        if stamp_ns > self._fix_ns and fix.has_place:
             self._fix, self._fix_ns = fix, stamp_ns
 
     def on_height(self, height_m: float) -> None:
@@ -206,8 +215,8 @@ class Estimator:
             self._height_m = None
 
     def _correct_position(self, fix: GnssFix) -> None:
-        found = self._found = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
-        sigmas = self._sigmas = (fix.h_acc_m, fix.h_acc_m, fix.h_acc_m * GNSS_HEIGHT_RATIO)
+        found, sigmas = self._located(fix)
+        self._found, self._sigmas = found, sigmas
         span_s, self._used_ns = (self._fix_ns - self._used_ns) / 1e9, self._fix_ns
         if self._may_rest and (
             self._rest_reference is None or self._rest_reference[1] < self._standstill.since_ns
@@ -227,6 +236,16 @@ class Estimator:
             if late_s > _HELD_S:  # the speed since then is uncertain
                 sigma = math.hypot(sigma, axis.v_sigma * late_s)  # noqa: PLW2901
             axis.update(position + axis.v * late_s, sigma)
+
+    def _located(self, fix: GnssFix) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """The fix in map coordinates, and its standard deviations."""
+        sigma_m = fix.sigma_m
+        found = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
+        if fix.has_height:
+            self._vertical_ns = self._fix_ns
+            return found, (sigma_m, sigma_m, sigma_m * GNSS_HEIGHT_RATIO)
+        vertical_m = SIGMA_MAX_M if self._flies else sigma_m * GNSS_HEIGHT_RATIO
+        return (found[0], found[1], self._found[2]), (sigma_m, sigma_m, vertical_m)
 
     def _rest_at(
         self,
@@ -253,7 +272,7 @@ class Estimator:
 
     def _correct_height(self, axis: KalmanAxis, height_m: float) -> None:
         sigma, span_s = self._config.height_sigma_m, (self._now_ns - self._height_ns) / 1e9
-        self._height_ns = self._now_ns
+        self._height_ns = self._vertical_ns = self._now_ns
         if self.at_rest:
             axis.average(height_m, sigma * sigma * self._correlated(span_s))
         else:
@@ -277,6 +296,7 @@ class Estimator:
         config, now_ns = self._config, self._now_ns - min(late_ns, _LATE_MAX_NS)
         if (
             now_ns - self._fix_ns > config.gnss_timeout_s * 1e9
+            or (self._flies and now_ns - self._vertical_ns > config.gnss_timeout_s * 1e9)
             or now_ns - self._imu_ns > config.imu_timeout_s * 1e9
         ):
             return None

@@ -29,7 +29,7 @@ class NavigatorCore:
     def __init__(self, config: Config, platform: str, origin: Origin, controller: Controller) -> None:
         self._config = config
         hovers = controller.flies and controller.circle_m == 0.0
-        self._estimation = PoseEstimation(config.estimator, origin, hovers=hovers)
+        self._estimation = PoseEstimation(config.estimator, origin, flies=controller.flies, hovers=hovers)
         self._guidance = Guidance(config, platform, controller)
         self._delay = OwnDelay()
 

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from swarmd.hal.config import ORIGIN_ACC_M
 from swarmd.hal.core.flight.attitude_filter import AttitudeFilter
 from swarmd.hal.core.flight.control_law import ControlLaw, HoverLaw
 from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
@@ -41,10 +42,10 @@ class FlightCore:
         "imu_ns",
     )
 
-    def __init__(self, controller: ControlLaw) -> None:
+    def __init__(self, controller: ControlLaw, origin_acc_m: float = ORIGIN_ACC_M) -> None:
         self._controller = controller
         self._attitude = AttitudeFilter()
-        self._motion = MotionFilter()
+        self._motion = MotionFilter(origin_acc_m)
         self._mean = ImuMean()
         self._setpoint = _STOP
         self._armed, self._landed = False, True

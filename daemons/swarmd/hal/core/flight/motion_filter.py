@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from swarmd.hal.config import ORIGIN_ACC_M
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap, Origin
 from swarmware.geometry.kalman_axis import KalmanAxis
@@ -18,11 +19,16 @@ _LATE_MAX_S: Final = 0.5
 
 
 class MotionFilter:
-    """Kalman filter with position and velocity for each axis; its origin is the first fix."""
+    """Kalman filter with position and velocity for each axis.
 
-    __slots__ = ("_axes", "_map", "fix_ns")
+    Its origin is the first fix with a height and an error of at most `origin_acc_m`; before it nothing is
+    known.
+    """
 
-    def __init__(self) -> None:
+    __slots__ = ("_axes", "_map", "_origin_acc_m", "fix_ns")
+
+    def __init__(self, origin_acc_m: float = ORIGIN_ACC_M) -> None:
+        self._origin_acc_m = origin_acc_m
         self._axes: tuple[KalmanAxis, KalmanAxis, KalmanAxis] | None = None
         self._map: LocalMap | None = None
         self.fix_ns = -(1 << 62)
@@ -36,7 +42,7 @@ class MotionFilter:
 
     @property
     def position_m(self) -> Vector:
-        """Position relative to the first fix."""
+        """Position relative to the origin."""
         axes = self._axes
         return (0.0, 0.0, 0.0) if axes is None else (axes[0].p, axes[1].p, axes[2].p)
 
@@ -54,21 +60,24 @@ class MotionFilter:
         z.predict(force_m_s2[2] - GRAVITY_M_S2, dt_s)
 
     def on_fix(self, fix: GnssFix, stamp_ns: int, now_ns: int) -> None:
-        """Takes a position fix."""
-        if stamp_ns <= self.fix_ns:
+        """Takes a position fix; one of two dimensions corrects the horizontal axes alone."""
+        if stamp_ns <= self.fix_ns or not fix.has_place:
             return
         self.fix_ns = stamp_ns
+        sigma_m = fix.sigma_m
         if self._map is None or self._axes is None:
+            if not fix.has_height or sigma_m > self._origin_acc_m:
+                return
             origin = Origin(lat_deg=fix.lat_deg, lon_deg=fix.lon_deg, alt_ellipsoid_m=fix.alt_ellipsoid_m)
             self._map = LocalMap(origin)
-            sigmas = (fix.h_acc_m, fix.h_acc_m, fix.h_acc_m * GNSS_HEIGHT_RATIO)
+            sigmas = (sigma_m, sigma_m, sigma_m * GNSS_HEIGHT_RATIO)
             x, y, z = (KalmanAxis(0.0, sigma, _ACCEL_SIGMA_M_S2) for sigma in sigmas)
             self._axes = x, y, z
             return
         late_s = min(max((now_ns - stamp_ns) / 1e9, 0.0), _LATE_MAX_S)
         place = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
         for axis, measured, ratio in zip(self._axes, place, (1.0, 1.0, GNSS_HEIGHT_RATIO), strict=True):
-            axis.update(measured + axis.v * late_s, fix.h_acc_m * ratio)
+            axis.update(measured + axis.v * late_s, sigma_m * ratio)
 
     def on_height(self, height_m: float) -> None:
         """Takes the height above the ground, after outlier rejection."""
