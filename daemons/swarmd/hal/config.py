@@ -1,11 +1,12 @@
 """Settings of the hardware abstraction (services/hal.toml)."""
 
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
 from swarmware.devices.crsf import CHANNELS
 from swarmware.devices.maxbotix import SonarUnit
+from swarmware.geometry.geodesy import ORIGIN_ACC_M
 from swarmware.model.config import convert
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -21,8 +22,6 @@ RegisterBusName = Literal["i2c", "spi"]
 Axis = Literal["x", "-x", "y", "-y", "z", "-z"]
 RcChannel = Annotated[int, msgspec.Meta(ge=1, le=CHANNELS)]
 StickLimit = Annotated[float, msgspec.Meta(gt=0, le=100)]
-ORIGIN_ACC_M: Final = 10.0
-"""Error of a fix at a usual dilution of two, without corrections."""
 VescQuantity = Literal["duty", "current", "speed"]
 
 

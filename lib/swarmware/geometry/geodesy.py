@@ -15,6 +15,8 @@ GRAVITY_M_S2: Final = 9.80665
 """Standard gravity, by definition of the third CGPM (1901)."""
 GNSS_HEIGHT_RATIO: Final = 1.5
 """Error of the height of a GNSS fix by that of its position: all satellites are above the receiver."""
+ORIGIN_ACC_M: Final = 10.0
+"""Error of a fix above which no map begins there: that of a usual dilution of two, without corrections."""
 
 _E2: Final = FLATTENING * (2 - FLATTENING)
 

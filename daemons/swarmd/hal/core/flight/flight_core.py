@@ -2,7 +2,6 @@
 
 from typing import Final
 
-from swarmd.hal.config import ORIGIN_ACC_M
 from swarmd.hal.core.flight.attitude_filter import AttitudeFilter
 from swarmd.hal.core.flight.control_law import ControlLaw, HoverLaw
 from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
@@ -11,6 +10,7 @@ from swarmd.hal.core.flight.helicopter_controller import HelicopterController
 from swarmd.hal.core.flight.imu_mean import ImuMean
 from swarmd.hal.core.flight.motion_filter import MotionFilter
 from swarmd.hal.core.flight.multirotor_controller import MultirotorController
+from swarmware.geometry.geodesy import ORIGIN_ACC_M
 from swarmware.model.airframe import Airframe, MultirotorAirframe
 from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.model.helicopter_airframe import HelicopterAirframe

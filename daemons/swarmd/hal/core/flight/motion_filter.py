@@ -2,9 +2,8 @@
 
 from typing import Final
 
-from swarmd.hal.config import ORIGIN_ACC_M
 from swarmware.geometry.attitude import Vector
-from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, LocalMap, Origin
+from swarmware.geometry.geodesy import GNSS_HEIGHT_RATIO, GRAVITY_M_S2, ORIGIN_ACC_M, LocalMap, Origin
 from swarmware.geometry.kalman_axis import KalmanAxis
 from swarmware.types.vehicle import GnssFix
 
