@@ -17,7 +17,9 @@ from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.realtime import give_realtime
 from swarmware.service.reason import reason
+from swarmware.service.starting import GUARD
 from swarmware.service.status import Reporter, beat
+from swarmware.types.health import OK_STATE
 from swarmware.types.system import AppState
 
 if TYPE_CHECKING:
@@ -30,6 +32,11 @@ BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 """Pause before the n-th restart in a row of a service that fails at its start; the last one from then on."""
 SAME_ERRORS: Final = 5
 """Consecutive failures of a service by one error after which its restarts are logged at DEBUG only."""
+
+UNSUPERVISED: Final = (
+    "the parent of this process has ended or hangs, and restarts nothing; expected it to run:"
+    " start the node again, which takes over what runs"
+)
 
 log = logging.getLogger("swarm.host")
 
@@ -95,6 +102,7 @@ class ServiceHost:
         self._reporters: dict[str, Reporter] = {}
         self._no_realtime = ""
         """Why the declared real-time scheduling was not given; empty: it was, or none is declared."""
+        self._supervised = True
 
     @property
     def names(self) -> list[str]:
@@ -154,6 +162,36 @@ class ServiceHost:
         """Start a service that was stopped by `halt`; nothing happens to another."""
         if (halt := self._halts.pop(name, None)) is not None:
             halt.released.set()
+
+    def on_supervised(self, supervised: bool) -> None:
+        """Report whether the parent of this process receives its heartbeats; the services run on without it.
+
+        A vehicle in the air needs its services more than they need the process that restarts them.
+        """
+        if supervised == self._supervised:
+            return
+        self._supervised = supervised
+        if supervised:
+            log.info("supervised again")
+        else:
+            log.warning("%s", UNSUPERVISED)
+        if (service := self._running.get(self._speaker)) is not None:
+            self._report_supervision(service)
+
+    @property
+    def _speaker(self) -> str:
+        """The service that reports a condition of the whole process."""
+        return GUARD if GUARD in self._prepared else self.names[0]
+
+    def _report_supervision(self, service: Service) -> None:
+        service.health.report(
+            "supervisor",
+            OK_STATE if self._supervised else "missing",
+            level=None if self._supervised else "warn",
+            detail="" if self._supervised else UNSUPERVISED,
+            clear_s=0.0,
+            description="The process that restarts the processes of the node runs",
+        )
 
     async def stop(self) -> None:
         """Stop every service, the last started first."""
@@ -228,6 +266,8 @@ class ServiceHost:
                     detail=self._no_realtime,
                     description="The service has the real-time scheduling that node.toml declares",
                 )
+            if not self._supervised and item.name == self._speaker:
+                self._report_supervision(service)
             task = asyncio.create_task(service.run(), name=f"run:{item.name}")
             self._tasks[item.name] = task
             try:

@@ -36,9 +36,9 @@ class Notifier:
         """Notify that the service is ready."""
         self._send(f"READY=1\nSTATUS={status}\nMAINPID={os.getpid()}")
 
-    def alive(self) -> None:
-        """Reset the watchdog: the event loop runs."""
-        self._send("WATCHDOG=1")
+    def alive(self) -> bool:
+        """Reset the watchdog: the event loop runs. False when no process receives it."""
+        return self._send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
         """Set the line in `systemctl status`."""
@@ -58,12 +58,14 @@ class Notifier:
             self._socket.close()
             self._socket = None
 
-    def _send(self, text: str) -> None:
-        if self._socket is not None:
-            try:
-                self._socket.sendto(text.encode(), self._address)
-            except OSError:  # a service manager that has ended or is busy must not stop the service
-                pass
+    def _send(self, text: str) -> bool:
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendto(text.encode(), self._address)
+        except OSError:  # a service manager that has ended or is busy must not stop the service
+            return False
+        return True
 
 
 class NotificationSocket:

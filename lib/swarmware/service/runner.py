@@ -130,7 +130,7 @@ async def _notify_ready(host: ServiceHost, notifier: Notifier) -> None:
     log.info("ready: %s", ", ".join(host.names))
     garbage.freeze_later(asyncio.get_running_loop())
     while notifier.watchdog_s is not None:
-        notifier.alive()
+        host.on_supervised(notifier.alive())
         clock = host.node.clock
         await until(clock, next_multiple_ns(clock.now_ns(), round(notifier.watchdog_s * 1e9)))
 

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,6 +16,7 @@ import pytest
 from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.module.module import Module
 from swarmware.runtime.start_ticks import start_ticks
 from swarmware.service import fork
 from swarmware.service.exit_status import ExitStatus
@@ -24,6 +25,7 @@ from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.table import scan
+from swarmware.types.health import FaultList, FaultQuery, Phase
 
 T = TypeVar("T")
 SERVICES = ("register", "timesync", "guard", "health")
@@ -128,8 +130,22 @@ async def test_everything_but_the_parent_killed_at_once_is_back(tmp_path: Path) 
         )
 
 
+async def fault_of_supervision(module: Module) -> str:
+    """Phase of the fault that nobody supervises the node; empty: there is none, or no answer yet."""
+    with suppress(NoAnswer):
+        found = await module.request("sys/health/faults", FaultQuery(cleared=True), FaultList)
+        return next((one.phase for one in found.faults if one.check == "guard/supervisor"), "")
+    return ""
+
+
+async def until_phase(module: Module, phases: set[Phase]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while await fault_of_supervision(module) not in phases:  # noqa: ASYNC110 - health answers requests
+            await asyncio.sleep(0.1)
+
+
 @pytest.mark.parametrize("processes", ["one", "per-daemon"])
-async def test_a_parent_that_was_killed_is_succeeded_by_the_next_and_no_daemon_ends(
+async def test_the_daemons_of_a_killed_parent_go_on_say_so_and_are_taken_over_by_the_next(
     tmp_path: Path, processes: str
 ) -> None:
     async with node(tmp_path, processes) as (config, parent):
@@ -140,8 +156,13 @@ async def test_a_parent_that_was_killed_is_succeeded_by_the_next_and_no_daemon_e
         assert complete(tmp_path) == before
         if server:
             await until(lambda: not start_ticks(server), "the end of the server, whose parent has gone")
+        async with Module("probe", config_dir=config) as module:
+            await until_phase(module, {Phase.CONFIRMED})
+        assert complete(tmp_path) == before
         async with spawn(config) as successor:  # ready: it has a sign of life of what runs
             assert complete(tmp_path) == before
+            async with Module("probe", config_dir=config) as module:
+                await until_phase(module, {Phase.HEALED, Phase.CLEARED})
             assert await successor.terminate() == 0
             assert not any(start_ticks(pid) for pid in before.values())
 

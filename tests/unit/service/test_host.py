@@ -20,7 +20,7 @@ from swarmware.service import host as host_module
 from swarmware.service.host import PreparedService, ServiceEnded, ServiceHost
 from swarmware.service.service import NoSettings, Service
 from swarmware.testing.tmpnode import tmp_node
-from swarmware.types.health import CheckReports
+from swarmware.types.health import CheckReport, CheckReports
 from swarmware.types.scalar import Float, Int
 from swarmware.types.system import AppStatus
 
@@ -302,6 +302,35 @@ async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_i
             while Steady.begun < 2:  # noqa: ASYNC110 - the service itself has no event
                 await asyncio.sleep(0)
         assert not host.halted("steady")
+        await over(running)
+
+
+async def test_the_services_of_a_process_without_its_parent_go_on_and_one_of_them_has_a_fault(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with tmp_node(tmp_path) as node, Module("t", node=node) as m:
+        host, running = hosted(node, Steady, Other)
+        await host.started()
+        reports = m.reader("health/checks/steady", CheckReports)
+
+        async def until_state(state: str) -> CheckReport:
+            async with asyncio.timeout(PATIENCE_S):
+                while (now := reports.value) is None or now.reports[0].state != state:
+                    await reports.changed()
+            return now.reports[0]
+
+        host.on_supervised(True)
+        for supervised in (False, False):
+            host.on_supervised(supervised)
+        found = await until_state("missing")
+        assert (found.check, found.level) == ("steady/supervisor", "warn")
+        host.restart("steady")
+        while Steady.begun < 2:  # noqa: ASYNC110 - the service itself has no event
+            await asyncio.sleep(0)
+        assert (await until_state("missing")).level == "warn", "the restarted service says so, too"
+        host.on_supervised(True)
+        assert (await until_state("ok")).level == "ok"
+        assert caplog.text.count("start the node again") == 1
         await over(running)
 
 

@@ -22,7 +22,7 @@ def received(manager: socket.socket) -> list[str]:
     return manager.recv(4096).decode().splitlines()
 
 
-SENT: list[tuple[Callable[[Notifier], None], list[str]]] = [
+SENT: list[tuple[Callable[[Notifier], object], list[str]]] = [
     (lambda one: one.ready("uav1: hal"), ["READY=1", "STATUS=uav1: hal", f"MAINPID={os.getpid()}"]),
     (Notifier.alive, ["WATCHDOG=1"]),
     (lambda one: one.status("4 of 5"), ["STATUS=4 of 5"]),
@@ -36,7 +36,7 @@ SENT: list[tuple[Callable[[Notifier], None], list[str]]] = [
 
 @pytest.mark.parametrize(("notify", "lines"), SENT)
 def test_each_notification_is_one_datagram(
-    manager: socket.socket, notify: Callable[[Notifier], None], lines: list[str]
+    manager: socket.socket, notify: Callable[[Notifier], object], lines: list[str]
 ) -> None:
     notifier = Notifier(manager.getsockname())
     notify(notifier)
@@ -76,8 +76,21 @@ def test_without_a_service_manager_notifications_are_dropped(tmp_path: Path) -> 
     for address in ("", str(tmp_path / "gone")):
         notifier = Notifier(address)
         notifier.ready("uav1")
-        notifier.alive()
+        assert not notifier.alive(), "nobody receives it"
         notifier.close()
+
+
+def test_a_heartbeat_says_whether_the_service_manager_receives_it_also_the_next_one(tmp_path: Path) -> None:
+    address = str(tmp_path / "n")
+    notifier = Notifier(address)
+    for _ in range(2):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+            listening.bind(address)
+            assert notifier.alive()
+        assert not notifier.alive(), "killed: its file is still there"
+        Path(address).unlink()
+        assert not notifier.alive()
+    notifier.close()
 
 
 def test_a_service_manager_that_reads_nothing_stops_nobody(manager: socket.socket) -> None:
