@@ -8,6 +8,7 @@ import msgspec
 from swarmware.mission.catalogue import Name
 from swarmware.model import document
 from swarmware.model.config import convert
+from swarmware.model.file_name import FileName
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.toml_lines import KeyPath, key_text
 from swarmware.types.mission import ParamValue
@@ -15,14 +16,6 @@ from swarmware.types.mission import ParamValue
 MANIFEST: Final = "mission.toml"
 ROLE_REFERENCE: Final = "$role."
 """Start of a parameter that means the first platform with a role."""
-
-FileName = Annotated[
-    str,
-    msgspec.Meta(
-        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$",
-        description="the name of a file in the mission's folder, such as air.json",
-    ),
-]
 
 
 class Series(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -43,7 +36,10 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     name: Name
     """Name of the role, unique in the mission."""
-    file: FileName
+    file: Annotated[
+        FileName,
+        msgspec.Meta(description="the name of a file in the mission's folder, such as air.json"),
+    ]
     """Name of the role's BDL file, beside the manifest."""
     kinds: Annotated[tuple[PlatformKind, ...], msgspec.Meta(min_length=1)]
     """Kinds of platform that can have the role."""

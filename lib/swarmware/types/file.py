@@ -4,10 +4,9 @@ from typing import Annotated
 
 import msgspec
 
+from swarmware.model.file_name import FileName, OptionalFileName
 from swarmware.types.registry import register
 
-FileName = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._+-]{0,99}\Z")]
-"""Name of a file in the folder of a platform: no folders, not hidden."""
 Digest = Annotated[bytes, msgspec.Meta(min_length=32, max_length=32)]
 """BLAKE2b-256 of the content."""
 Size = Annotated[int, msgspec.Meta(ge=0, le=4 * 1024**3)]
@@ -47,7 +46,7 @@ class FileBlock(msgspec.Struct, frozen=True, array_like=True):
 class FileQuery(msgspec.Struct, frozen=True, array_like=True):
     """Which files are listed."""
 
-    name: str = ""
+    name: OptionalFileName = ""
     """Name of one file; empty: all."""
 
 

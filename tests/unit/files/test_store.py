@@ -9,8 +9,9 @@ import pytest
 from swarmd.files.store import FileStore
 from swarmware.errors import NotFound
 from swarmware.model.digest import blake2b
+from swarmware.model.file_name import FileName
 from swarmware.transport.transfer.block_set import BLOCK_BYTES
-from swarmware.types.file import FileName, FileOffer
+from swarmware.types.file import FileOffer
 
 CONTENT = b"x" * (BLOCK_BYTES + 1)
 OFFER = FileOffer("map.png", len(CONTENT), blake2b(CONTENT, digest_size=32).digest())

@@ -6,7 +6,8 @@ from pathlib import Path
 from swarmctl.commands.file.blocks import SLOW_TIMEOUT_S, MovedFile, move_blocks
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
-from swarmware.errors import InvalidInput
+from swarmware.errors import InvalidInput, WireError
+from swarmware.model.file_name import is_file_name
 from swarmware.transport.transfer.block_set import BLOCK_BYTES, block_count
 from swarmware.transport.transfer.partial_file import PartialFile
 from swarmware.types.file import FileData, FileListing, FileQuery, FileRead
@@ -15,14 +16,20 @@ from swarmware.types.file import FileData, FileListing, FileQuery, FileRead
 async def get_file(session: Session, name: str, target: Path, give_up_s: float) -> None:
     """Returns when the file is in its place here.
 
-    Raises: NotFound; NoAnswer; Denied; InvalidInput for a target that cannot be written; Conflict when the
-    file changed meanwhile.
+    Raises: NotFound; NoAnswer; Denied; InvalidInput for a name with folders, or a target that cannot be
+    written; Conflict when the file changed meanwhile; WireError for an answer about another file.
     """
+    if not is_file_name(name):
+        raise InvalidInput(
+            f"file name {name!r}: expected one without folders, such as `swarmctl file ls` prints it"
+        )
     timeout_s = min(give_up_s, SLOW_TIMEOUT_S)
     listing = await session.ask("sys/files/list", FileQuery(name), FileListing, timeout_s=timeout_s)
+    if [entry.name for entry in listing.files] != [name]:
+        raise WireError(f"{session.platform}: its answer is not about the file {name!r}; expected one entry")
     entry = listing.files[0]
     if await asyncio.to_thread(target.is_dir):
-        target /= Path(entry.name).name
+        target /= name
     path = session.path("sys/files/read")
     try:
         part = PartialFile(target.parent, entry.digest, entry.size_bytes)

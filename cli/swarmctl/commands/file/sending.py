@@ -4,15 +4,14 @@ import asyncio
 import os
 from pathlib import Path
 
-import msgspec
-
 from swarmctl.commands.file.blocks import SLOW_TIMEOUT_S, MovedFile, move_blocks
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput
+from swarmware.model.file_name import is_file_name
 from swarmware.transport.transfer.block_set import BLOCK_BYTES, RANGES_MAX, block_count
 from swarmware.transport.transfer.partial_file import digest_of
-from swarmware.types.file import FileBlock, FileName, FileOffer, FileProgress
+from swarmware.types.file import FileBlock, FileOffer, FileProgress
 
 
 async def send_file(session: Session, file: Path, name: str, give_up_s: float) -> None:
@@ -21,12 +20,10 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
     Raises: InvalidInput for a name that no file there may have; NoAnswer; Denied; OutOfRange when the node
     has no room.
     """
-    try:
-        msgspec.convert(name, FileName)
-    except msgspec.ValidationError as error:
+    if not is_file_name(name):
         raise InvalidInput(
             f"file name {name!r}: expected at most 100 letters, digits and . _ + -, without folders; use --as"
-        ) from error
+        )
     try:
         digest = await asyncio.to_thread(digest_of, file)
         content = await asyncio.to_thread(file.open, "rb")

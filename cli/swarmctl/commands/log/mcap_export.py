@@ -10,6 +10,7 @@ from swarmctl.commands.log.viewer_form import viewer_schema, viewer_value
 from swarmware import __version__
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.config import share_dir
+from swarmware.model.file_name import is_file_name
 from swarmware.recorder.entry import LogEntry, list_or_none
 
 
@@ -60,8 +61,10 @@ class _Topics:
     def _schema(self, name: str, description: str) -> int:
         key = name, description
         if key not in self._schemas:
-            if name.startswith("foxglove."):
-                path = share_dir() / "schemas" / "foxglove" / f"{name.removeprefix('foxglove.')}.json"
+            file = f"{name.removeprefix('foxglove.')}.json"
+            path = share_dir() / "schemas" / "foxglove" / file
+            # a recorded type may have any name, also one of Foxglove's with folders in it
+            if name.startswith("foxglove.") and is_file_name(file) and path.is_file():
                 data = path.read_bytes()
             else:
                 data = msgspec.json.encode(viewer_schema(name, description))
