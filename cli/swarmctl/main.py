@@ -1,9 +1,11 @@
 """`swarmctl`: one command for the whole swarm."""
 
+import errno
 import io
 import os
+import stat
 import sys
-from typing import Final
+from typing import Final, TextIO
 
 import click
 
@@ -16,8 +18,17 @@ from swarmware.errors import Denied, NotFound, SwarmError
 _NAME: Final = "swarmctl"
 _COMPLETE: Final = "_SWARMCTL_COMPLETE"
 """Variable by which a shell asks for completions."""
+_ZSH_COMPINIT: Final = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }"
+"""Start of zsh's own completion, which defines `compdef`; a shell without a configuration has not done it."""
 INTERRUPTED: Final = 130
 """Exit code after Ctrl-C (128 + SIGINT)."""
+
+LINE_CHARACTERS: Final = 2000
+"""Characters of a line of an error beyond which its middle is left out; a path has at most 4096 bytes."""
+_KEPT: Final = 800
+"""Characters kept at each end of such a line: the place at the begin, what was expected at the end."""
+
+_WRITE_FAILURES: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 COMMANDS: Final[dict[str, Lazy]] = {
     "node": Lazy("swarmctl.commands.node.command:cmd", "Nodes of the swarm."),
@@ -97,11 +108,14 @@ def completion(shell: str) -> None:
     completer = get_completion_class(shell)
     if completer is None:
         raise click.UsageError(f"no completion for {shell}")
+    if shell == "zsh":
+        click.echo(_ZSH_COMPINIT)
     click.echo(completer(cli, {}, _NAME, _COMPLETE).source())
 
 
 def main(args: list[str] | None = None) -> int:
     """Runs one command; every error becomes one line on stderr and an exit code (share/doc/cli.md)."""
+    _open_closed_streams()
     if _COMPLETE in os.environ:
         cli.main(args, prog_name=_NAME, complete_var=_COMPLETE)
     words = sys.argv[1:] if args is None else args
@@ -124,25 +138,56 @@ def main(args: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:
-        # the reader has closed the pipe; without this the interpreter reports it again at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard_stdout()  # the reader has closed the pipe
         return 0
     except SwarmError as error:
         return _report(words, error)
     except ExceptionGroup as group:
         return _report(words, _first(group))
     except OSError as error:
-        if error.filename is None:
-            return _report(words, error)
-        return _report(words, _of_file(error))
+        place = _place(error)
+        return _report(words, _of_file(error, place) if place else error)
     except Exception as error:  # noqa: BLE001 - the outermost place: a bug is one line and exit code 1
         return _report(words, error)
     return 0
 
 
-def _of_file(error: OSError) -> SwarmError:
+def _open_closed_streams() -> None:
+    """Opens the null device for a stdout or stderr that the caller has closed (`>&-`)."""
+    if sys.stdout is None:
+        sys.stdout = _null_device()
+    if sys.stderr is None:
+        sys.stderr = _null_device()
+
+
+def _null_device() -> TextIO:
+    return os.fdopen(os.open(os.devnull, os.O_WRONLY), "w")
+
+
+def _discard_stdout() -> None:
+    """Lets what is still buffered go nowhere; otherwise the interpreter writes it again at its exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _place(error: OSError) -> str:
+    """The file of an error, or stdout for a failed write that names none; empty for any other call.
+
+    Files that a command writes are named (`filewriter.naming`), and neither a pipe nor a terminal is full.
+    """
+    if error.filename is not None:
+        return f"file {error.filename}"
+    if error.errno not in _WRITE_FAILURES:
+        return ""
+    mode = os.fstat(sys.stdout.fileno()).st_mode
+    if not stat.S_ISREG(mode) and (not stat.S_ISCHR(mode) or sys.stdout.isatty()):
+        return ""
+    _discard_stdout()
+    return "stdout"
+
+
+def _of_file(error: OSError, place: str) -> SwarmError:
     """A file that an operator named and that cannot be read or written, with its exit code."""
-    text = f"file {error.filename}: {(error.strerror or str(error)).lower()}"
+    text = f"{place}: {(error.strerror or str(error)).lower()}"
     if isinstance(error, FileNotFoundError):
         return NotFound(f"{text}; expected an existing file or folder")
     if isinstance(error, PermissionError):
@@ -172,13 +217,24 @@ def _fail(words: list[str], text: str, code: int) -> int:
     if wants_structured(words, os.environ):
         from swarmctl.terminal.output import json_line
 
-        print(json_line({"error": text, "exit_code": code}), file=sys.stderr)
+        print(json_line({"error": _shortened(text), "exit_code": code}), file=sys.stderr)
     else:
         _print_error(f"error: {text}")
     return code
 
 
+def _shortened(text: str) -> str:
+    """The text without the middle of its very long lines: an argument that is refused may be a whole file."""
+    lines = [
+        line
+        if len(line) <= LINE_CHARACTERS
+        else f"{line[:_KEPT]} … {len(line) - 2 * _KEPT} characters … {line[-_KEPT:]}"
+        for line in text.split("\n")
+    ]
+    return "\n".join(lines)
+
+
 def _print_error(text: str) -> None:
     from swarmctl.terminal.wrapping import fitted_text, terminal_width
 
-    print(fitted_text(text, terminal_width(sys.stderr)), file=sys.stderr)
+    print(fitted_text(_shortened(text), terminal_width(sys.stderr)), file=sys.stderr)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.runtime.filewriter import replace_file
+from swarmware.runtime.filewriter import replace_file, write_result
 
 
 def test_a_file_is_made_and_replaced_with_its_mode_whatever_the_umask_is(tmp_path: Path) -> None:
@@ -55,3 +55,20 @@ def test_a_link_at_the_unfinished_name_is_not_written_through(tmp_path: Path) ->
     with pytest.raises(OSError, match="symbolic"):
         replace_file(tmp_path / "roster.json", b"new")
     assert victim.read_bytes() == b"untouched"
+
+
+def test_a_device_that_an_operator_names_is_written_and_stays_a_device(tmp_path: Path) -> None:
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_result(fifo, b"poses")
+        assert os.read(reader, 10) == b"poses"
+        assert fifo.is_fifo()
+    finally:
+        os.close(reader)
+    with pytest.raises(OSError, match="No space left") as full:
+        write_result(Path("/dev/full"), b"x")
+    assert full.value.filename == "/dev/full"
+    write_result(tmp_path / "file", b"poses")
+    assert (tmp_path / "file").read_bytes() == b"poses"

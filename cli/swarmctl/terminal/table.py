@@ -11,6 +11,9 @@ Cell = str | int | float | bool | None
 
 GAP: Final = "  "
 """Between two columns."""
+PADDED: Final = 60
+"""Widest cell to which the others of its column are padded outside of a terminal: a longer one moves the rest
+of its own line alone."""
 WRAPPED: Final = 16
 """Width of a column of texts that is still readable."""
 
@@ -57,7 +60,7 @@ def show(cell: Cell) -> str:
 def fitted_table(
     columns: Sequence[Column], cells: Sequence[Sequence[str]], width: int | None = None
 ) -> FittedTable:
-    """The table within `width` characters; None: two blanks between columns, nothing wrapped.
+    """The table within `width` characters; None: nothing is wrapped or hidden.
 
     What is too wide gives way in this order: headers are wrapped, columns are hidden by their `drop`,
     cells are wrapped between words, cells are wrapped after the punctuation of paths and lists. A table
@@ -80,9 +83,14 @@ def fitted_table(
         if all(len(line) <= width for line in records.rows):
             return records
     kept = [columns[place] for place in places]
+    wraps = width is not None
     return FittedTable(
-        header=_drawn(kept, [column.name for column in kept], widths),
-        rows=[line for row in cells for line in _drawn(kept, [row[place] for place in places], widths)],
+        header=_drawn(kept, [column.name for column in kept], widths, wraps=wraps),
+        rows=[
+            line
+            for row in cells
+            for line in _drawn(kept, [row[place] for place in places], widths, wraps=wraps)
+        ],
         hidden=[column.name for place, column in enumerate(columns) if place not in places],
     )
 
@@ -120,9 +128,14 @@ def _unwrapped(
     columns: Sequence[Column], cells: Sequence[Sequence[str]], places: Sequence[int], width: int | None
 ) -> list[int]:
     """Widths without wrapping a cell; headers are wrapped where `width` requires it."""
+    if width is None:
+        return [
+            max(len(columns[place].name), *(len(row[place]) for row in cells if len(row[place]) <= PADDED), 0)
+            for place in places
+        ]
     whole = _widest(columns, cells, places, lambda text: [text])
     widths = [max(one, len(columns[place].name)) for one, place in zip(whole, places, strict=True)]
-    return widths if width is None else _narrowed(widths, whole, width)
+    return _narrowed(widths, whole, width)
 
 
 def _widest(
@@ -153,9 +166,11 @@ def _total(widths: Sequence[int]) -> int:
     return sum(widths) + len(GAP) * (len(widths) - 1)
 
 
-def _drawn(columns: Sequence[Column], texts: Sequence[str], widths: Sequence[int]) -> list[str]:
+def _drawn(
+    columns: Sequence[Column], texts: Sequence[str], widths: Sequence[int], *, wraps: bool
+) -> list[str]:
     """One row of the table, as many lines as its highest cell."""
-    cells = [wrapped(text, width) for text, width in zip(texts, widths, strict=True)]
+    cells = [wrapped(text, width if wraps else None) for text, width in zip(texts, widths, strict=True)]
     lines = []
     for number in range(max(map(len, cells), default=0)):
         parts = [cell[number] if number < len(cell) else "" for cell in cells]

@@ -12,7 +12,8 @@ Port = Annotated[int, msgspec.Meta(ge=0, le=65_535)]
 GroupPort = Annotated[int, msgspec.Meta(ge=1, le=65_535)]
 Platform = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 Delay = Annotated[float, msgspec.Meta(ge=0, le=1000)]
-Seed = Annotated[str, msgspec.Meta(pattern=r"^[^\s:]+:[0-9]{1,5}$")]
+Seed = Annotated[str, msgspec.Meta(min_length=3, max_length=260)]
+"""`host:port`; checked by `Config`, whose refusal says more than that of a pattern."""
 
 
 class FrameCarrier(StrEnum):
@@ -130,7 +131,42 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
                 f"metrics_address {self.metrics_address}: others than this computer reach it; expected an"
                 " address that begins with 127., or metrics_token_file"
             )
+        _check_addresses(self)
         delays = self.unit_delay_ms
         if delays and (len(delays) != 2 or delays[0] > delays[1]):
             found = ", ".join(f"{delay:g}" for delay in delays)
             raise InvalidInput(f"unit_delay_ms: {found}; expected two values, the shorter one first")
+
+
+def _check_addresses(config: Config) -> None:
+    """Raises: InvalidInput for an address that is not one of IPv4, the only protocol of the links."""
+    named = {
+        "bind_address": config.bind_address,
+        "multicast_interface": config.multicast_interface,
+        "multicast_group": config.multicast_group,
+        "metrics_address": config.metrics_address,
+    }
+    for one in config.network:
+        named[f"network {one.name}: interface"] = one.interface
+        named[f"network {one.name}: multicast_group"] = one.multicast_group
+    for key, value in named.items():
+        if ":" in value:
+            raise InvalidInput(f"{key} {value!r}: IPv4 only; expected an address such as 192.168.1.5")
+        if key.endswith("multicast_group") and value and not _is_group(value):
+            raise InvalidInput(f"{key} {value!r}: expected an IPv4 group, 224.0.0.0 to 239.255.255.255")
+    for seed in config.seeds:
+        host, _, port = seed.rpartition(":")
+        if ":" in host or "[" in host:
+            raise InvalidInput(f"seed {seed!r}: IPv4 only; expected host:port, such as 192.168.1.5:7447")
+        if (
+            not host
+            or len(host.split()) != 1
+            or not (port.isascii() and port.isdigit() and int(port) < 65_536)
+        ):
+            raise InvalidInput(f"seed {seed!r}: expected host:port, such as 192.168.1.5:7447")
+
+
+def _is_group(value: str) -> bool:
+    parts = value.split(".")
+    numbers = [int(part) for part in parts if part.isascii() and part.isdigit() and len(part) <= 3]
+    return len(parts) == len(numbers) == 4 and max(numbers) < 256 and 224 <= numbers[0] < 240

@@ -38,6 +38,7 @@ from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.media import Media
 from swarmd.broker.links.medium import MediumDatagram
+from swarmd.broker.links.pinned_addresses import PinnedAddresses
 from swarmd.broker.media_links import MediaLinks
 from swarmd.broker.membership import Membership
 from swarmd.broker.mirrored_boards import MirroredBoards
@@ -76,6 +77,7 @@ OF_DATAGRAMS: Final = (
 )
 """Actions that a received datagram causes: an exception in one of them ends this action, never the broker."""
 
+PINNED: Final = "This computer has the addresses and interfaces that broker.toml names"
 OPEN_LINE: Final = "The serial line of the medium is open"
 
 log = logging.getLogger("swarm.broker")
@@ -97,6 +99,8 @@ class BrokerShell:
         node.access_rules.check()
         self._access_rules = node.access_rules
         self._access_problem = ""
+        self._addresses = PinnedAddresses(config)
+        self._missing_addresses = ""
         self._module = module
         self._health = service.health
         self._clock = module.clock
@@ -177,6 +181,7 @@ class BrokerShell:
         self._health.report("name", description="One computer for each name")
         self._health.report("access", description=f"The access rules of {ACL_FILE} are in force")
         self._health.report("processor", description="Beacons are sent when they are due")
+        self._health.report("address", description=PINNED)
         if self._seeds:
             module.start(self._transport.look_up_seeds(), "seeds")
         if self._metrics is not None:
@@ -265,6 +270,7 @@ class BrokerShell:
         self._gateway.on_routes()
         self._gateway.end_visits()
         self._report_access_rules()
+        self._report_addresses()
         if traffic:
             present = self._traffic()
             self._boards.traffic.write(present)
@@ -318,6 +324,18 @@ class BrokerShell:
             )
         else:
             self._health.report("access")
+
+    def _report_addresses(self) -> None:
+        missing = self._addresses.missing()
+        if missing == self._missing_addresses:
+            return
+        self._missing_addresses = missing
+        if missing:
+            log.error("%s", missing)
+            self._health.report("address", "gone", detail=missing, description=PINNED)
+        else:
+            log.warning("all addresses of broker.toml are there again")
+            self._health.report("address", description=PINNED)
 
     def _report_duplicate(self, found: ReportDuplicate) -> None:
         if found.first:

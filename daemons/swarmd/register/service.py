@@ -16,7 +16,6 @@ from swarmd.register.core.known_registers import (
 )
 from swarmware import __version__
 from swarmware.model import names
-from swarmware.model.clock import utc_ns
 from swarmware.module.boardset import BoardSet
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
@@ -150,7 +149,7 @@ class Registrar(Service):
             template=node.config.template,
             version=__version__,
             boot_id=node.clock.boot_id,
-            uptime_s=(utc_ns() - node.clock.boot_id) / 1e9,
+            uptime_s=node.uptime_s,
             services=tuple(sorted({app.name for app in table.applications})),
             config_dir=str(node.config_dir),
             processes=processes(table, node.config.services),

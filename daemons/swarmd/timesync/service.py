@@ -19,13 +19,16 @@ from swarmd.timesync.core.time_core import (
     TimeCore,
     UnitRebooted,
 )
+from swarmd.timesync.core.wall_clock import WallClock, WallClockStep
 from swarmware.errors import SwarmError
 from swarmware.model import names
+from swarmware.model.clock import utc_ns
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.stream import StreamReader
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
+from swarmware.types.health import OK_STATE
 from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 from swarmware.types.time import TimeFunctions, TimingBatch, TimingSample
@@ -57,6 +60,18 @@ class TimeSync(Service):
         """Platforms whose functions are requested, one after the other."""
         self._routes = module.reader("net/routes", Routes)
         self._board: BoardWriter[TimeFunctions] | None = None
+        self._wall_clock = WallClock()
+        self._step_s = 0.0
+        """Step of the wall clock that the last look found, to log each one once."""
+        self._look_at_wall_clock()
+        self.health.register(
+            "wall_clock",
+            frequency_hz=1.0,
+            data=self._look_at_wall_clock,
+            criterion=lambda found: "stepped" if found.step_s else OK_STATE,
+            levels={"stepped": "warn"},
+            description="The wall clock of this computer was not stepped",
+        )
 
     async def run(self) -> None:
         """Estimates, publishes and exchanges functions until cancelled."""
@@ -82,6 +97,19 @@ class TimeSync(Service):
             group.create_task(self._measure(timing), name="time: measure")
             group.create_task(self._exchange_driver.run(), name="time: exchange")
             group.create_task(self._request_functions(), name="time: requests")
+
+    def _look_at_wall_clock(self) -> WallClockStep:
+        clock = self.module.clock
+        before_ns, wall_ns = clock.now_ns(), utc_ns()
+        found = self._wall_clock.on_look(before_ns, wall_ns, clock.now_ns())
+        if found.step_s not in {0.0, self._step_s}:
+            self.module.log.warning(
+                "the wall clock stepped by %+.1f s: records have its new time; flight and time"
+                " synchronisation do not use it",
+                found.step_s,
+            )
+        self._step_s = found.step_s
+        return found
 
     async def _measure(self, timing: StreamReader[TimingBatch]) -> None:
         async for batch in timing:

@@ -6,7 +6,9 @@ or the last of the incarnation.
 
 import fcntl
 import os
+import time
 from pathlib import Path
+from typing import Final
 
 from swarmware.errors import Denied
 from swarmware.model import paths
@@ -14,6 +16,9 @@ from swarmware.model.clock import utc_ns
 from swarmware.transport.appfile.trace import DEAD_SUFFIX
 from swarmware.transport.shm.access import is_guest, make_folder, share
 from swarmware.transport.shm.lock import try_lock
+
+_NUMBER_BYTES: Final = 32
+"""Place of the number in the file of the incarnation; the instant of its start follows."""
 
 
 class NodeIncarnation:
@@ -41,13 +46,16 @@ class NodeIncarnation:
         fcntl.flock(self._fd, fcntl.LOCK_SH)  # an exclusive lock is held for some milliseconds only
         if not self.guest:
             make_folder(shm_dir, run_dir)  # the last process of the former incarnation removes the folder
-        self.boot_id = int(os.pread(self._fd, 32, 0) or b"0")
+        self.boot_id = int(os.pread(self._fd, _NUMBER_BYTES, 0) or b"0")
         """Number that increases at each start of the node."""
+        self.started_mono_ns = int(os.pread(self._fd, 32, _NUMBER_BYTES) or time.monotonic_ns())
+        """Instant of CLOCK_MONOTONIC at which the node started; the present one after an older version."""
 
     def _begin(self) -> None:
         """Begin a new incarnation: no other process is attached; files of dead processes are removed."""
-        boot_id = max(utc_ns(), int(os.pread(self._fd, 32, 0) or b"0") + 1)
-        os.pwrite(self._fd, b"%d" % boot_id, 0)
+        boot_id = max(utc_ns(), int(os.pread(self._fd, _NUMBER_BYTES, 0) or b"0") + 1)
+        os.ftruncate(self._fd, 0)
+        os.pwrite(self._fd, b"%-*d%d" % (_NUMBER_BYTES, boot_id, time.monotonic_ns()), 0)
         self._sweep()
 
     def _sweep(self) -> None:

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import time
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -208,6 +209,11 @@ class Node(Immediate):
         self.doorbell.drain()
         for watcher in tuple(self._watchers):
             watcher.poll()
+
+    @property
+    def uptime_s(self) -> float:
+        """Time since the start of the node, which a step of the wall clock does not change."""
+        return (time.monotonic_ns() - self._incarnation.started_mono_ns) / 1e9
 
     # -- self-healing
 

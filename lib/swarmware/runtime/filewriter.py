@@ -2,10 +2,22 @@
 
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 _FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW
+
+
+@contextlib.contextmanager
+def naming(path: Path | str) -> Iterator[None]:
+    """Adds the file to errors of the operating system: those of a write, such as a full disk, name none."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = True) -> None:
@@ -17,7 +29,7 @@ def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = 
     fresh = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         descriptor = os.open(fresh, _FLAGS, mode)
-        with os.fdopen(descriptor, "wb") as file:
+        with naming(path), os.fdopen(descriptor, "wb") as file:
             file.write(data)
             file.flush()
             os.fchmod(descriptor, mode)  # independent of the umask
@@ -28,6 +40,18 @@ def replace_file(path: Path, data: bytes, *, mode: int = 0o640, durable: bool = 
         with contextlib.suppress(OSError):
             fresh.unlink()  # on a full disk it would occupy the last free space
         raise
+
+
+def write_result(path: Path, data: bytes) -> None:
+    """Write a file that an operator named: atomically, but a device or FIFO in place, which stays what it is.
+
+    Raises: OSError with the name of the file.
+    """
+    if path.exists() and not path.is_file():
+        with naming(path), path.open("wb") as file:
+            file.write(data)
+    else:
+        replace_file(path, data)
 
 
 def set_aside(path: Path, suffix: str) -> Path:

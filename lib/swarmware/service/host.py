@@ -96,6 +96,7 @@ class ServiceHost:
         self._running: dict[str, Service] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._again: set[str] = set()
+        self._failed: set[str] = set()
         self._halts: dict[str, Halt] = {}
         self._ending: set[asyncio.Task[None]] = set()
         self._started: dict[str, asyncio.Event] = {name: asyncio.Event() for name in self._prepared}
@@ -113,6 +114,11 @@ class ServiceHost:
     def stop_s(self) -> float:
         """Largest stop time of the services."""
         return max((item.cls.stop_s for item in self._prepared.values()), default=0.0)
+
+    @property
+    def failed(self) -> list[str]:
+        """Names of the services that have failed and do not run at present."""
+        return [name for name in self._prepared if name in self._failed]
 
     async def started(self) -> None:
         """Return when every service has run up to its first wait."""
@@ -229,6 +235,7 @@ class ServiceHost:
                 if alone:
                     raise
                 failures += 1
+                self._failed.add(item.name)
                 self._started[item.name].set()  # it counts as started, so that the others do not wait for it
                 text = reason(error)
                 if text is None:
@@ -277,6 +284,7 @@ class ServiceHost:
                 reporter.state = AppState.RUNNING
                 reporter.report()  # before the next heartbeat
                 policy.on_ready(time.monotonic_ns())
+                self._failed.discard(item.name)
                 self._started[item.name].set()
                 await asyncio.wait([task])
                 if not (task.cancelled() and (item.name in self._again or item.name in self._halts)):

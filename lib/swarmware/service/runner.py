@@ -126,8 +126,12 @@ async def _serve(host: ServiceHost, notifier: Notifier, asked: asyncio.Event) ->
 
 async def _notify_ready(host: ServiceHost, notifier: Notifier) -> None:
     await host.started()
-    notifier.ready(f"{host.node.platform}: {', '.join(host.names)}")
-    log.info("ready: %s", ", ".join(host.names))
+    failed = host.failed
+    running = ", ".join(name for name in host.names if name not in failed)
+    notifier.ready(f"{host.node.platform}: {running}" + (f"; failed: {', '.join(failed)}" if failed else ""))
+    log.info("ready: %s", running or "no service")
+    if failed:
+        log.error("not ready: %s", ", ".join(failed))
     garbage.freeze_later(asyncio.get_running_loop())
     while notifier.watchdog_s is not None:
         host.on_supervised(notifier.alive())

@@ -3,6 +3,7 @@
 import asyncio
 import re
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -149,6 +150,31 @@ def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing
             assert "fragile: failed: boom" in said
             assert "run() returned" in said
             assert "starts again in" in said
+
+    asyncio.run(run())
+
+
+def test_a_node_names_the_services_that_are_not_ready(setting: Setting) -> None:
+    config_dir, env = setting
+
+    async def run() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as other:
+            port = other.getsockname()[1]
+            (config_dir / "services" / "broker.toml").write_text(f"tcp_port = {port}\n")
+            await without_broker(port)
+
+    async def without_broker(port: int) -> None:
+        async with (
+            Module("test", config_dir=config_dir) as m,
+            spawn(config_dir, "steady", "broker", env=env) as process,
+        ):
+            count = m.reader("test/count", Int)
+            async with asyncio.timeout(PATIENCE_S):
+                while "not ready: broker" not in process.stderr():
+                    await count.changed()
+            said = process.stderr()
+            assert f"broker: failed: broker: bind_address 127.0.0.1, tcp_port {port}" in said
+            assert "ready: steady\n" in said
 
     asyncio.run(run())
 

@@ -5,10 +5,13 @@ import contextlib
 from pathlib import Path
 
 import msgspec
+import pytest
 from tests.patience import PATIENCE_S
 
-from swarmware.errors import NoAnswer
-from swarmware.model.clock import Clock
+from swarmd.timesync import config as settings
+from swarmd.timesync.service import TimeSync
+from swarmware.errors import NoAnswer, NotFound
+from swarmware.model.clock import Clock, utc_ns
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import hardware_id
 from swarmware.module.board import BoardReader
@@ -18,6 +21,7 @@ from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.answer import reply
 from swarmware.types import registry
+from swarmware.types.health import OK_STATE, Fault, HealthReport, Phase
 from swarmware.types.rpc import Empty, Reply
 from swarmware.types.time import Conversion, TimeFunctions, TimingBatch, TimingSample
 
@@ -176,3 +180,38 @@ async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measure
             assert "1 of 2 refused" in process.stderr()
             measured = await function_where(board, stream, remote, lambda function: function.samples > 0)
             assert remote.error_ns(measured) <= measured.bound_at_ns(module.now_ns())
+
+
+async def test_a_step_of_the_wall_clock_is_a_fault_and_changes_no_stamp(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    config = make_node(tmp_path)
+    set_ns = [0]
+    monkeypatch.setattr("swarmd.timesync.service.utc_ns", lambda: utc_ns() + set_ns[0])
+    async with spawn(config, "health"), Module("timesync", config_dir=config) as module:
+        faults = module.stream_reader("health/faults", Fault)
+        running = asyncio.create_task(TimeSync(module, settings.Config()).run())
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while not await is_known(module, "timesync/wall_clock"):
+                    pass
+                before_ns = module.now_ns()
+                set_ns[0] = -3_600_000_000_000
+                found = await faults.next()
+                while (found.check, found.phase) != ("timesync/wall_clock", Phase.CONFIRMED):
+                    found = await faults.next()
+            assert (found.state, found.level) == ("stepped", "warn")
+            assert "-3600" in found.freeze
+            assert 0 < module.now_ns() - before_ns < PATIENCE_S * 1e9
+            assert sum("stepped by -3600.0 s" in record.message for record in caplog.records) == 1
+        finally:
+            running.cancel()
+            await asyncio.wait([running])
+
+
+async def is_known(module: Module, check: str) -> bool:
+    """Whether the monitor has a passing report of the check."""
+    with contextlib.suppress(NoAnswer, NotFound):
+        report = await module.request("sys/health/state", Empty(), HealthReport)
+        return any((one.check, one.state) == (check, OK_STATE) for one in report.checks)
+    return False

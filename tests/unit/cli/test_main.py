@@ -13,6 +13,7 @@ from swarmctl import main as swarmctl
 from swarmctl.commandline.lazy import Command, Group, Lazy
 from swarmctl.commandline.settings import CliSettings, settings
 from swarmware import errors
+from swarmware.runtime.filewriter import naming
 
 
 @pytest.fixture
@@ -171,6 +172,51 @@ def test_a_program_on_the_path_is_a_command(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (9, "hey --loud -x 1\n")
     listed = subprocess.run([*run, "--help"], env=env, capture_output=True, text=True, check=True).stdout
     assert "swarmctl-hey" in listed
+
+
+@pytest.mark.parametrize("command", ["completion bash", "--help", "mission check formation", "lab ls"])
+def test_a_closed_stdout_is_no_error(command: str) -> None:
+    script = f"{sys.executable} -m swarmctl {command} >&-"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "error" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        ("completion bash", "error: stdout: no space left on device\n"),
+        (
+            "mission check formation --json",
+            '{"schema_version":2,"error":"stdout: no space left on device","exit_code":1}\n',
+        ),
+    ],
+)
+def test_a_full_device_behind_stdout_is_named(command: str, answer: str) -> None:
+    script = f"{sys.executable} -m swarmctl {command} >/dev/full"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, answer)
+
+
+def test_a_file_on_a_full_device_is_named(
+    probe: ModuleType, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: CliSettings) -> None:
+        with naming("flight.csv"), Path("/dev/full").open("w") as file:
+            file.write("x")
+
+    monkeypatch.setattr("swarmctl.main.settings", full)
+    assert swarmctl.main(["probe", "show"]) == 1
+    assert capsys.readouterr().err == "error: file flight.csv: no space left on device\n"
+
+
+def test_a_refused_argument_as_long_as_a_file_is_shown_by_its_ends(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert swarmctl.main(["mission", "check", "x" * 120_000]) != 0
+    shown = capsys.readouterr().err
+    assert "characters …" in shown
+    assert len(shown) < 3 * swarmctl.LINE_CHARACTERS
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:

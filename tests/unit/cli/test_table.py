@@ -107,3 +107,11 @@ def test_text_is_wrapped_between_words_or_after_punctuation(text: str, width: in
 )
 def test_cells_are_written_for_people(cell: Cell, text: str) -> None:
     assert show(cell) == text
+
+
+def test_one_long_value_does_not_stretch_the_lines_of_a_pipe() -> None:
+    columns = [Column("KEY"), Column("VALUE", wraps=True), Column("FROM")]
+    rows = [["services", "x" * 500, "default"], ["platform", "uav1", "node.toml"]]
+    table = fitted_table(columns, rows)
+    assert table.header == ["KEY       VALUE  FROM"]
+    assert table.rows == [f"services  {'x' * 500}  default", "platform  uav1   node.toml"]

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,21 @@ def test_the_number_grows_although_the_wall_clock_was_set_back(tmp_path: Path) -
     boot = NodeIncarnation(run, tmp_path / "shm")
     assert boot.boot_id == ahead + 1
     boot.leave()
+
+
+def test_the_start_of_the_node_is_kept_on_the_clock_that_nobody_sets(tmp_path: Path) -> None:
+    run, shm = tmp_path / "run", tmp_path / "shm"
+    before_ns = time.monotonic_ns()
+    first = NodeIncarnation(run, shm)
+    second = NodeIncarnation(run, shm)
+    assert before_ns <= first.started_mono_ns == second.started_mono_ns <= time.monotonic_ns()
+    assert first.boot_id == second.boot_id
+    first.leave()
+    second.leave()
+    third = NodeIncarnation(run, shm)
+    assert third.started_mono_ns > first.started_mono_ns
+    assert third.boot_id > first.boot_id
+    third.leave()
 
 
 def test_a_start_takes_away_what_the_dead_left(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """A file in blocks: continued after an end, put in place whole, refused without room."""
 
+import os
 from pathlib import Path
 from random import Random
 
@@ -8,7 +9,7 @@ import pytest
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model.digest import blake2b
 from swarmware.transport.transfer.block_set import BLOCK_BYTES, block_count
-from swarmware.transport.transfer.partial_file import PartialFile, digest_of
+from swarmware.transport.transfer.partial_file import PartialFile, digest_of, regular_file_size
 
 CONTENT = Random(1).randbytes(3 * BLOCK_BYTES + 100)
 DIGEST = blake2b(CONTENT, digest_size=32).digest()
@@ -102,3 +103,19 @@ def test_an_empty_file_is_complete_at_once(tmp_path: Path) -> None:
     part.finish(tmp_path / "empty")
     part.close()
     assert (tmp_path / "empty").read_bytes() == b""
+
+
+def test_what_has_no_end_or_is_larger_than_a_file_may_be_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    fifo, folder, sparse = tmp_path / "fifo", tmp_path / "folder", tmp_path / "sparse"
+    os.mkfifo(fifo)
+    folder.mkdir()
+    with sparse.open("wb") as file:
+        file.truncate(40 << 30)
+    for path in (fifo, folder, Path("/dev/zero")):
+        with pytest.raises(InvalidInput, match=f"{path}: not a regular file"):
+            regular_file_size(path, 100)
+    with pytest.raises(OutOfRange, match=f"{sparse}: 42949672960 bytes; expected at most 100"):
+        regular_file_size(sparse, 100)
+    with sparse.open("wb") as file:
+        file.truncate(100)
+    assert regular_file_size(sparse, 100) == 100

@@ -17,7 +17,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, NotFound
 from swarmware.model import document, names, paths
-from swarmware.runtime.filewriter import replace_file
+from swarmware.runtime.filewriter import write_result
 from swarmware.types.config import ConfigOrigin
 from swarmware.types.tree import TreeEntry
 
@@ -74,7 +74,7 @@ async def dump(session: Session, file: str, *, files: bool = False) -> None:
     if file:
         target = _own_file(session, file)
         target.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(target, text.encode())
+        write_result(target, text.encode())
         session.out.say(f"{target}: {len(values)} {'keys' if files else 'settings'} of {session.platform}")
     if session.settings.structured:
         session.out.document(DumpedSettings(session.platform, values))

@@ -1,7 +1,6 @@
 """`swarmctl file send`: offers a file, and sends the blocks that are missing."""
 
 import asyncio
-import os
 from pathlib import Path
 
 from swarmctl.commands.file.blocks import SLOW_TIMEOUT_S, MovedFile, move_blocks
@@ -9,8 +8,8 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput
 from swarmware.model.file_name import is_file_name
-from swarmware.transport.transfer.block_set import BLOCK_BYTES, RANGES_MAX, block_count
-from swarmware.transport.transfer.partial_file import digest_of
+from swarmware.transport.transfer.block_set import BLOCK_BYTES, FILE_BYTES_MAX, RANGES_MAX, block_count
+from swarmware.transport.transfer.partial_file import digest_of, regular_file_size
 from swarmware.types.file import FileBlock, FileOffer, FileProgress
 
 
@@ -25,11 +24,11 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
             f"file name {name!r}: expected at most 100 letters, digits and . _ + -, without folders; use --as"
         )
     try:
+        size_bytes = regular_file_size(file, FILE_BYTES_MAX)
         digest = await asyncio.to_thread(digest_of, file)
         content = await asyncio.to_thread(file.open, "rb")
     except OSError as error:
         raise InvalidInput(f"{file}: {error.strerror}") from error
-    size_bytes = os.fstat(content.fileno()).st_size
     offer, resumed_bytes = FileOffer(name, size_bytes, digest), None
     path = session.path("sys/files")
     with content, Progress(session.out, f"{session.platform}: {name}", block_count(size_bytes)) as progress:

@@ -10,12 +10,23 @@ from swarmctl.commandline.lazy import Command
 from swarmctl.commandline.settings import settings
 from swarmctl.vehicles.options import PLATFORMS, REASON, Decorator, timeout_option
 
+_NEVER_ASKS = click.option(
+    "--yes", is_flag=True, expose_value=False, help="Accepted as by takeoff; this command never asks."
+)
 
-def _options(wait_s: float) -> Decorator:
-    """Options of all these commands."""
+
+def _options(wait_s: float, *decorators: Decorator) -> Decorator:
+    """Options of all these commands, and those of one command before them."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for decorator in (PLATFORMS, REASON, timeout_option(wait_s), click.pass_context):
+        given: tuple[Decorator, ...] = (
+            PLATFORMS,
+            REASON,
+            timeout_option(wait_s),
+            *decorators,
+            click.pass_context,
+        )
+        for decorator in given:
             function = decorator(function)
         return function
 
@@ -30,7 +41,7 @@ def _run(ctx: click.Context, then: str, platforms: tuple[str, ...], reason: str,
 
 
 @click.command(cls=Command)
-@_options(15.0)
+@_options(15.0, _NEVER_ASKS)
 def hold(ctx: click.Context, **options: Any) -> None:
     """Stop vehicles and hold their positions; this ends their missions. Names may be patterns: 'uav*'.
 
@@ -40,7 +51,7 @@ def hold(ctx: click.Context, **options: Any) -> None:
 
 
 @click.command(cls=Command)
-@_options(120.0)
+@_options(120.0, _NEVER_ASKS)
 def land(ctx: click.Context, **options: Any) -> None:
     """Land vehicles at their positions and disarm them; ground vehicles stop. This ends their missions.
 
@@ -50,7 +61,7 @@ def land(ctx: click.Context, **options: Any) -> None:
 
 
 @click.command(cls=Command, name="return")
-@_options(420.0)
+@_options(420.0, _NEVER_ASKS)
 def return_(ctx: click.Context, **options: Any) -> None:
     """Return vehicles to the place where they were armed, land and disarm them. This ends their missions.
 
@@ -128,7 +139,7 @@ def takeoff(
 @click.option("--to", type=Place(), metavar="X,Y[,Z]", help="Place in the map: east, north, up; one vehicle.")
 @click.option("--by", type=Place(), metavar="X,Y[,Z]", help="Displacement from where each vehicle is.")
 @_SPEED
-@_options(300.0)
+@_options(300.0, _NEVER_ASKS)
 def goto(
     ctx: click.Context,
     platforms: tuple[str, ...],

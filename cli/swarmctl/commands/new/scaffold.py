@@ -15,6 +15,7 @@ from swarmware.errors import Conflict, InvalidInput, NotFound
 from swarmware.mission.installed import installed
 from swarmware.model.config import share_dir
 from swarmware.model.plugins import BLOCK_GROUP, DRIVER_GROUP, OWN_DRIVERS, SERVICE_GROUP, entry_points
+from swarmware.runtime.filewriter import naming
 
 NAME: Final = "my_name"
 """Stands for the new name in the paths and texts of a scaffold, which so are valid Python."""
@@ -141,7 +142,8 @@ def write_files(folder: Path, files: dict[str, str]) -> None:
     try:
         for path, text in files.items():
             (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_text(text, "utf-8")
+            with naming(folder / path):
+                (folder / path).write_text(text, "utf-8")
     except BaseException:
         shutil.rmtree(folder)
         raise

@@ -10,6 +10,7 @@ from swarmctl.commands.topo.picture import DrawnLink, draw_topology
 from swarmware.errors import missing_extra
 from swarmware.model import names
 from swarmware.model.platform_kind import NO_KIND, PlatformKind
+from swarmware.runtime.filewriter import naming
 from swarmware.types.net import LinkStatus, Neighbours
 
 
@@ -90,7 +91,10 @@ def to_png(nodes: Mapping[str, PlatformKind], found: list[TopologyEdge], target:
 
     Raises: ConfigError without matplotlib.
     """
-    with Path(target).open("wb") as file:  # first: an invalid name is reported before the slow import
+    with (
+        naming(target),
+        Path(target).open("wb") as file,
+    ):  # first: an invalid name is reported before the slow import
         _draw(nodes, found, file)
 
 

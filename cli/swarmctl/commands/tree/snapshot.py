@@ -17,7 +17,7 @@ from swarmctl.terminal.confirmation import confirm
 from swarmware.errors import ConfigError, InvalidInput, NotFound
 from swarmware.model import document, names
 from swarmware.model.resource import Kind
-from swarmware.runtime.filewriter import replace_file
+from swarmware.runtime.filewriter import write_result
 from swarmware.types.json_form import plain
 from swarmware.types.tree import TreeEntry
 
@@ -104,7 +104,7 @@ async def dump(session: Session, pattern: str, file: str) -> None:
     if file:
         target = Path(file)
         target.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(target, snapshot_bytes(found, as_json=target.suffix == ".json"))
+        write_result(target, snapshot_bytes(found, as_json=target.suffix == ".json"))
         there = ", ".join(found.platforms)
         session.out.say(f"{target}: {len(found.resources)} resources of {there}")
     if session.settings.structured:

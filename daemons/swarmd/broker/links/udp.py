@@ -277,8 +277,8 @@ def _group_socket(network: Network, group: Address) -> socket.socket:
         raise ConfigError(
             f"{where}: multicast_group {group[0]}:{group[1]} on interface "
             f"{network.interface or 'of the kernel'!r}: "
-            f"{error.strerror}; expected an IPv4 group such as 239.83.87.1, and the address or name of an "
-            "interface"
+            f"{error.strerror or error}; expected an IPv4 group such as 239.83.87.1, and the address or name"
+            " of an interface"
         ) from error
     return sock
 

@@ -37,11 +37,22 @@ def file_errors(path: Path) -> Iterator[None]:
     except PermissionError as error:
         raise Denied(f"{path}: no permission") from error
     except OSError as error:
-        if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
-            raise RingFull(f"{path}: the file system of the shared memory is full") from error
+        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+            raise RingFull(f"shared memory is full: {path}, {_usage(path)}") from error
+        if error.errno == errno.EFBIG:
+            raise RingFull(
+                f"{path}: larger than files may be; expected a higher limit (ulimit -f)"
+            ) from error
         if error.errno in {errno.ELOOP, errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENXIO}:
             raise WireError(f"{path}: not a regular file in a folder") from error
         raise
+
+
+def _usage(path: Path) -> str:
+    """Used and total bytes of the file system of a ring."""
+    found = os.statvfs(path.parent)
+    total = found.f_blocks * found.f_frsize
+    return f"{total - found.f_bavail * found.f_frsize} of {total} bytes of its file system are used"
 
 
 def open_reading(path: Path) -> int:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import stat
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +13,20 @@ from swarmware.transport.transfer.block_set import BLOCK_BYTES, BlockSet, block_
 DIGEST_BYTES: Final = 32
 _READ_BYTES: Final = 1024 * 1024
 _FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+
+
+def regular_file_size(path: Path, limit_bytes: int) -> int:
+    """Size of a regular file in bytes, before anything is read of it.
+
+    A FIFO or a device has no end, and a sparse file may be larger than any disk.
+    Raises: OutOfRange above the limit, InvalidInput for any other kind of file, OSError.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise InvalidInput(f"{path}: not a regular file; expected a file, not a folder, FIFO or device")
+    if found.st_size > limit_bytes:
+        raise OutOfRange(f"{path}: {found.st_size} bytes; expected at most {limit_bytes}")
+    return found.st_size
 
 
 def digest_of(path: Path) -> bytes:
