@@ -20,37 +20,22 @@ class DeviceThread:
     """A thread that calls functions of one device, one after the other.
 
     A device that hangs delays neither the event loop nor the end of the process, which does not wait for it.
-    `on_idle` is called after each `idle_s` without another call. The calls begin when those of `former`, the
-    thread before it of this device, have ended: a device that is closed and opened again has one at a time.
+    The calls begin when those of `former`, the thread before it of this device, have ended: a device that is
+    closed and opened again has one at a time.
     """
 
-    def __init__(
-        self,
-        name: str,
-        former: "DeviceThread | None" = None,
-        *,
-        idle_s: float | None = None,
-        on_idle: Callable[[], None] | None = None,
-    ) -> None:
+    def __init__(self, name: str, former: "DeviceThread | None" = None) -> None:
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
-        self._idle_s = idle_s
-        self._on_idle = on_idle
         self._thread = threading.Thread(target=self._work, args=(former,), name=f"hal-{name}", daemon=True)
         self._thread.start()
 
     def _work(self, former: "DeviceThread | None") -> None:
         if former is not None:
             former._thread.join()
-        while (call := self._next()) is not None:
+        while (call := self._calls.get()) is not None:
             # the errors of others are passed on; those of the last call have no receiver any more
             with suppress(SwarmError, OSError):
                 call()
-
-    def _next(self) -> Callable[[], None] | None:
-        try:
-            return self._calls.get(timeout=self._idle_s)
-        except queue.Empty:
-            return self._on_idle
 
     def post(self, function: Callable[[], None]) -> None:
         """Call a function in the thread without waiting for it; an error of it is dropped."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from swarmd.hal.config import Config
+from swarmd.hal.core.condition import Condition
 from swarmd.hal.core.line_load import LineUse
 from swarmware.errors import SwarmError
 from swarmware.model.platform_kind import PlatformKind
@@ -67,6 +68,10 @@ class Actuator(Device):
     @abstractmethod
     async def write(self, now_ns: int) -> bool:
         """Carries the newest set-point to the device; False when there was no new one."""
+
+    def conditions(self, now_ns: int) -> Sequence[Condition]:
+        """Checks of the device whose state has changed since the last call; at first all of them."""
+        return ()
 
     @abstractmethod
     def failsafe(self, now_ns: int) -> str:

@@ -1,13 +1,16 @@
 """Driver of an airframe without attitude control of its own: runs the cascade that commands the actuators."""
 
+import logging
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import msgspec
 
 from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import ChassisConfig
+from swarmd.hal.core.condition import Condition
 from swarmd.hal.core.flight.control_law import ControlLaw
-from swarmd.hal.core.flight.flight_core import FlightCore
+from swarmd.hal.core.flight.flight_core import FALL_MAX_S, FlightCore, FlightTiming, FormerFlight
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.errors import Denied
 from swarmware.module.board import BoardReader
@@ -15,7 +18,9 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import GnssFix, Imu, Setpoint
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
+
+log = logging.getLogger("swarm.hal")
 
 
 class FlightController(Chassis):
@@ -24,7 +29,8 @@ class FlightController(Chassis):
     It is called at the rate of the inertial unit, whose samples it reads from the board `imu`, and publishes
     `sensor/imu`: their mean at `imu_hz`, with the attitude of its filter. Fixes and the sonar's height come
     from the boards of their drivers. A driver implements `send_outputs` and `carry_order`, and passes each
-    report of the device to `on_report`.
+    report of the device to `on_report`. A process that is started again within seconds continues the flight
+    of the one before it, whose last outputs the actuators hold (ADR 69).
     """
 
     def __init__(
@@ -32,13 +38,14 @@ class FlightController(Chassis):
         name: str,
         config: ChassisConfig,
         controller: ControlLaw,
-        control_hz: float,
+        timing: FlightTiming,
         imu: str,
         imu_hz: float,
     ) -> None:
         # set-points are looked for at the rate of control
-        super().__init__(name, msgspec.structs.replace(config, rate_hz=control_hz))
-        self._flight = FlightCore(controller, config.origin_acc_m)
+        super().__init__(name, msgspec.structs.replace(config, rate_hz=1 / timing.period_s))
+        self._timing = timing
+        self._flight = FlightCore(controller, timing, config.origin_acc_m)
         self._source = imu
         self._imu_hz = imu_hz
         self._imu_ns = 0
@@ -62,6 +69,26 @@ class FlightController(Chassis):
     def carry_order(self, order: ChassisOrder) -> None:
         """Sends an order to the device; also a repeated one."""
 
+    def take_over(self, module: Module) -> bool:
+        """Continues the flight of a process that has just ended, by what it published; False: none flew."""
+        state, imu = module.reader("vehicle/state", VehicleState), module.reader("sensor/imu", Imu)
+        pose = module.reader("nav/pose", Pose)
+        try:
+            said, sample, age_s, place = state.value, imu.value, imu.age_s, pose.value
+            flies = said is not None and said.armed and not said.landed
+            if not flies or sample is None or age_s is None or age_s > self._timing.held_s + FALL_MAX_S:
+                return False
+            former = FormerFlight(sample, imu.local_stamp_ns or module.now_ns())
+            if place is not None:
+                velocity = (place.vx_m_s, place.vy_m_s, place.vz_m_s)
+                former = FormerFlight(sample, former.stamp_ns, place.z_m, velocity)
+        finally:
+            for reader in (state, imu, pose):
+                reader.close()
+        log.warning("driver %s: the vehicle flies: taken over after %.2f s", self.name, age_s)
+        self._flight.on_former(former)
+        return True
+
     async def open(self, module: Module) -> None:
         """Opens the boards of the sensors."""
         await super().open(module)
@@ -71,7 +98,13 @@ class FlightController(Chassis):
         self._mean = module.writer("sensor/imu", Imu, rate_hz=self._imu_hz)
 
     async def close(self) -> None:
-        """Closes the boards of the sensors."""
+        """Closes the boards of the sensors; of a vehicle that flies what a flight is continued by stays
+        readable."""
+        state = self.state
+        if state is not None and state.armed and not state.landed:
+            for writer in (self._state, self._mean):
+                if writer is not None:
+                    writer.durable = True
         await super().close()
         for reader in (self._imu, self._gnss, self._height):
             if reader is not None:
@@ -92,7 +125,14 @@ class FlightController(Chassis):
             return False
         self.send_outputs(outputs, now_ns)
         self._publish_imu(now_ns)
+        if self._flight.lost and not self._core.killing:
+            log.error("driver %s: the motors are stopped: %s", self.name, self._flight.lost)
+            self.carry_order(self._core.on_order(ChassisAction.KILL, now_ns))
         return True
+
+    def conditions(self, now_ns: int) -> Sequence[Condition]:
+        """Faults of the flight that changed: loop, tilt, contact."""
+        return self._flight.watch.conditions(now_ns)
 
     def _read(self, now_ns: int) -> None:
         flight, gnss, height, imu = self._flight, self._gnss, self._height, self._imu

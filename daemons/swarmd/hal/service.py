@@ -222,7 +222,13 @@ class Hal(Service):
                 timer.close()
 
     def _watch(self, actuator: Actuator, schedule: Schedule, now_ns: int) -> None:
-        """Publishes and reports when the watchdog of an actuator takes over, and when it ends."""
+        """Reports the conditions of an actuator that changed, and when its watchdog takes over and ends."""
+        for one in actuator.conditions(now_ns):
+            if one.detail:
+                log.warning("driver %s: %s %s: %s", actuator.name, one.name, one.state, one.detail)
+            self.health.report(
+                one.name, one.state, level=one.level, detail=one.detail, description=one.description
+            )
         reason = actuator.failsafe(now_ns)
         level = schedule.safe(reason, now_ns)
         if level is None:

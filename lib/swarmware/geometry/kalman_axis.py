@@ -52,6 +52,13 @@ class KalmanAxis:
         self.pv += dt_s * self.vv + q * half * dt_s
         self.vv += q * dt_s * dt_s
 
+    def doubt(self, accel_sigma: float, dt_s: float) -> None:
+        """Adds the uncertainty of a constant acceleration that acted for dt and was not measured."""
+        position, velocity = accel_sigma * dt_s * dt_s / 2, accel_sigma * dt_s
+        self.pp += position * position
+        self.pv += position * velocity
+        self.vv += velocity * velocity
+
     def rest(self, sigma: float) -> None:
         """Begins a rest: zero velocity, and a position no better than one fix."""
         self.v = self.pv = 0.0

@@ -27,6 +27,9 @@ class BodyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Quadratic drag along the body axes: of the fuselage."""
     turn_drag_n_m_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Linear drag of a turn about the body axes."""
+    outputs_held_s: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0
+    """Time without new outputs of the flight controller during which motors and servos keep the last ones;
+    after it the motors stop (ADR 69)."""
     rest_pitch_rad: Angle = 0.0
     """Pitch at which it stands, positive with the nose down: on a tail wheel, on the rail of a catapult."""
     slide_m_s2: NotNegative = 0.0

@@ -18,6 +18,10 @@ from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.driver import DeviceError
 from swarmware.testing.leaks import no_leaks
 
+LONG_S = 60.0
+"""Time of silence that a test does not reach."""
+HELD_S = 0.3
+
 DRIVER = """
 import sys
 from swarmd.hal.config import ServoDriver, ServoOutput
@@ -80,7 +84,7 @@ def test_a_process_that_something_ended_is_started_again(
     folder = chip(tmp_path, 1)
     channel = PwmChannel(str(folder), 0, 0.02)
     channel.set_pulse(1500.0)
-    writer = EndWriter(channel.texts(1000.0))
+    writer = EndWriter(channel.texts(1000.0), LONG_S)
     first = writer.pid
     writer.keep()
     assert writer.pid == first
@@ -99,12 +103,12 @@ def test_a_process_that_something_ended_is_started_again(
 def test_one_that_ends_at_its_start_is_an_error_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with no_leaks(), pytest.raises(DeviceError, match="ended at its start"):
-        EndWriter([])
+        EndWriter([], LONG_S)
 
 
 def test_a_file_that_is_gone_does_not_keep_the_others_from_their_values(tmp_path: Path) -> None:
     (tmp_path / "there").write_text("7")
-    writer = EndWriter([(str(tmp_path / "no" / "file"), "1"), (str(tmp_path / "there"), "2")])
+    writer = EndWriter([(str(tmp_path / "no" / "file"), "1"), (str(tmp_path / "there"), "2")], LONG_S)
     writer.close()
     assert (tmp_path / "there").read_text() == "2"
 
@@ -112,7 +116,55 @@ def test_a_file_that_is_gone_does_not_keep_the_others_from_their_values(tmp_path
 def test_an_output_that_was_unplugged_is_not_made_as_a_file(tmp_path: Path) -> None:
     gone = tmp_path / "duty_cycle"
     gone.write_text("1500000")
-    writer = EndWriter([(str(gone), "1000000")])
+    writer = EndWriter([(str(gone), "1000000")], LONG_S)
     gone.unlink()
     writer.close()
     assert not gone.exists()
+
+
+def until(path: Path, wanted: str) -> None:
+    end_s = time.monotonic() + 60.0
+    while path.read_text() != wanted:
+        assert time.monotonic() < end_s, path.read_text()
+
+
+def test_the_outputs_of_a_driver_that_hangs_take_their_safe_widths_until_it_is_back(tmp_path: Path) -> None:
+    duty = tmp_path / "duty_cycle"
+    duty.write_text("1500")
+    writer = EndWriter([(str(duty), "1000")], HELD_S, HELD_S)
+    begin_s = time.monotonic()
+    for _ in range(20):
+        writer.keep()
+        time.sleep(HELD_S / 10)
+    if time.monotonic() - begin_s < 3 * HELD_S:  # else this process was late itself
+        assert duty.read_text() == "1500", "signs of life are enough"
+    until(duty, "1000")
+    assert writer.keep(), "the driver sets its widths again"
+    duty.write_text("1600")
+    assert not writer.keep()
+    until(duty, "1000")
+    writer.close()
+
+
+def test_the_outputs_of_a_killed_driver_are_held_and_then_safe(tmp_path: Path) -> None:
+    duty = tmp_path / "duty_cycle"
+    duty.write_text("1500")
+    writer = EndWriter([(str(duty), "1000")], HELD_S, HELD_S)
+    writer.keep()
+    begin_s = time.monotonic()
+    writer.leave()
+    until(duty, "1000")
+    assert time.monotonic() - begin_s > 0.5 * HELD_S
+    writer.close()
+
+
+def test_outputs_that_another_driver_has_taken_over_are_left_to_it(tmp_path: Path) -> None:
+    duty = tmp_path / "duty_cycle"
+    duty.write_text("1500")
+    writer = EndWriter([(str(duty), "1000")], 5.0, 5.0)
+    writer.leave()
+    process = psutil.Process(writer.pid)
+    while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
+        duty.write_text(f"{time.monotonic_ns() % 1000 + 1400}")
+    assert duty.read_text() != "1000"
+    writer.close()

@@ -23,7 +23,7 @@ from swarmware.module.writer import BoardWriter
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.chassis import ChassisAction
 from swarmware.types.control import Drive
-from swarmware.types.vehicle import Imu
+from swarmware.types.vehicle import Imu, VehicleState
 
 STILL = Imu(0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY_M_S2, 0.0)
 SITE = Site(PlatformKind.UAV, "", airframe())
@@ -121,10 +121,10 @@ async def test_without_inertial_samples_the_motors_stop_and_the_vehicle_is_disar
     async with rig(tmp_path) as r:
         await r.arm()
         now_ns = r.module.now_ns()
-        await r.driver.write(now_ns + 300 * MS)
+        await r.driver.write(now_ns + 800 * MS)
         assert "the attitude is not known" in r.driver.failsafe(now_ns + 300 * MS)
         assert r.armed
-        await r.driver.write(now_ns + 900 * MS)
+        await r.driver.write(now_ns + 1600 * MS)
         assert r.widths_us == STOP
         assert not r.armed
 
@@ -137,6 +137,60 @@ async def test_the_motors_stop_when_the_event_loop_hangs_and_when_the_driver_end
         await r.arm()
         await r.driver.close()
         await r.until_stopped()
+
+
+async def fly(r: Rig) -> None:
+    """Lifts it, as far as its driver can tell."""
+    await r.arm()
+    r.drives.write(Drive(0.0, 0.0, 1.0))
+    async with asyncio.timeout(20.0):
+        while r.driver.state is None or r.driver.state.landed:
+            await r.step()
+    assert min(r.widths_us) > IDLE[0]
+
+
+async def test_a_driver_that_is_opened_in_flight_holds_the_pulses_and_continues(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        await fly(r)
+        held = r.widths_us
+        await r.driver.close()
+        again = driver(r.folder)
+        await again.open(r.module)
+        try:
+            assert r.widths_us == held, "until the first step"
+            assert again.state == VehicleState(armed=True, landed=False)
+            r.imu.write(STILL)
+            await again.write(r.module.now_ns())
+            assert min(r.widths_us) > IDLE[0]
+            states = {one.name: one.state for one in again.conditions(r.module.now_ns())}
+            assert states.keys() == {"flight/loop", "flight/tilt", "flight/contact"}
+        finally:
+            await again.execute(ChassisAction.KILL)
+            await again.close()
+
+
+async def test_a_flight_that_nobody_continues_ends_with_the_motors_stopped(tmp_path: Path) -> None:
+    async with rig(tmp_path) as r:
+        await fly(r)
+        held = r.widths_us
+        await r.driver.close()
+        assert r.widths_us == held
+        await r.until_stopped()
+
+
+async def test_after_a_gap_in_which_the_motors_stopped_a_vehicle_that_does_not_fall_is_killed(
+    tmp_path: Path,
+) -> None:
+    async with rig(tmp_path) as r:
+        await fly(r)
+        later_ns = r.module.now_ns() + 1500 * MS
+        r.imu.write(STILL, later_ns)
+        await r.driver.write(later_ns)
+        assert not r.armed
+        await r.until_stopped()
+        (loop,) = (one for one in r.driver.conditions(later_ns) if one.name == "flight/loop")
+        assert (loop.state, loop.level) == ("lost", "error")
+        assert "the vehicle does not fall: 9.8 m/s² on it" in loop.detail
 
 
 async def test_opened_again_it_is_disarmed_and_a_chip_that_is_missing_is_waited_for(tmp_path: Path) -> None:

@@ -1,9 +1,13 @@
-"""The last writes of a driver whose process was killed: a process of its own makes them."""
+"""The last writes of a driver whose process hangs or was killed: a process of its own makes them."""
 
 import logging
+import os
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -13,19 +17,27 @@ from swarmd.hal.driver import DeviceError
 CLOSE_S: Final = 1.0
 """Time that the process has to write, after which it is killed."""
 _PROGRAM: Final = str(Path(write_at_end.__file__))
+_END: Final = b"e"
+_MARGIN: Final = 0.5
+"""Share of the time of silence from which the process may have written."""
 
 log = logging.getLogger("swarm.hal")
 
 
 class EndWriter:
-    """Writes texts to files when this process ends, however it ends: a kernel keeps its outputs as they are.
+    """Writes texts to files when this process hangs or ends: a kernel keeps its outputs as they are.
 
+    `held_s`: time without a call of `keep` after which the texts are written; `dead_s`: the same where this
+    process has ended, unless another one has changed the files by then.
     Raises: DeviceError when the process does not start.
     """
 
-    def __init__(self, texts: Sequence[tuple[str, str]]) -> None:
+    def __init__(self, texts: Sequence[tuple[str, str]], held_s: float, dead_s: float = 0.0) -> None:
         self._texts = [part for pair in texts for part in pair]
+        self._held_s = held_s
+        self._dead_s = dead_s
         self._process = self._started()
+        self._kept_s = time.monotonic()
         ready = self._process.stdout
         assert ready is not None
         if not ready.read(1):
@@ -34,29 +46,54 @@ class EndWriter:
 
     def _started(self) -> subprocess.Popen[bytes]:
         try:
-            return subprocess.Popen(
-                [sys.executable, "-I", "-S", _PROGRAM, *self._texts],
+            process = subprocess.Popen(
+                [sys.executable, "-I", "-S", _PROGRAM, str(self._held_s), str(self._dead_s), *self._texts],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 start_new_session=True,
             )
         except OSError as error:
             raise DeviceError(f"{_PROGRAM}: cannot be started: {error}") from error
+        assert process.stdin is not None
+        os.set_blocking(process.stdin.fileno(), False)
+        return process
 
     @property
     def pid(self) -> int:
         """Process id of the waiting process."""
         return self._process.pid
 
-    def keep(self) -> None:
-        """Starts the process again if something has ended it. Raises: DeviceError."""
+    def keep(self) -> bool:
+        """A sign of life of the driver; True if the process may have written since the last one.
+
+        Starts the process again if something has ended it. Raises: DeviceError.
+        """
+        now_s = time.monotonic()
+        since_s, self._kept_s = now_s - self._kept_s, now_s
         if self._process.poll() is not None:
-            log.warning("the process that stops the outputs after a kill has ended: it is started again")
+            log.warning(
+                "the process that stops the outputs of a driver that hangs has ended: it is started again"
+            )
             self._close_pipes()
             self._process = self._started()
+        self._tell(b".")
+        return since_s > _MARGIN * self._held_s
+
+    def _tell(self, word: bytes) -> None:
+        stdin = self._process.stdin
+        if stdin is not None and not stdin.closed:
+            with suppress(BlockingIOError, BrokenPipeError):  # a full pipe has signs of life enough
+                os.write(stdin.fileno(), word)
+
+    def leave(self) -> None:
+        """Ends this side only: the process writes after its time, unless another driver changes the
+        outputs."""
+        self._close_pipes()
+        threading.Thread(target=self._process.wait, name="hal-end", daemon=True).start()
 
     def close(self) -> None:
         """Ends the process, which writes the texts now."""
+        self._tell(_END)
         self._close_pipes()
         try:
             self._process.wait(CLOSE_S)

@@ -14,27 +14,40 @@ _US: Final = 1000
 class PwmChannel(Bus):
     """One output of a chip such as `/sys/class/pwm/pwmchip0`; its pulses begin with the first width.
 
+    `keeps`: pulses of this period that another process has left running continue until the first width.
     Source: Linux, Documentation/ABI/testing/sysfs-class-pwm.
     """
 
-    def __init__(self, chip: str, channel: int, period_s: float) -> None:
+    def __init__(self, chip: str, channel: int, period_s: float, *, keeps: bool = False) -> None:
         self._folder = Path(chip) / f"pwm{channel}"
         self.path = str(self._folder)
         self._period_ns = round(period_s * 1e9)
         self._duty = -1
-        self._on = False
+        self._on: bool | None = False
+        """Whether there are pulses; None: another process may have changed it."""
         try:
             if not self._folder.exists():
                 (Path(chip) / "export").write_text(f"{channel}\n", "ascii")
-            # a former period may be shorter than a former width: off first
-            self._write("duty_cycle", 0)
-            self._write("period", self._period_ns)
+            if keeps and self._read("period") == self._period_ns and self._read("enable"):
+                self._on = True
+            else:
+                # a former period may be shorter than a former width: off first
+                self._write("duty_cycle", 0)
+                self._write("period", self._period_ns)
             self._duty = os.open(self._folder / "duty_cycle", os.O_WRONLY | os.O_CLOEXEC)
         except OSError as error:
             raise opening_error(self.path, error) from error
 
     def _write(self, name: str, value: int) -> None:
         (self._folder / name).write_text(f"{value}\n", "ascii")
+
+    def _read(self, name: str) -> int:
+        line = (self._folder / name).read_text("ascii").split("\n", 1)[0]
+        return int(line) if line.isdigit() else 0
+
+    def forget(self) -> None:
+        """Takes that another process may have changed the pulses: the next width is set in any case."""
+        self._on = None
 
     def set_pulse(self, width_us: float) -> None:
         """Sets the width of the pulses; zero: no pulses. Raises: DeviceError."""

@@ -1,23 +1,71 @@
-"""Program: writes texts to files as soon as its standard input ends, which is when its parent has ended.
+"""Program: writes texts to files when its standard input brings nothing for too long, or has ended.
 
-Started as `python -I -S write_at_end.py FILE TEXT [FILE TEXT...]`, it imports nothing that is installed: it
-starts at once and takes little memory. The first byte of its output means that it is ready.
+Started as `python -I -S write_at_end.py HELD_S DEAD_S FILE TEXT [FILE TEXT...]`, it imports nothing that is
+installed: it starts at once and takes little memory. The first byte of its output means that it is ready.
+
+Each byte of the input is a sign of life. Without one for HELD_S the texts are written; so they are DEAD_S
+after the last one when the input has ended, unless another process has changed a file meanwhile: it has
+taken the outputs over. The byte `e` is an end in order: the texts are written at once.
 """
 
 import contextlib
 import os
+import select
 import signal
 import sys
+import time
+
+_LOOKS = 20
+"""Wakes within the time of silence: signs of life come at the rate of control, and are taken together."""
 
 
-def main(pairs: list[str]) -> None:
-    """Waits for the end of the input, then writes; a file that fails does not keep the others from it."""
+def main(held_s: float, dead_s: float, pairs: list[str]) -> None:
+    """Waits for silence or the end of the input, then writes."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # a supervisor ends all processes of a service
     with contextlib.suppress(BrokenPipeError):  # the parent may have ended already
         os.write(1, b".")
-    while os.read(0, 64):
-        pass
+    lived_s, silent = time.monotonic(), False
+    while True:
+        timeout_s = None if silent else max(0.0, lived_s + held_s - time.monotonic())
+        if not select.select([0], [], [], timeout_s)[0]:
+            silent = True
+            write(pairs)
+            continue
+        found = os.read(0, 65536)
+        if not found or found.endswith(b"e"):
+            break
+        lived_s, silent = time.monotonic(), False
+        if not select.select([0], [], [], 0.0)[0]:
+            time.sleep(held_s / _LOOKS)
+    if found or silent or is_ours(pairs[::2], lived_s + dead_s):
+        write(pairs)
+
+
+def is_ours(paths: list[str], end_s: float) -> bool:
+    """Waits until an instant; whether no other process has changed a file by then."""
+    first = [content(path) for path in paths]
+    while (left_s := end_s - time.monotonic()) > 0.0:
+        time.sleep(min(left_s, 0.01))
+        if [content(path) for path in paths] != first:
+            return False
+    return True
+
+
+def content(path: str) -> bytes:
+    """What a file contains; empty if it cannot be read."""
+    try:
+        fd = os.open(path, os.O_RDONLY)
+        try:
+            return os.read(fd, 64)
+        finally:
+            os.close(fd)
+    except OSError:
+        return b""
+
+
+def write(pairs: list[str]) -> None:
+    """Writes each text to its file."""
     for path, text in zip(pairs[::2], pairs[1::2], strict=True):
         try:
             # an output that is gone is not made again as a file
@@ -29,4 +77,4 @@ def main(pairs: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main(float(sys.argv[1]), float(sys.argv[2]), sys.argv[3:])

@@ -9,8 +9,8 @@ from swarmd.hal.buses.end_writer import EndWriter
 from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.config import ChassisConfig, Config, MotorPulse, PwmFlightDriver, ServoPulse
 from swarmd.hal.core.flight.control_law import HoverLaw
-from swarmd.hal.core.flight.flight_core import hover_law
-from swarmd.hal.core.flight.motor_phase import FlightSample, MotorSwitch
+from swarmd.hal.core.flight.flight_core import FlightTiming, flight_timing, hover_law
+from swarmd.hal.core.flight.motor_phase import FlightSample, MotorPhase, MotorSwitch
 from swarmd.hal.driver import Device, Site
 from swarmd.hal.flight_controller import FlightController
 from swarmware.errors import ConfigError
@@ -22,8 +22,6 @@ from swarmware.types.vehicle import Setpoint
 
 log = logging.getLogger("swarm.hal")
 
-_IDLE_S: Final = 0.5
-"""Time without a call after which the thread of the device stops the motors: the event loop hangs."""
 _REPORT_NS: Final = 500_000_000
 """Period of the report without a change: a chassis that is silent for 3 s counts as lost."""
 _HELICOPTER: Final = (1, 4)
@@ -33,18 +31,20 @@ _HELICOPTER: Final = (1, 4)
 class PwmFlight(FlightController):
     """Flight controller whose motors follow the width of pulses of the PWM of Linux.
 
-    The chip continues the pulses of a killed process: another process stops them (ADR 59).
+    The chip continues the pulses of a process that hangs or was killed: another process stops them (ADR 59,
+    69).
     """
 
     def __init__(
-        self, config: ChassisConfig, settings: PwmFlightDriver, law: HoverLaw, control_hz: float
+        self, config: ChassisConfig, settings: PwmFlightDriver, law: HoverLaw, timing: FlightTiming
     ) -> None:
-        super().__init__("pwm_flight", config, law, control_hz, settings.imu, settings.imu_hz)
+        super().__init__("pwm_flight", config, law, timing, settings.imu, settings.imu_hz)
         self._settings = settings
         self._law = law
         self._switch = MotorSwitch()
         self._setpoint = Setpoint(0.0)
-        self._outputs = ActuatorOutputs()
+        self._outputs: ActuatorOutputs | None = ActuatorOutputs()
+        """Outputs of the newest step; None: none yet, in a flight that was taken over."""
         self._reported: tuple[ChassisReport, int] | None = None
         """The report that was made last, and when."""
         self._thread: DeviceThread | None = None
@@ -55,28 +55,29 @@ class PwmFlight(FlightController):
         """What the channels have now."""
 
     async def open(self, module: Module) -> None:
-        """Opens the channels, whose motors stop; the vehicle is disarmed.
+        """Opens the channels; the motors stop and the vehicle is disarmed, unless it flies.
 
         Raises: DeviceError, DeviceGone.
         """
-        self._switch, self._outputs, self._reported = MotorSwitch(), ActuatorOutputs(), None
-        self._thread = self._former = DeviceThread(
-            self.name, self._former, idle_s=_IDLE_S, on_idle=self._stop
-        )
-        await self._thread.run(self._connect)
+        flies = self.take_over(module)
+        self._switch = MotorSwitch(self._timing.held_s, module.now_ns() if flies else None)
+        self._outputs, self._reported = None if flies else ActuatorOutputs(), None
+        self._thread = self._former = DeviceThread(self.name, self._former)
+        await self._thread.run(lambda: self._connect(keeps=flies))
         await super().open(module)
         self._report(module.now_ns())
 
-    def _connect(self) -> None:
+    def _connect(self, *, keeps: bool) -> None:
         settings = self._settings
         numbers = [one.channel for one in settings.motors] + [one.channel for one in settings.servos]
         for number in numbers:
-            self._channels.append(PwmChannel(settings.device, number, 1 / settings.pulses_hz))
-        self._stop()
+            self._channels.append(PwmChannel(settings.device, number, 1 / settings.pulses_hz, keeps=keeps))
+        if not keeps:
+            self._stop()
         pairs = zip(self._channels, self._widths(ActuatorOutputs()), strict=True)
-        self._end_writer = EndWriter(
-            [text for channel, width_us in pairs for text in channel.texts(width_us)]
-        )
+        texts = [text for channel, width_us in pairs for text in channel.texts(width_us)]
+        held_s = self._timing.held_s
+        self._end_writer = EndWriter(texts, held_s, held_s)
 
     async def write(self, now_ns: int) -> bool:
         """Runs the cascade for the newest inertial sample, and sets the pulses.
@@ -87,7 +88,9 @@ class PwmFlight(FlightController):
         if self._switch.stop_if_blind(now_ns):
             log.warning("driver %s: no inertial samples: the motors are stopped", self.name)
         self._report(now_ns)
-        widths = self._widths(self._switch.outputs(self._outputs))
+        if self._outputs is None and self._switch.report.armed:
+            return stepped  # what the process before has set is held until the first step
+        widths = self._widths(self._switch.outputs(self._outputs or ActuatorOutputs()))
         if self._thread is not None:
             await self._thread.run(lambda: self._carry(widths))
         return stepped
@@ -133,30 +136,41 @@ class PwmFlight(FlightController):
 
     def _carry(self, widths_us: Sequence[float]) -> None:
         """Sets the pulses that changed, in the thread of the device."""
+        if self._end_writer is not None and self._end_writer.keep():
+            self._widths_us = ()
+            for channel in self._channels:
+                channel.forget()
         if widths_us == self._widths_us:
             return
         self._widths_us = ()
-        if self._end_writer is not None:
-            self._end_writer.keep()
         for channel, width_us in zip(self._channels, widths_us, strict=True):
             channel.set_pulse(width_us)
         self._widths_us = widths_us
 
     def _disconnect(self) -> None:
         channels, self._channels = self._channels, []
+        if self._switch.phase is MotorPhase.AIRBORNE and self._end_writer is not None:
+            # as after a kill: outputs are held until this driver, or another process, continues the flight
+            self._end_writer.leave()
+            self._end_writer = None
+            self._close(channels)
+            return
         try:
             for channel, width_us in zip(channels, self._widths(ActuatorOutputs()), strict=False):
                 channel.set_pulse(width_us)
         finally:
-            self._widths_us = ()
-            for channel in channels:
-                channel.close()
+            self._close(channels)
             if self._end_writer is not None:
                 self._end_writer.close()
                 self._end_writer = None
 
+    def _close(self, channels: Sequence[PwmChannel]) -> None:
+        self._widths_us = ()
+        for channel in channels:
+            channel.close()
+
     async def close(self) -> None:
-        """Stops the motors, and closes the channels."""
+        """Stops the motors of a vehicle that does not fly, and closes the channels."""
         await super().close()
         if self._thread is not None:
             self._thread.close(self._disconnect)
@@ -177,7 +191,7 @@ def make(config: Config, site: Site) -> list[Device]:
             " aircraft has landed"
         )
     _check_outputs(airframe, settings.motors, settings.servos)
-    return [PwmFlight(config.chassis, settings, hover_law(airframe), airframe.control_hz)]
+    return [PwmFlight(config.chassis, settings, hover_law(airframe), flight_timing(airframe))]
 
 
 def _check_outputs(airframe: Airframe, motors: Sequence[MotorPulse], servos: Sequence[ServoPulse]) -> None:

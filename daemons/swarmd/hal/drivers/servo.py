@@ -35,12 +35,18 @@ class Servos(BlockingDevice, Actuator):
             self._channels.append(PwmChannel(config.device, one.channel, 1 / config.rate_hz))
         self._carry([one.safe_us for one in config.outputs])
         pairs = zip(self._channels, config.outputs, strict=True)
-        self._end_writer = EndWriter([text for channel, one in pairs for text in channel.texts(one.safe_us)])
+        texts = [text for channel, one in pairs for text in channel.texts(one.safe_us)]
+        # as old set-points: while the driver hangs they are not followed for longer either
+        self._end_writer = EndWriter(texts, config.watchdog_s)
 
     async def write(self, now_ns: int) -> bool:
         """Sets the widths that changed."""
         if self._boards is None:
             return False
+        if self._end_writer is not None and self._end_writer.keep():
+            self._widths_us = []
+            for channel in self._channels:
+                channel.forget()
         widths = [
             one.safe_us if value is None else one.center_us + value * one.range_us
             for one, value in zip(self._config.outputs, self._boards.values(now_ns), strict=True)
@@ -53,8 +59,6 @@ class Servos(BlockingDevice, Actuator):
     def _carry(self, widths_us: list[float]) -> None:
         """Sets the pulses, in the thread of the device."""
         self._widths_us = []
-        if self._end_writer is not None:
-            self._end_writer.keep()
         for channel, width_us in zip(self._channels, widths_us, strict=True):
             channel.set_pulse(width_us)
         self._widths_us = widths_us

@@ -181,7 +181,7 @@ def make(config: Config, site: Site) -> list[Device]:
 
 def _flight(config: Config, airframe: "Airframe") -> Device:
     """The flight controller of an airframe."""
-    from swarmd.hal.core.flight.flight_core import control_law  # other vehicles have none
+    from swarmd.hal.core.flight.flight_core import control_law, flight_timing  # other vehicles have none
     from swarmd.hal.drivers.sim_flight import SimFlight
 
-    return SimFlight(config.chassis, control_law(airframe), airframe.control_hz, config.sim.imu_hz)
+    return SimFlight(config.chassis, control_law(airframe), flight_timing(airframe), config.sim.imu_hz)

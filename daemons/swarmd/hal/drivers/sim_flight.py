@@ -2,6 +2,7 @@
 
 from swarmd.hal.config import ChassisConfig
 from swarmd.hal.core.flight.control_law import ControlLaw
+from swarmd.hal.core.flight.flight_core import FlightTiming
 from swarmd.hal.drivers.sim_port import SimPort
 from swarmd.hal.flight_controller import FlightController
 from swarmd.hal.imu_source import ImuSource
@@ -14,14 +15,15 @@ class SimFlight(ImuSource, FlightController):
     """Flight controller whose inertial unit and motors are simulated."""
 
     def __init__(
-        self, config: ChassisConfig, controller: ControlLaw, control_hz: float, imu_hz: float
+        self, config: ChassisConfig, controller: ControlLaw, timing: FlightTiming, imu_hz: float
     ) -> None:
         source = paths.simulated_sensor("imu")
-        super().__init__("sim.flight", config, controller, control_hz, source, imu_hz)
+        super().__init__("sim.flight", config, controller, timing, source, imu_hz)
         self._port = SimPort(paths.SIM_OUTPUTS, ActuatorOutputs)
 
     async def open(self, module: Module) -> None:
         """Opens the boards that it shares with the simulation, which may not run yet."""
+        self.take_over(module)
         await super().open(module)
         self._port.open(module)
         self.start(self._port.follow(self.on_report))

@@ -31,7 +31,7 @@ class FlyingBody:
 
     flies = True
     safe: Final = ActuatorOutputs()
-    stall_s: Final = 0.1
+    stall_s: Final = 2.5
 
     def __init__(self, model: AirframeModel, config: BodyConfig, start: Pose, wind: Wind) -> None:
         self._model = model

@@ -60,7 +60,7 @@ class VehicleModel(Protocol[C_contra]):
 
     @property
     def stall_s(self) -> float:
-        """Longest stall of the computer that is simulated afterwards; during a longer one time stops."""
+        """Longest stall of the computer that is simulated afterwards; in the rest time stands still."""
         ...
 
     @property
@@ -156,6 +156,9 @@ class Simulation:
         self._rate_hz = config.rate_hz if airframe is None else _STEPS_PER_SAMPLE * airframe.control_hz
         self._dt_ns = round(1e9 / self._rate_hz)
         self._dt_s = self._dt_ns / 1e9
+        held_s = config.setpoint_timeout_s if airframe is None else airframe.body.outputs_held_s
+        self._held_ns = round(held_s * 1e9)
+        """Age of a command from which the safe one is in force."""
         self._begun = False
         self._steps = 0
         """Index of the current sample: its instant in periods."""
@@ -266,17 +269,16 @@ class Simulation:
         due = reached - self._steps
         if due <= 0:
             return None
-        max_steps = round(self.vehicle.stall_s / self._dt_s)
-        if due > max_steps:
-            self._steps += due - max_steps
-            due = max_steps
+        # the world does not wait for the computer, but catching up must end, too
+        simulated = min(due, round(self.vehicle.stall_s / self._dt_s))
         first = self._steps
         hits: list[Collision] = []
         if self._is_parked():
-            hits += self._stay(due)
+            hits += self._stay(simulated)
         else:
-            for _ in range(due):
+            for _ in range(simulated):
                 hits += self._step()
+        self._steps += due - simulated
         return self._sample(first, tuple(hits))
 
     def deadline_ns(self) -> int | None:
@@ -318,7 +320,7 @@ class Simulation:
         if self._next_command is not None and self._next_command[1] < stamp_ns:
             self._command, self._command_ns = self._next_command
             self._next_command = None
-        old = stamp_ns - self._command_ns > self._config.setpoint_timeout_s * 1e9
+        old = stamp_ns - self._command_ns > self._held_ns
         before = vehicle.pose()
         impact_m_s = vehicle.step(vehicle.safe if old else self._command, self._dt_s)
         self._battery.draw(vehicle.power_w(), self._dt_s)

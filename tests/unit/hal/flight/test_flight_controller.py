@@ -9,6 +9,7 @@ import pytest
 from tests.unit.hal.flight.frames import airframe
 
 from swarmd.hal.config import ChassisConfig, Config
+from swarmd.hal.core.flight.flight_core import FlightTiming
 from swarmd.hal.core.flight.mixer import IDLE
 from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmd.hal.driver import Site
@@ -34,7 +35,7 @@ class Bench(FlightController):
 
     def __init__(self, **config: float) -> None:
         made = msgspec.convert(config, ChassisConfig)
-        super().__init__("bench", made, MultirotorController(airframe()), 100.0, IMU, 20.0)
+        super().__init__("bench", made, MultirotorController(airframe()), FlightTiming(), IMU, 20.0)
         self.sent: list[ActuatorOutputs] = []
         self.carried: list[ChassisAction] = []
 

@@ -1,8 +1,10 @@
 """The core of flight control: when it computes outputs, and when it must not."""
 
+import msgspec
+import pytest
 from tests.unit.hal.flight.frames import airframe
 
-from swarmd.hal.core.flight.flight_core import FlightCore
+from swarmd.hal.core.flight.flight_core import FlightCore, FlightTiming, FormerFlight
 from swarmd.hal.core.flight.mixer import IDLE
 from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmware.geometry.geodesy import GRAVITY_M_S2
@@ -78,3 +80,102 @@ def test_the_mean_of_the_samples_is_taken_with_the_attitude() -> None:
     assert mean.roll_rad is not None
     assert mean.roll_rad > 0.0
     assert flight.take_imu() is None
+
+
+def flying() -> FlightCore:
+    """A core in flight that turns about its roll axis with an even acceleration."""
+    flight = core()
+    flight.on_vehicle(armed=True, landed=False)
+    for tick in range(2, 11):
+        flight.on_imu(STILL, tick * 10 * MS)
+        flight.step(tick * 10 * MS)
+    return flight
+
+
+def test_what_happened_in_a_gap_is_computed_from_the_samples_at_its_ends() -> None:
+    flight = flying()
+    after = msgspec.structs.replace(STILL, wx_rad_s=0.8)
+    flight.on_imu(after, 600 * MS)
+    assert flight.step(600 * MS) is not None
+    assert flight.state().roll_rad == pytest.approx(0.8 / 2 * 0.5, abs=0.01)
+    assert flight.state().rates_rad_s[0] == pytest.approx(0.8, abs=0.01)
+    assert not flight.lost
+
+
+def test_a_vehicle_whose_motors_have_stopped_turns_on_with_its_last_rate() -> None:
+    flight = flying()
+    falling = Imu(0.4, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0)
+    flight.on_imu(falling, 1600 * MS)
+    assert flight.state().roll_rad == pytest.approx(0.4 / 2 + 0.4 * 0.5, abs=0.02)
+    outputs = flight.step(1600 * MS)
+    assert outputs is not None
+    assert min(outputs.motors) > 0.0, "it is caught"
+
+
+@pytest.mark.parametrize(
+    ("after", "gap_ms", "reason"),
+    [
+        (STILL, 1500, "the vehicle does not fall: 9.8 m/s² on it"),
+        (Imu(1.5, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0), 1600, "a tilt of 9"),
+        (Imu(0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0), 2100, "2.10 s without a step, expected at most 2 s"),
+        (STILL, 1200, ""),
+        (STILL, 900, ""),
+    ],
+)
+def test_a_flight_whose_motors_have_stopped_is_continued_only_where_that_is_safe(
+    after: Imu, gap_ms: int, reason: str
+) -> None:
+    flight = flying()
+    flight.on_imu(after, (100 + gap_ms) * MS)
+    outputs = flight.step((100 + gap_ms) * MS)
+    assert outputs is not None
+    assert (outputs == ActuatorOutputs()) is bool(reason)
+    assert reason in flight.lost if reason else not flight.lost
+    flight.on_vehicle(armed=False, landed=False)
+    assert not flight.lost
+
+
+def test_how_long_outputs_are_held_is_that_of_the_airframe() -> None:
+    flight = FlightCore(MultirotorController(airframe()), FlightTiming(0.01, 0.3))
+    flight.on_imu(STILL, 10 * MS)
+    flight.on_vehicle(armed=True, landed=False)
+    flight.on_imu(STILL, 700 * MS)
+    assert "does not fall" in flight.lost
+
+
+def test_after_unexpected_contact_it_stays_on_the_ground_until_it_is_disarmed() -> None:
+    flight = flying()
+    flight.on_setpoint(Setpoint(0.0, 0.0, 1.0))
+    for tick in range(11, 130):
+        flight.on_imu(STILL, tick * 10 * MS)
+        flight.step(tick * 10 * MS)
+
+    def motors(ms: int) -> float:
+        flight.on_imu(STILL, ms * MS)
+        outputs = flight.step(ms * MS)
+        assert outputs is not None
+        return outputs.motors[0] if outputs.motors else 0.0
+
+    flight.on_vehicle(armed=True, landed=True)
+    assert [motors(1300), motors(1310)] == [IDLE, IDLE]
+    flight.on_vehicle(armed=False, landed=True)
+    assert motors(1320) == 0.0
+    flight.on_vehicle(armed=True, landed=True)
+    assert motors(1330) > IDLE
+
+
+def test_the_flight_of_another_process_is_continued_with_its_attitude_and_motion() -> None:
+    flight = FlightCore(MultirotorController(airframe()))
+    former = FormerFlight(
+        msgspec.structs.replace(STILL, roll_rad=0.2, pitch_rad=-0.1), 100 * MS, 5.0, (1.0, 2.0, 0.0)
+    )
+    flight.on_former(former)
+    flight.on_imu(STILL, 500 * MS)
+    flight.on_gnss(GnssFix(48.0, 11.0, 500.0, 0.03, 12), 490 * MS, 500 * MS)
+    state = flight.state()
+    assert (state.roll_rad, state.pitch_rad) == pytest.approx((0.2, -0.1), abs=0.01)
+    assert state.position_m[2] == pytest.approx(5.0)
+    assert state.velocity_m_s == pytest.approx((1.0, 2.0, 0.0))
+    outputs = flight.step(505 * MS)
+    assert outputs is not None
+    assert min(outputs.motors) > IDLE

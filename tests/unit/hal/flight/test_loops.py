@@ -2,11 +2,13 @@
 
 import math
 
+import msgspec
 import pytest
 from tests.unit.hal.flight.frames import airframe, state
 
 from swarmd.hal.core.flight.attitude_loop import body_rates
 from swarmd.hal.core.flight.climb_loop import ClimbLoop
+from swarmd.hal.core.flight.hover_controller import softened
 from swarmd.hal.core.flight.rate_loop import RateLoop
 from swarmd.hal.core.flight.velocity_loop import VelocityLoop
 from swarmware.geometry.geodesy import GRAVITY_M_S2
@@ -122,3 +124,34 @@ def test_the_integral_carries_a_weight_that_is_not_configured_and_is_bounded() -
     for _ in range(10_000):
         last = loop.acceleration_m_s2(GAINS, LIMITS, 0.0, sinking, DT_S)
     assert last - first == pytest.approx(3.0, abs=0.05)
+
+
+def test_gains_are_softened_for_outputs_that_are_held_between_the_steps() -> None:
+    gains = GAINS
+    assert softened(gains, 0.0) is gains
+    assert softened(gains, 0.05) == gains, "a loop of 20 Hz is fast enough"
+    slow = softened(gains, 0.4)
+    assert (slow.rate_kp_1_s, slow.attitude_kp_1_s) == pytest.approx((2.0, 1.0))
+    assert (slow.climb_kp_1_s, slow.velocity_kp_1_s) == pytest.approx((2.0, 0.375))
+    assert slow.rate_ki_1_s2 == pytest.approx(gains.rate_ki_1_s2 / 49)
+    none = msgspec.structs.replace(gains, rate_kp_1_s=0.0, velocity_kp_1_s=0.0, climb_kp_1_s=0.0)
+    assert softened(none, 0.4).rate_kp_1_s == 0.0
+
+
+def test_the_integral_of_the_climb_loop_stays_in_a_fall() -> None:
+    gains, limits = GAINS, LIMITS
+    loop = ClimbLoop()
+    falling = state(velocity=(0.0, 0.0, -5.0))
+    first = loop.acceleration_m_s2(gains, limits, 0.0, falling, 0.01)
+    for _ in range(100):
+        last = loop.acceleration_m_s2(gains, limits, 0.0, falling, 0.01)
+    assert last == pytest.approx(first, abs=0.4)
+
+
+def test_after_a_gap_the_commanded_height_is_that_of_the_vehicle() -> None:
+    gains, limits = GAINS, LIMITS
+    loop = ClimbLoop()
+    loop.acceleration_m_s2(gains, limits, 0.0, state(position=(0.0, 0.0, 5.0)), 0.01)
+    below = state(position=(0.0, 0.0, 4.0))
+    loop.resume()
+    assert loop.acceleration_m_s2(gains, limits, 0.0, below, 0.01) == pytest.approx(0.0, abs=1e-9)

@@ -53,6 +53,10 @@ class AttitudeFilter:
         """Rates of the newest sample without the bias of the gyro."""
         return self._rates
 
+    def begin(self, angles_rad: Vector, rates_rad_s: Vector) -> None:
+        """Begins with a known attitude, roll, pitch and yaw, and known body rates."""
+        self._attitude, self._rates, self._begun = from_euler(*angles_rad), rates_rad_s, True
+
     def angles_rad(self) -> Vector:
         """Roll, pitch and yaw."""
         return to_euler(self._attitude)

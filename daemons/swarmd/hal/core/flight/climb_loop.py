@@ -7,6 +7,9 @@ from swarmware.model.hover_gains import HoverGains, HoverLimits
 
 _AHEAD_M: Final = 0.3
 """Largest distance of the commanded height from that of the vehicle."""
+_LEARNS_M_S: Final = 1.5
+"""Error of the climb rate from which the integral stays: that of a step or of a fall, not of mass or
+thrust."""
 _INTEGRAL_MAX_M_S2: Final = 3.0
 """Bound of the integral: a mass that is not as configured."""
 
@@ -25,6 +28,10 @@ class ClimbLoop:
         self._height_m = None
         self._integral = 0.0
 
+    def resume(self) -> None:
+        """Continues after a gap: the commanded height is that of the vehicle."""
+        self._height_m = None
+
     def acceleration_m_s2(
         self,
         gains: HoverGains,
@@ -39,6 +46,9 @@ class ClimbLoop:
         held = height_m if self._height_m is None else self._height_m + wanted_m_s * dt_s
         held = self._height_m = max(height_m - _AHEAD_M, min(height_m + _AHEAD_M, held))
         error = wanted_m_s + gains.height_kp_1_s * (held - height_m) - climb_m_s
-        integral = self._integral + gains.climb_ki_1_s2 * error * dt_s
+        learns = (
+            abs(error) < _LEARNS_M_S
+        )  # beyond it the thrust is at its limit, and the integral would wind up
+        integral = self._integral + (gains.climb_ki_1_s2 * error * dt_s if learns else 0.0)
         self._integral = max(-_INTEGRAL_MAX_M_S2, min(_INTEGRAL_MAX_M_S2, integral))
         return gains.climb_kp_1_s * error + self._integral

@@ -41,6 +41,20 @@ class ControlLaw(Protocol):
         """Horizontal acceleration that it commanded last."""
         ...
 
+    @property
+    def tilt_limit_rad(self) -> float:
+        """Tilt that it never commands, beyond which the vehicle is out of control."""
+        ...
+
+    def expect_gap(self, gap_s: float) -> None:
+        """Takes for how long its outputs may be held before the next step: a correction must not grow too
+        large in this time."""
+        ...
+
+    def resume(self) -> None:
+        """Continues after a gap: what it has learnt stays, commanded heights begin where the vehicle is."""
+        ...
+
     def reset(self) -> None:
         """Clears all integrals: the vehicle is disarmed."""
         ...

@@ -14,6 +14,8 @@ from swarmware.types.vehicle import Setpoint
 
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed aircraft is launched."""
+_TILT_MARGIN_RAD: Final = 0.5
+"""Tilt beyond the commanded maximum bank that is a fault: more than a gust causes."""
 _STOP_M_S: Final = 0.2
 """Commanded speed below which it loiters."""
 _ATTACK_MAX_RATIO: Final = 0.8
@@ -194,6 +196,18 @@ class FixedWingController:
             _bounded(elevator * effect + trim / surfaces.elevator_max_rad, 1.0),
             _bounded(rudder * effect, 1.0),
         )
+
+    @property
+    def tilt_limit_rad(self) -> float:
+        """Tilt that it never commands, beyond which the aircraft is out of control."""
+        return self._airframe.limits.bank_max_rad + _TILT_MARGIN_RAD
+
+    def expect_gap(self, gap_s: float) -> None:
+        """An aircraft is stable by itself: its gains stay."""
+
+    def resume(self) -> None:
+        """Continues after a gap: what it has learnt stays, the commanded height is that of the aircraft."""
+        self._height_m = None
 
     def reset(self) -> None:
         """Clears all integrals: the vehicle is disarmed or on the ground."""

@@ -1,15 +1,21 @@
 """The core of flight control: measurements and set-points in, outputs of the actuators out."""
 
+import math
 from typing import Final
+
+import msgspec
 
 from swarmd.hal.core.flight.attitude_filter import AttitudeFilter
 from swarmd.hal.core.flight.control_law import ControlLaw, HoverLaw
 from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
 from swarmd.hal.core.flight.flight_state import FlightState
+from swarmd.hal.core.flight.flight_watch import FlightStep, FlightWatch, tilt
+from swarmd.hal.core.flight.gap import between
 from swarmd.hal.core.flight.helicopter_controller import HelicopterController
 from swarmd.hal.core.flight.imu_mean import ImuMean
 from swarmd.hal.core.flight.motion_filter import MotionFilter
 from swarmd.hal.core.flight.multirotor_controller import MultirotorController
+from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import ORIGIN_ACC_M
 from swarmware.model.airframe import Airframe, MultirotorAirframe
 from swarmware.model.fixed_wing_airframe import FixedWingAirframe
@@ -18,16 +24,51 @@ from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import GnssFix, Imu, Setpoint
 
 _STEP_MAX_S: Final = 0.1
-"""Longest time between two samples that is integrated."""
+"""Longest time between two samples on the ground that is integrated."""
 _STALE_NS: Final = 200_000_000
 """Age of the newest inertial sample above which no outputs are computed: attitude is not known any more."""
+_GAP_PERIODS: Final = 3
+"""Periods between two samples from which the time between them is a gap."""
+_END_S: Final = 0.25
+"""Time after the end of the motors within which thrust is still measured: rotors run down, and clocks
+differ."""
+FALL_MAX_S: Final = 1.0
+"""Longest time after the end of the motors from which a flight is continued: the vehicle has fallen 5 m."""
+_FALL_MAX_M_S2: Final = 5.0
+"""Specific force below which a vehicle without thrust falls: half of what it is on the ground."""
+_FALL_TILT_RAD: Final = 1.0
+"""Tilt from which a falling vehicle is not caught: thrust would move it sideways."""
 _OFF: Final = ActuatorOutputs()
 _STOP: Final = Setpoint(0.0)
 _NONE: Final = (0.0, 0.0, 0.0)
 
 
+class FlightTiming(msgspec.Struct, frozen=True):
+    """Times of a flight controller and of the actuators behind it."""
+
+    period_s: float = 0.01
+    """Period of the inertial samples, and of control."""
+    held_s: float = 1.0
+    """Time without new outputs for which the actuators keep the last ones; the motors stop then."""
+
+
+class FormerFlight(msgspec.Struct, frozen=True):
+    """What another process knew of a flight when it ended."""
+
+    imu: Imu
+    """Last inertial sample, with the attitude."""
+    stamp_ns: int
+    height_m: float = 0.0
+    velocity_m_s: Vector = _NONE
+
+
 class FlightCore:
-    """Filters and cascade of one vehicle; one control step for each sample of the inertial unit."""
+    """Filters and cascade of one vehicle; one control step for each sample of the inertial unit.
+
+    After a gap between two samples it computes what happened in it, while the actuators held the last
+    outputs, and continues the flight. A flight whose motors stopped in the gap is continued if the vehicle
+    falls and its attitude permits it; else `lost` says why not.
+    """
 
     __slots__ = (
         "_armed",
@@ -35,15 +76,27 @@ class FlightCore:
         "_controller",
         "_dt_s",
         "_fresh",
+        "_gap_s",
         "_landed",
         "_mean",
         "_motion",
+        "_sample",
         "_setpoint",
+        "_timing",
+        "_touched",
         "imu_ns",
+        "lost",
+        "watch",
     )
 
-    def __init__(self, controller: ControlLaw, origin_acc_m: float = ORIGIN_ACC_M) -> None:
+    def __init__(
+        self,
+        controller: ControlLaw,
+        timing: FlightTiming = FlightTiming(),  # noqa: B008  # frozen
+        origin_acc_m: float = ORIGIN_ACC_M,
+    ) -> None:
         self._controller = controller
+        self._timing = timing
         self._attitude = AttitudeFilter()
         self._motion = MotionFilter(origin_acc_m)
         self._mean = ImuMean()
@@ -51,13 +104,33 @@ class FlightCore:
         self._armed, self._landed = False, True
         self.imu_ns = 0
         """Stamp of the newest inertial sample."""
-        self._dt_s = 0.0
+        self._sample: Imu | None = None
+        """The newest inertial sample."""
+        self._dt_s = self._gap_s = 0.0
+        """Time of the newest control step, and since the sample before it."""
         self._fresh = False
+        self._touched = False
+        """Whether it has touched the ground unexpectedly: it does not take off again before it is
+        disarmed."""
+        self.lost = ""
+        """Why the flight cannot be continued: the motors are to be stopped; empty: it can."""
+        self.watch = FlightWatch(timing.period_s, controller.tilt_limit_rad, timing.held_s)
+        """Faults of the flight."""
 
     @property
     def controller(self) -> ControlLaw:
         """The cascade of control loops."""
         return self._controller
+
+    def on_former(self, former: FormerFlight) -> None:
+        """Continues the flight of a process that has ended: the next sample ends a gap."""
+        imu = former.imu
+        rates = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s)
+        self._attitude.begin((imu.roll_rad or 0.0, imu.pitch_rad or 0.0, imu.yaw_rad or 0.0), rates)
+        self._motion.begin(former.height_m, former.velocity_m_s)
+        self._sample, self.imu_ns = imu, former.stamp_ns
+        self._armed, self._landed = True, False
+        self.watch.on_former(former.stamp_ns)
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
         """Takes a set-point: velocity and yaw rate, forward, left and up."""
@@ -66,6 +139,8 @@ class FlightCore:
     def on_vehicle(self, *, armed: bool, landed: bool) -> None:
         """Takes whether the motors are armed, and the vehicle is on the ground."""
         self._armed, self._landed = armed, landed
+        if not armed:
+            self._touched, self.lost = False, ""
 
     def on_gnss(self, fix: GnssFix, stamp_ns: int, now_ns: int) -> None:
         """Takes a position fix."""
@@ -79,17 +154,59 @@ class FlightCore:
         """Takes a sample of the inertial unit."""
         if stamp_ns <= self.imu_ns:
             return
-        dt_s = min((stamp_ns - self.imu_ns) / 1e9, _STEP_MAX_S)
-        self.imu_ns, self._dt_s, self._fresh = stamp_ns, dt_s, True
+        gap_s = (stamp_ns - self.imu_ns) / 1e9
+        before, self._sample = self._sample, imu
+        self.imu_ns, self._gap_s, self._fresh = stamp_ns, gap_s, True
         self._mean.add(imu)
+        flies = self._armed and not self._landed
+        if before is not None and flies and gap_s > _GAP_PERIODS * self._timing.period_s:
+            self._bridge(before, imu, gap_s)
+        else:
+            self._dt_s = min(gap_s, _STEP_MAX_S)
+            self._integrate(imu, self._dt_s, trusted=True)
+
+    def _bridge(self, before: Imu, imu: Imu, gap_s: float) -> None:
+        """Integrates a gap in the air: outputs were held, so rates changed evenly from one sample to the
+        other."""
+        timing = self._timing
+        count = math.ceil(gap_s / timing.period_s)
+        for number in range(1, count + 1):
+            sample = between(before, imu, number * gap_s / count, gap_s, timing.held_s)
+            self._integrate(sample, gap_s / count, trusted=False)
+        self._motion.on_gap(gap_s)
+        self._controller.resume()
+        self._dt_s = timing.period_s
+        if gap_s > timing.held_s + _END_S:
+            self.lost = self._uncatchable(imu, gap_s)
+
+    def _integrate(self, imu: Imu, dt_s: float, *, trusted: bool) -> None:
+        """`trusted`: the accelerometer shows the vertical as far as nothing accelerates the vehicle."""
         landed = self._landed
         accelerates_m_s2 = 0.0 if landed else self._controller.acceleration_m_s2
         turn = _NONE
         if self._controller.follows_nose and not landed:
             turn = self._attitude.turn_m_s2(self._motion.velocity_m_s)
-        self._attitude.update(imu, dt_s, landed=landed, accelerates_m_s2=accelerates_m_s2, turn_m_s2=turn)
+        self._attitude.update(
+            imu,
+            dt_s,
+            landed=landed,
+            accelerates_m_s2=accelerates_m_s2 if trusted else math.inf,
+            turn_m_s2=turn,
+        )
         force = self._attitude.to_map((imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2))
         self._motion.predict(force, dt_s, landed=landed)
+
+    def _uncatchable(self, imu: Imu, gap_s: float) -> str:
+        """Why a flight whose motors have stopped in a gap is not continued; empty: it is."""
+        force = math.hypot(imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2)
+        tilt_rad = tilt(self.state())
+        if gap_s > self._timing.held_s + FALL_MAX_S:
+            return f"{gap_s:.2f} s without a step, expected at most {self._timing.held_s + FALL_MAX_S:g} s"
+        if force > _FALL_MAX_M_S2:
+            return f"{gap_s:.2f} s without a step, and the vehicle does not fall: {force:.1f} m/s² on it"
+        if tilt_rad > _FALL_TILT_RAD:
+            return f"{gap_s:.2f} s without a step, and a tilt of {math.degrees(tilt_rad):.0f}°"
+        return ""
 
     def state(self) -> FlightState:
         """The estimated state at the newest sample."""
@@ -115,8 +232,23 @@ class FlightCore:
         self._fresh = False
         if not self._armed:
             self._controller.reset()
+            self.watch.on_disarmed()
             return _OFF
-        return self._controller.update(self._setpoint, self.state(), landed=self._landed, dt_s=self._dt_s)
+        state, wanted = self.state(), self._setpoint
+        if self.watch.on_step(FlightStep(state, self._gap_s, wanted.vz_m_s, self._landed), now_ns):
+            self._touched = True
+        self._controller.expect_gap(self.watch.expected_gap_s(now_ns))
+        if self.lost:
+            self.watch.on_lost(self.lost, now_ns)
+            return _OFF
+        return self._controller.update(
+            _STOP if self._touched else wanted, state, landed=self._landed, dt_s=self._dt_s
+        )
+
+
+def flight_timing(airframe: Airframe) -> FlightTiming:
+    """The times of the flight controller of an airframe."""
+    return FlightTiming(1 / airframe.control_hz, airframe.body.outputs_held_s)
 
 
 def control_law(airframe: Airframe) -> ControlLaw:

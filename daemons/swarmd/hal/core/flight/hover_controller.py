@@ -20,8 +20,36 @@ from swarmware.types.vehicle import Setpoint
 
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed vehicle takes off."""
+_TILT_MARGIN_RAD: Final = 0.35
+"""Tilt beyond the commanded maximum that is a fault. Measured in gusts with a standard deviation of 1 m/s
+and steps of velocity: up to 0.1 rad (tests/simulation/flight/starvation.py)."""
+_SAMPLED_RATIOS: Final = (0.8, 0.4, 0.15)
+"""Largest gain times the time for which outputs are held: rate and climb loop, attitude loop, velocity loop.
+A sampled integrator does not overshoot below 1, and each loop must be slower than the one within it."""
 _TILT_MIN: Final = 0.5
 """Smallest cosine of the tilt by which thrust is increased to keep the height."""
+
+
+def softened(gains: HoverGains, gap_s: float) -> HoverGains:
+    """The gains of a loop whose outputs are held for up to a time: no faster than it sees what they do."""
+    if gap_s == 0.0:
+        return gains
+    rate_1_s, attitude_1_s, velocity_1_s = (ratio / gap_s for ratio in _SAMPLED_RATIOS)
+    rate = min(1.0, rate_1_s / gains.rate_kp_1_s) if gains.rate_kp_1_s else 1.0
+    velocity = min(1.0, velocity_1_s / gains.velocity_kp_1_s) if gains.velocity_kp_1_s else 1.0
+    climb = min(1.0, rate_1_s / gains.climb_kp_1_s) if gains.climb_kp_1_s else 1.0
+    return msgspec.structs.replace(
+        gains,
+        rate_kp_1_s=gains.rate_kp_1_s * rate,
+        rate_ki_1_s2=gains.rate_ki_1_s2 * rate * rate,
+        yaw_rate_kp_1_s=min(gains.yaw_rate_kp_1_s, rate_1_s),
+        yaw_rate_ki_1_s2=gains.yaw_rate_ki_1_s2 * rate * rate,
+        attitude_kp_1_s=min(gains.attitude_kp_1_s, attitude_1_s),
+        velocity_kp_1_s=gains.velocity_kp_1_s * velocity,
+        velocity_ki_1_s2=gains.velocity_ki_1_s2 * velocity * velocity,
+        climb_kp_1_s=gains.climb_kp_1_s * climb,
+        climb_ki_1_s2=gains.climb_ki_1_s2 * climb * climb,
+    )
 
 
 class Demand(msgspec.Struct, frozen=True, gc=False):
@@ -46,7 +74,8 @@ class HoverController(ABC):
         self, gains: HoverGains, limits: HoverLimits, inertia_kg_m2: Vector, ground: ActuatorOutputs
     ) -> None:
         """`ground`: outputs of an armed vehicle that stays on the ground."""
-        self._gains = gains
+        self._gains = self._in_force = gains
+        self._gap_s = 0.0
         self._limits = limits
         self._ground = ground
         self._rate = RateLoop(inertia_kg_m2)
@@ -72,6 +101,7 @@ class HoverController(ABC):
         Raises: Denied when a name is unknown, or a value out of range; none is changed then.
         """
         self._gains = changed(self._gains, gains)
+        self._in_force = softened(self._gains, self._gap_s)
 
     @property
     def acceleration_m_s2(self) -> float:
@@ -85,7 +115,7 @@ class HoverController(ABC):
             if wanted.vz_m_s < _LIFT_M_S:
                 self.lift_ratio = 0.0
                 return self._ground
-        gains, limits = self._gains, self._limits
+        gains, limits = self._in_force, self._limits
         roll, pitch = self._velocity.tilt_rad(gains, limits, (wanted.vx_m_s, wanted.vy_m_s), state, dt_s)
         climb = self._climb.acceleration_m_s2(gains, limits, wanted.vz_m_s, state, dt_s)
         yaw_rate = max(-limits.turn_max_rad_s, min(limits.turn_max_rad_s, wanted.wz_rad_s))
@@ -95,6 +125,22 @@ class HoverController(ABC):
         demand = Demand(GRAVITY_M_S2 + climb, upright, rates, turn)
         outputs, self.lift_ratio, self._whole = self._actuated(demand)
         return outputs
+
+    @property
+    def tilt_limit_rad(self) -> float:
+        """Tilt that it never commands, beyond which the vehicle is out of control."""
+        return self._limits.tilt_max_rad + _TILT_MARGIN_RAD
+
+    def expect_gap(self, gap_s: float) -> None:
+        """Takes for how long its outputs may be held before the next step: a correction must not grow too
+        large in this time."""
+        if gap_s != self._gap_s:
+            self._gap_s = gap_s
+            self._in_force = softened(self._gains, gap_s)
+
+    def resume(self) -> None:
+        """Continues after a gap: what it has learnt stays, the commanded height is that of the vehicle."""
+        self._climb.resume()
 
     def reset(self) -> None:
         """Clears all integrals: the vehicle is disarmed or on the ground."""

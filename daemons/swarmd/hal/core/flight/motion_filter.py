@@ -1,5 +1,6 @@
 """Position and velocity from accelerations, fixes and the sonar's height."""
 
+import math
 from typing import Final
 
 from swarmware.geometry.attitude import Vector
@@ -13,6 +14,11 @@ _HEIGHT_SIGMA_M: Final = 0.05
 """Standard deviation of a height of the sonar, after the median filter."""
 _HEIGHT_GATE_M: Final = 0.5
 """Innovation above which a height is that of something else than the ground below the fixes."""
+_HEIGHT_GATE_SIGMAS: Final = 3.0
+"""The same in standard deviations of the estimate, where that is more: after a gap the height is
+uncertain."""
+_GAP_SIGMA_M_S2: Final = 1.5
+"""Standard deviation of the acceleration in a gap without samples: about that of a tilt error of 9°."""
 _LATE_MAX_S: Final = 0.5
 """Largest age of a fix that is corrected for the way since."""
 
@@ -24,14 +30,26 @@ class MotionFilter:
     known.
     """
 
-    __slots__ = ("_axes", "_map", "_origin_acc_m", "fix_ns")
+    __slots__ = ("_axes", "_height_m", "_map", "_origin_acc_m", "_velocity_m_s", "fix_ns")
 
     def __init__(self, origin_acc_m: float = ORIGIN_ACC_M) -> None:
         self._origin_acc_m = origin_acc_m
         self._axes: tuple[KalmanAxis, KalmanAxis, KalmanAxis] | None = None
         self._map: LocalMap | None = None
+        self._height_m = 0.0
+        self._velocity_m_s: Vector = (0.0, 0.0, 0.0)
+        """Height and velocity at the first fix."""
         self.fix_ns = -(1 << 62)
         """Stamp of the newest fix."""
+
+    def begin(self, height_m: float, velocity_m_s: Vector) -> None:
+        """Begins in flight: with this height and velocity at the first fix."""
+        self._height_m, self._velocity_m_s = height_m, velocity_m_s
+
+    def on_gap(self, gap_s: float) -> None:
+        """Takes that the accelerations of a time were not measured: fixes and heights decide from now on."""
+        for axis in self._axes or ():
+            axis.doubt(_GAP_SIGMA_M_S2, gap_s)
 
     @property
     def velocity_m_s(self) -> Vector:
@@ -67,10 +85,13 @@ class MotionFilter:
         if self._map is None or self._axes is None:
             if not fix.has_height or sigma_m > self._origin_acc_m:
                 return
-            origin = Origin(lat_deg=fix.lat_deg, lon_deg=fix.lon_deg, alt_ellipsoid_m=fix.alt_ellipsoid_m)
+            alt_m = fix.alt_ellipsoid_m - self._height_m
+            origin = Origin(lat_deg=fix.lat_deg, lon_deg=fix.lon_deg, alt_ellipsoid_m=alt_m)
             self._map = LocalMap(origin)
             sigmas = (sigma_m, sigma_m, sigma_m * GNSS_HEIGHT_RATIO)
             x, y, z = (KalmanAxis(0.0, sigma, _ACCEL_SIGMA_M_S2) for sigma in sigmas)
+            z.p = self._height_m
+            x.v, y.v, z.v = self._velocity_m_s
             self._axes = x, y, z
             return
         late_s = min(max((now_ns - stamp_ns) / 1e9, 0.0), _LATE_MAX_S)
@@ -83,5 +104,5 @@ class MotionFilter:
         if self._axes is None:
             return
         axis = self._axes[2]
-        if abs(height_m - axis.p) < _HEIGHT_GATE_M:
+        if abs(height_m - axis.p) < max(_HEIGHT_GATE_M, _HEIGHT_GATE_SIGMAS * math.sqrt(axis.pp)):
             axis.update(height_m, _HEIGHT_SIGMA_M)

@@ -12,7 +12,7 @@ from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder
 TILT_MAX_RAD: Final = 0.5
 """A vehicle that stands steeper has fallen over, or its attitude is not known yet: it is not armed."""
 SILENCE_NS: Final = 500_000_000
-"""Age of the newest inertial sample above which the motors stop: that of the watchdog of the simulation."""
+"""Age of the newest inertial sample above which the attitude is too uncertain to arm."""
 LIFT_RATIO: Final = 1.02
 """Commanded lift over the weight from which a vehicle leaves the ground."""
 LIFT_NS: Final = 200_000_000
@@ -82,14 +82,18 @@ class MotorSwitch:
 
     A vehicle flies when it has commanded more lift than its weight; it has landed when it commands a descent
     with little lift and does not sink.
+
+    `held_s`: age of the newest inertial sample above which the motors stop. `flies_ns`: instant at which the
+    driver has taken over a vehicle in flight; None: the vehicle is disarmed.
     """
 
-    def __init__(self) -> None:
-        self._phase = MotorPhase.DISARMED
+    def __init__(self, held_s: float = 1.0, flies_ns: int | None = None) -> None:
+        self._held_ns = round(held_s * 1e9)
+        self._phase = MotorPhase.DISARMED if flies_ns is None else MotorPhase.AIRBORNE
         self._answer = (0, "")
         """Number of the newest order, and the reason of its refusal."""
         self._sample: FlightSample | None = None
-        self._sample_ns = 0
+        self._sample_ns = flies_ns or 0
         self._since_ns: int | None = None
         """Begin of what would change the phase if it lasted."""
 
@@ -173,7 +177,7 @@ class MotorSwitch:
 
     def stop_if_blind(self, now_ns: int) -> bool:
         """Stops the motors when inertial samples are missing for too long; whether it did."""
-        if self._phase not in _ARMED or now_ns - self._sample_ns <= SILENCE_NS:
+        if self._phase not in _ARMED or now_ns - self._sample_ns <= self._held_ns:
             return False
         self._change(MotorEvent.KILL)
         return True
