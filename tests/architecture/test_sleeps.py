@@ -16,6 +16,8 @@ MEANT: Final = {
     "cli/swarmlab/run/capacity.py:Capacity._sample": "the interval over which load is measured",
     "daemons/swarmd/broker/beacon_transport.py:BeaconTransport.look_up_seeds": "period of name resolution",
     "daemons/swarmd/broker/membership.py:Membership._forget": "a route at another service has no event here",
+    "daemons/swarmd/hal/buses/write_at_end.py:is_ours": "files of the kernel have no event",
+    "daemons/swarmd/hal/buses/write_at_end.py:main": "heartbeats are taken together",
     "daemons/swarmd/logger/service.py:Logger._open_recorder": "back-off: a disk has no event",
     "daemons/swarmd/logger/upload.py:Upload.run": "back-off: a server that is away has no event",
     "daemons/swarmd/main.py:main": "limits the rate of restarts by systemd",

@@ -74,8 +74,8 @@ class FlightController(Chassis):
         state, imu = module.reader("vehicle/state", VehicleState), module.reader("sensor/imu", Imu)
         pose = module.reader("nav/pose", Pose)
         try:
-            said, sample, age_s, place = state.value, imu.value, imu.age_s, pose.value
-            flies = said is not None and said.armed and not said.landed
+            vehicle, sample, age_s, place = state.value, imu.value, imu.age_s, pose.value
+            flies = vehicle is not None and vehicle.armed and not vehicle.landed
             if not flies or sample is None or age_s is None or age_s > self._timing.held_s + FALL_MAX_S:
                 return False
             former = FormerFlight(sample, imu.local_stamp_ns or module.now_ns())

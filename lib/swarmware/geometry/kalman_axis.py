@@ -52,7 +52,7 @@ class KalmanAxis:
         self.pv += dt_s * self.vv + q * half * dt_s
         self.vv += q * dt_s * dt_s
 
-    def doubt(self, accel_sigma: float, dt_s: float) -> None:
+    def widen(self, accel_sigma: float, dt_s: float) -> None:
         """Adds the uncertainty of a constant acceleration that acted for dt and was not measured."""
         position, velocity = accel_sigma * dt_s * dt_s / 2, accel_sigma * dt_s
         self.pp += position * position

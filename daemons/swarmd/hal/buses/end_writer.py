@@ -64,7 +64,7 @@ class EndWriter:
         return self._process.pid
 
     def keep(self) -> bool:
-        """A sign of life of the driver; True if the process may have written since the last one.
+        """A heartbeat of the driver; True if the process may have written since the last one.
 
         Starts the process again if something has ended it. Raises: DeviceError.
         """
@@ -76,13 +76,13 @@ class EndWriter:
             )
             self._close_pipes()
             self._process = self._started()
-        self._tell(b".")
+        self._send(b".")
         return since_s > _MARGIN * self._held_s
 
-    def _tell(self, word: bytes) -> None:
+    def _send(self, word: bytes) -> None:
         stdin = self._process.stdin
         if stdin is not None and not stdin.closed:
-            with suppress(BlockingIOError, BrokenPipeError):  # a full pipe has signs of life enough
+            with suppress(BlockingIOError, BrokenPipeError):  # a full pipe has heartbeats enough
                 os.write(stdin.fileno(), word)
 
     def leave(self) -> None:
@@ -93,7 +93,7 @@ class EndWriter:
 
     def close(self) -> None:
         """Ends the process, which writes the texts now."""
-        self._tell(_END)
+        self._send(_END)
         self._close_pipes()
         try:
             self._process.wait(CLOSE_S)

@@ -3,9 +3,9 @@
 Started as `python -I -S write_at_end.py HELD_S DEAD_S FILE TEXT [FILE TEXT...]`, it imports nothing that is
 installed: it starts at once and takes little memory. The first byte of its output means that it is ready.
 
-Each byte of the input is a sign of life. Without one for HELD_S the texts are written; so they are DEAD_S
-after the last one when the input has ended, unless another process has changed a file meanwhile: it has
-taken the outputs over. The byte `e` is an end in order: the texts are written at once.
+Each byte of the input is a heartbeat. Without one for HELD_S the texts are written; so they are DEAD_S after
+the last one when the input has ended, unless another process has changed a file meanwhile: it has taken over
+the outputs. The byte `e` is an end in order: the texts are written at once.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ import sys
 import time
 
 _LOOKS = 20
-"""Wakes within the time of silence: signs of life come at the rate of control, and are taken together."""
+"""Wakes within the time of silence: heartbeats come at the rate of control, and are taken together."""
 
 
 def main(held_s: float, dead_s: float, pairs: list[str]) -> None:
@@ -60,7 +60,7 @@ def content(path: str) -> bytes:
             return os.read(fd, 64)
         finally:
             os.close(fd)
-    except OSError:
+    except OSError:  # an output that is gone does not change any more
         return b""
 
 

@@ -60,7 +60,7 @@ class VehicleModel(Protocol[C_contra]):
 
     @property
     def stall_s(self) -> float:
-        """Longest stall of the computer that is simulated afterwards; in the rest time stands still."""
+        """Longest stall of the computer that is simulated afterwards; the rest is left out."""
         ...
 
     @property

@@ -47,8 +47,7 @@ class ControlLaw(Protocol):
         ...
 
     def expect_gap(self, gap_s: float) -> None:
-        """Takes for how long its outputs may be held before the next step: a correction must not grow too
-        large in this time."""
+        """Takes the time for which its outputs may be held: corrections must not grow too large in it."""
         ...
 
     def resume(self) -> None:

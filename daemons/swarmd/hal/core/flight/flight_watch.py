@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from enum import StrEnum
 from typing import Final
 
 import msgspec
@@ -29,6 +30,19 @@ DESCENT_M_S: Final = -0.05
 LOOP: Final = Condition("flight/loop", "The control loop of the flight is in time")
 TILT: Final = Condition("flight/tilt", "The vehicle tilts no more than its control law commands")
 CONTACT: Final = Condition("flight/contact", "The vehicle touches the ground only where it lands")
+
+
+class LoopState(StrEnum):
+    """Faults of the control loop."""
+
+    LATE = "late"
+    """A gap of some periods: the only one that is a warning."""
+    STARVED = "starved"
+    """Gaps that take a third of the time."""
+    AWAY = "away"
+    """A gap of half a second and more."""
+    LOST = "lost"
+    """The motors stopped in a gap, and the flight was not continued."""
 
 
 class FlightStep(msgspec.Struct, frozen=True, gc=False):
@@ -78,7 +92,7 @@ class FlightWatch:
         self._state(
             CONTACT,
             "touched",
-            f"ground touched after {(now_ns - begun_ns) / 1e9:.1f} s, {_told(step)}",
+            f"ground touched after {(now_ns - begun_ns) / 1e9:.1f} s, {_described(step)}",
             now_ns,
         )
         return True
@@ -94,7 +108,7 @@ class FlightWatch:
 
     def on_lost(self, reason: str, now_ns: int) -> None:
         """Takes that the flight cannot be continued after a gap."""
-        self._state(LOOP, "lost", reason, now_ns)
+        self._state(LOOP, LoopState.LOST, reason, now_ns)
 
     def expected_gap_s(self, now_ns: int) -> float:
         """Gap that is to be expected again: the second longest of the last seconds; 0 unless there were
@@ -122,10 +136,13 @@ class FlightWatch:
             return
         self._gaps.append((now_ns, step.gap_s))
         total_s = sum(gap_s for _, gap_s in self._gaps)
-        state = "away" if step.gap_s >= AWAY_S else "starved" if total_s >= STARVED_S else "late"
+        if step.gap_s >= AWAY_S:
+            state = LoopState.AWAY
+        else:
+            state = LoopState.STARVED if total_s >= STARVED_S else LoopState.LATE
         ended = ", motors stopped in it" if step.gap_s > self._held_s else ""
         gap = f"{step.gap_s:.2f} s without a step, {step.gap_s / self._period_s:.0f} periods{ended}"
-        self._state(LOOP, state, f"{gap}; {total_s:.1f} s of the last 3; {_told(step)}", now_ns)
+        self._state(LOOP, state, f"{gap}; {total_s:.1f} s of the last 3; {_described(step)}", now_ns)
 
     def _judge_tilt(self, state: FlightState, now_ns: int) -> None:
         tilt_rad = tilt(state)
@@ -137,7 +154,7 @@ class FlightWatch:
 
     def _state(self, of: Condition, state: str, detail: str, now_ns: int) -> None:
         """States a fault; a worse one of the same check stays until it has ended."""
-        level: Level = "warn" if state == "late" else "error"
+        level: Level = "warn" if state is LoopState.LATE else "error"
         known = self._stated[of.name]
         if known.level == "error" and level == "warn":
             return
@@ -158,5 +175,5 @@ def _where(state: FlightState) -> str:
     return f"height {state.position_m[2]:.1f} m, climb {state.velocity_m_s[2]:.1f} m/s"
 
 
-def _told(step: FlightStep) -> str:
+def _described(step: FlightStep) -> str:
     return f"{_where(step.state)}, tilt {math.degrees(tilt(step.state)):.0f}°"

@@ -132,8 +132,7 @@ class HoverController(ABC):
         return self._limits.tilt_max_rad + _TILT_MARGIN_RAD
 
     def expect_gap(self, gap_s: float) -> None:
-        """Takes for how long its outputs may be held before the next step: a correction must not grow too
-        large in this time."""
+        """Takes the time for which its outputs may be held: corrections must not grow too large in it."""
         if gap_s != self._gap_s:
             self._gap_s = gap_s
             self._in_force = softened(self._gains, gap_s)

@@ -49,7 +49,7 @@ class MotionFilter:
     def on_gap(self, gap_s: float) -> None:
         """Takes that the accelerations of a time were not measured: fixes and heights decide from now on."""
         for axis in self._axes or ():
-            axis.doubt(_GAP_SIGMA_M_S2, gap_s)
+            axis.widen(_GAP_SIGMA_M_S2, gap_s)
 
     @property
     def velocity_m_s(self) -> Vector:
