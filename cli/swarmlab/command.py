@@ -9,6 +9,7 @@ import click
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import PLATFORM, at_nodes, nodes_argument
+from swarmctl.commandline.secret import SECRET
 from swarmctl.commandline.settings import Nodes, settings
 
 EXPERIMENTS: Final = ("formation",)
@@ -42,7 +43,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         "units": "Run the services of each vehicle, or of those named (a,b), on three computers.",
         "airframe": "Airframe of the air vehicles, or of those named: helicopter, uav1=fixed_wing.",
         "services": "Further services of every node: files, video, or one that is installed.",
-        "mongodb": "Forward all logs to this database as well.",
+        "mongodb": "Forward all logs to this database as well; @FILE: the URI in a file, @-: from stdin.",
     }
     options = (
         click.argument("experiment", type=click.Choice(experiments)),
@@ -60,7 +61,9 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         click.option("--units", is_flag=False, flag_value="all", metavar="[NAMES]", help=about["units"]),
         click.option("--airframe", multiple=True, metavar="[NAMES=]AIRFRAME", help=about["airframe"]),
         click.option("--service", "services", multiple=True, metavar="NAME", help=about["services"]),
-        click.option("--mongodb", "mongodb_uri", default="", metavar="URI", help=about["mongodb"]),
+        click.option(
+            "--mongodb", "mongodb_uri", type=SECRET, default="", metavar="URI", help=about["mongodb"]
+        ),
     )
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:

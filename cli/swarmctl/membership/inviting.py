@@ -10,7 +10,7 @@ import msgspec
 
 from swarmctl.membership.addresses import host_and_port, own_addresses
 from swarmctl.membership.distribution import current_root, hand_over
-from swarmctl.membership.listener import JoinListener, listening_socket
+from swarmctl.membership.listener import JoinListener, WrittenAnswer, listening_socket
 from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.membership.root_folder import RootFolder
 from swarmctl.membership.seeds import unicast_port
@@ -121,12 +121,12 @@ class _Gate:
         self._joined: list[str] = []
 
     async def run(self) -> None:
-        """Serves until each invitation was used or has expired.
+        """Serves until each invitation has expired, or was used by a node that has its keys.
 
         Raises: Partial when some expired, NoAnswer when all did.
         """
         self._folder.record(*self._invitations)
-        listener = JoinListener(self._permit, self._answer)
+        listener = JoinListener(self._permit, self._answer, self._take_receipt)
         async with asyncio.TaskGroup() as tasks:
             serving = tasks.create_task(listener.serve(self._bound), name="join listener")
             for one in self._invitations:
@@ -150,29 +150,42 @@ class _Gate:
                     await self._changed.wait()
                     self._changed.clear()
             except TimeoutError:
-                for one in self._core.expire(time.monotonic_ns()):
+                now_ns = time.monotonic_ns()
+                for one in self._core.expire(now_ns):
                     self._show(one, "expired")
+                for one in self._core.expire_receipts(now_ns):
+                    self._out.warn(
+                        f"{one.platform} has not confirmed that it has its keys, as nodes of former versions"
+                        f" never do; if its `keys join` failed, invite {one.platform} again"
+                    )
 
     def _permit(self, address: str) -> bool:
         return self._core.on_connection(address, time.monotonic_ns())
 
-    async def _answer(self, data: bytes, address: str) -> bytes | None:
+    def _take_receipt(self, data: bytes) -> None:
+        if (found := self._core.on_receipt(data)) is not None:
+            self._out.detail(f"{found.platform} has its keys")
+            self._changed.set()
+
+    async def _answer(self, data: bytes, address: str) -> WrittenAnswer | None:
         async with self._turn:
             found = self._core.on_request(data, utc_ns(), time.monotonic_ns())
             if not isinstance(found, Admission):
                 self._out.detail(f"a request of {address} was refused or not readable")
-                return found
+                return None if found is None else WrittenAnswer(found)
             try:
                 root = await self._admit(found)
             except (SwarmError, OSError) as error:
                 self._out.warn(f"{found.request.platform} at {address} could not be admitted: {error}")
-                return self._core.failed(found, str(error), utc_ns())
-            answer = self._core.admitted(found, root.public, root.signed, utc_ns(), self._broker_port)
+                return WrittenAnswer(self._core.failed(found, str(error), utc_ns()))
+            answer = self._core.admitted(
+                found, root.public, root.signed, utc_ns(), time.monotonic_ns(), self._broker_port
+            )
         if not found.repeated:
             self._joined.append(found.request.platform)
             self._show(found.invitation, "joined", address)
-            self._changed.set()
-        return answer
+        self._changed.set()
+        return WrittenAnswer(answer, confirmed=True)
 
     async def _admit(self, admission: Admission) -> Root:
         request, invitation = admission.request, admission.invitation

@@ -2,6 +2,8 @@
 
 import asyncio
 import os
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -22,6 +24,10 @@ from swarmware.transport.sodium import NONCE_BYTES
 
 ADMIT_S: Final = 15.0
 """Maximum wait for the answer: the inviter signs the roster, and gives it to its own node."""
+
+
+RECEIPT_S: Final = 2.0
+"""Maximum time to send the receipt, which fits the buffer of the connection."""
 
 
 class JoinedSwarm(msgspec.Struct, frozen=True):
@@ -58,11 +64,11 @@ def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
     node = NodeKeys.find(out.settings)
     node.check_free(replace=replace)
     if file is None:
-        credentials = credentials_for(out, token, node.platform, node.pending_seed())
+        credentials = credentials_for(out, token, node.platform, node.pending_seed(), node.write)
     else:
         data, utc_s = file.read_bytes(), utc_ns() // 1_000_000_000
         credentials = from_file(token, node.platform, data, str(file), utc_s)
-    node.write(credentials)
+        node.write(credentials)
     _show(out, node, credentials, _enter_seed(out, node, credentials))
 
 
@@ -79,14 +85,16 @@ def _enter_seed(out: Output, node: NodeKeys, credentials: Credentials) -> str:
     return seed
 
 
-def credentials_for(out: Output, token: JoinToken, platform: str, seed: bytes) -> Credentials:
-    """What the inviter of a token answers to a platform with this key.
+def credentials_for(
+    out: Output, token: JoinToken, platform: str, seed: bytes, keep: Callable[[Credentials], None]
+) -> Credentials:
+    """What the inviter of a token answers to a platform with this key; it gets a receipt after `keep`.
 
     Raises: InvalidInput for the token of a file; NoAnswer when no inviter answers; Denied for a token that
-    was used or has expired.
+    was used or has expired; as `keep`.
     """
     _check_network(token)
-    return asyncio.run(_ask(token, Joiner(token, platform, seed), out.settings.timeout_s))
+    return asyncio.run(_ask(token, Joiner(token, platform, seed), keep, out.settings.timeout_s))
 
 
 def _check_network(token: JoinToken) -> None:
@@ -136,42 +144,60 @@ def _show(out: Output, node: NodeKeys, credentials: Credentials, seed: str) -> N
     show_activation(out, node.platform, activated, running=running, others=True)
 
 
-async def _ask(token: JoinToken, joiner: Joiner, connect_s: float) -> Credentials:
+async def _ask(
+    token: JoinToken, joiner: Joiner, keep: Callable[[Credentials], None], connect_s: float
+) -> Credentials:
     """The credentials of the first inviter that answers.
 
-    Raises: its refusal; NoAnswer with the reason of each address when none answers.
+    Raises: its sealed refusal; without any the first unsigned one, with the reason of each address; NoAnswer
+    when no address has sent one either; as `keep`.
     """
     attempts = {
         asyncio.create_task(_connect(host, token.port, connect_s), name=f"connect {host}"): host
         for host in token.hosts
     }
-    reasons = []
+    reasons: list[str] = []
+    unsigned: SwarmError | None = None
     try:
         for attempt, host in attempts.items():
             try:
                 reader, writer = await attempt
             except OSError as error:  # also a time-out
-                reasons.append(f"{host}: {_cause(error)}")
+                reasons.append(f"{host}: {_cause(error, 'no connection in time')}")
                 continue
             try:
-                data = await _exchange(reader, writer, joiner.request(os.urandom(NONCE_BYTES)))
-                return msgspec.structs.replace(joiner.on_answer(data, utc_ns()), inviter=host)
-            except (WireError, OSError, TimeoutError, asyncio.IncompleteReadError) as error:
-                reasons.append(f"{host}: {error or 'no answer'}")
+                try:
+                    data = await _exchange(reader, writer, joiner.request(os.urandom(NONCE_BYTES)))
+                    found = joiner.on_answer(data, utc_ns())
+                except (WireError, OSError, TimeoutError, asyncio.IncompleteReadError) as error:
+                    reasons.append(f"{host}: {_cause(error, 'no answer in time')}")
+                    continue
+                if isinstance(found, SwarmError):
+                    unsigned = unsigned or found
+                    reasons.append(f"{host}: {found}")
+                    continue
+                credentials = msgspec.structs.replace(found, inviter=host)
+                keep(credentials)
+                await _send_receipt(writer, joiner.receipt(os.urandom(NONCE_BYTES)))
+                return credentials
             finally:
                 writer.close()
     finally:
         for attempt in attempts:
             attempt.cancel()
         await asyncio.gather(*attempts, return_exceptions=True)
+    if unsigned is not None:
+        raise type(unsigned)("; ".join(reasons))
     raise NoAnswer(
         f"no inviter answers on TCP port {token.port}: {'; '.join(reasons)}; expected"
         " `swarmctl keys invite` to run there, and the port to be open in its firewall"
     )
 
 
-def _cause(error: OSError) -> str:
-    return (os.strerror(error.errno) if error.errno else str(error)) or "no connection in time"
+def _cause(error: Exception, late: str) -> str:
+    if isinstance(error, asyncio.IncompleteReadError):
+        return "the connection ended before the answer; the same line again may succeed"
+    return (os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)) or late
 
 
 async def _connect(
@@ -179,6 +205,14 @@ async def _connect(
 ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     async with asyncio.timeout(connect_s):
         return await asyncio.open_connection(host, port)
+
+
+async def _send_receipt(writer: asyncio.StreamWriter, receipt: bytes) -> None:
+    """Confirm to the inviter that its answer was not lost."""
+    with suppress(TimeoutError, OSError):  # without a receipt the inviter ends, too, half a minute later
+        async with asyncio.timeout(RECEIPT_S):
+            writer.write(len(receipt).to_bytes(SIZE_BYTES, "big") + receipt)
+            await writer.drain()
 
 
 async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, request: bytes) -> bytes:

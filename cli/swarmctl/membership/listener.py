@@ -7,6 +7,8 @@ import socket
 from collections.abc import Awaitable, Callable
 from typing import Final
 
+import msgspec
+
 from swarmctl.membership.addresses import PORT
 from swarmware.errors import Conflict
 from swarmware.transport.enrolment.messages import REQUEST_MAX, SIZE_BYTES, JoinRefusal, refuse
@@ -39,17 +41,27 @@ def _bound(port: int) -> socket.socket:
     return socket.create_server(("", port))
 
 
+class WrittenAnswer(msgspec.Struct, frozen=True):
+    """What a connection gets for its request."""
+
+    data: bytes
+    confirmed: bool = False
+    """Whether the node sends a receipt for it."""
+
+
 class JoinListener:
-    """Reads one request of each connection and writes the answer."""
+    """Reads one request of each connection, writes the answer, and reads the receipt."""
 
     def __init__(
         self,
         permit: Callable[[str], bool],
-        answer: Callable[[bytes, str], Awaitable[bytes | None]],
+        answer: Callable[[bytes, str], Awaitable[WrittenAnswer | None]],
+        take_receipt: Callable[[bytes], None],
     ) -> None:
         """`permit`: whether an address may send a request; `answer`: the answer to one of an address."""
         self._permit = permit
         self._answer = answer
+        self._take_receipt = take_receipt
         self._connections = 0
 
     async def serve(self, bound: socket.socket) -> None:
@@ -67,13 +79,15 @@ class JoinListener:
             elif (data := await self._read(reader)) is not None:
                 found = await self._answer(data, address)
                 if found is not None:
-                    await self._write(writer, found)
+                    await self._write(writer, found.data)
+                if found is not None and found.confirmed and (data := await self._read(reader)) is not None:
+                    self._take_receipt(data)
         finally:
             self._connections -= 1
             writer.close()
 
     async def _read(self, reader: asyncio.StreamReader) -> bytes | None:
-        """A request; None when none came in time, or it is too large."""
+        """A request or receipt; None when none came in time, or it is too large."""
         try:
             async with asyncio.timeout(REQUEST_S):
                 size = int.from_bytes(await reader.readexactly(SIZE_BYTES), "big")

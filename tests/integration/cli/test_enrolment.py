@@ -31,7 +31,7 @@ class Operator:
         env = {**self._env, "SWARM_CONFIG": str(config_dir)}
         pipe = asyncio.subprocess.PIPE
         return await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "swarmctl", group, *words, env=env, stdout=pipe, stderr=pipe
+            sys.executable, "-m", "swarmctl", group, *words, env=env, stdin=pipe, stdout=pipe, stderr=pipe
         )
 
     async def keys(self, config_dir: Path, *words: str) -> str:

@@ -12,12 +12,13 @@ from swarmware.transport.enrolment.inviter import (
     ADDRESSES_MAX,
     ATTEMPTS,
     ATTEMPTS_OF_ALL,
+    RECEIPT_NS,
     SECOND_NS,
     Admission,
     Invitation,
     Inviter,
 )
-from swarmware.transport.enrolment.joiner import Credentials, Joiner, from_file
+from swarmware.transport.enrolment.joiner import UNSIGNED, Credentials, Joiner, from_file
 from swarmware.transport.enrolment.messages import (
     REQUEST_MAX,
     JoinAnswer,
@@ -62,7 +63,7 @@ def ask(core: Inviter, joiner: Joiner, now_ns: int = 1) -> Admission | bytes | N
 def admit(core: Inviter, joiner: Joiner, now_ns: int = 1) -> bytes:
     admission = ask(core, joiner, now_ns)
     assert isinstance(admission, Admission)
-    return core.admitted(admission, ROOT, b"roster", UTC_NS)
+    return core.admitted(admission, ROOT, b"roster", UTC_NS, now_ns)
 
 
 def test_a_node_with_the_token_is_admitted_and_gets_the_roster() -> None:
@@ -72,7 +73,7 @@ def test_a_node_with_the_token_is_admitted_and_gets_the_roster() -> None:
     assert admission.invitation.platform == "uav1" and not admission.repeated
     assert admission.request.sign_public == SigningKey(SEED).public
     assert [one.platform for one in core.pending] == ["uav1"], "not used before the root has signed"
-    answer = core.admitted(admission, ROOT, b"roster", UTC_NS, 7450)
+    answer = core.admitted(admission, ROOT, b"roster", UTC_NS, 1, 7450)
     assert joiner.on_answer(answer, UTC_NS + 12 * SECOND_NS) == Credentials(SEED, ROOT, b"roster", 12.0, 7450)
     assert core.pending == ()
 
@@ -103,7 +104,7 @@ def test_a_token_expires_by_the_clock_of_the_inviter() -> None:
 def test_the_clock_of_the_node_does_not_matter_over_the_air() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     found = joiner.on_answer(admit(core, joiner), 0)
-    assert found.ahead_s == -UTC_NS / SECOND_NS
+    assert isinstance(found, Credentials) and found.ahead_s == -UTC_NS / SECOND_NS
 
 
 @pytest.mark.parametrize(
@@ -119,16 +120,16 @@ def test_a_token_of_an_earlier_invitation_is_refused_with_its_reason(
     core, joiner = inviter("uav1", s9=why), Joiner(token(9), "uav1", SEED)
     refused = ask(core, joiner)
     assert isinstance(refused, bytes)
-    with pytest.raises(error, match=text):
-        joiner.on_answer(refused, UTC_NS)
+    found = joiner.on_answer(refused, UTC_NS)
+    assert isinstance(found, error) and text in str(found)
 
 
 def test_an_unknown_token_is_refused_as_unknown() -> None:
     joiner = Joiner(token(9), "uav1", SEED)
     refused = ask(inviter(), joiner)
     assert isinstance(refused, bytes)
-    with pytest.raises(NotFound, match="does not know this token"):
-        joiner.on_answer(refused, UTC_NS)
+    found = joiner.on_answer(refused, UTC_NS)
+    assert isinstance(found, NotFound) and "does not know this token (unsigned: any computer" in str(found)
 
 
 def test_a_node_of_another_name_is_refused_and_the_token_remains_valid() -> None:
@@ -173,8 +174,60 @@ def test_a_refusal_that_this_version_does_not_know_is_an_error_with_its_text() -
         joiner.on_answer(seal_answer(token(), NONCE, JoinAnswer(UTC_NS, 99, "no room")), UTC_NS)
     with pytest.raises(WireError, match="refusal 99"):
         joiner.on_answer(b"SWR1\x63", UTC_NS)
-    with pytest.raises(SwarmError, match="too many requests"):
-        joiner.on_answer(refuse(JoinRefusal.BUSY), UTC_NS)
+    assert "too many requests" in str(joiner.on_answer(refuse(JoinRefusal.BUSY), UTC_NS))
+
+
+@pytest.mark.parametrize("why", JoinRefusal)
+def test_a_refusal_in_clear_text_is_returned_for_other_addresses_to_be_asked(why: JoinRefusal) -> None:
+    found = Joiner(token(), "uav1", SEED).on_answer(refuse(why), UTC_NS)
+    assert isinstance(found, SwarmError) and f"({UNSIGNED})" in str(found)
+
+
+def receipt(secret: int = 1) -> bytes:
+    return Joiner(token(secret), "uav1", SEED).receipt(NONCE)
+
+
+def test_the_inviter_waits_for_the_receipt_of_each_node_that_joined() -> None:
+    core = inviter("uav1", "uav2")
+    for secret, platform in ((1, "uav1"), (2, "uav2")):
+        admit(core, Joiner(token(secret), platform, SEED), 5 * SECOND_NS)
+    assert core.pending == () and core.deadline_ns() == 5 * SECOND_NS + RECEIPT_NS
+    assert core.on_receipt(receipt(3)) is None, "of another invitation"
+    for secret, platform in ((1, "uav1"), (2, "uav2")):
+        found = core.on_receipt(receipt(secret))
+        assert found is not None and found.platform == platform
+        assert core.on_receipt(receipt(secret)) is None, "once"
+    assert core.deadline_ns() is None
+    assert core.expire_receipts(MINUTE_NS) == ()
+
+
+def test_the_wait_for_a_receipt_ends_and_begins_again_with_each_answer() -> None:
+    core, joiner = inviter(), Joiner(token(), "uav1", SEED)
+    admit(core, joiner, SECOND_NS)
+    admit(core, joiner, 20 * SECOND_NS)
+    assert core.expire_receipts(SECOND_NS + RECEIPT_NS) == ()
+    over = 20 * SECOND_NS + RECEIPT_NS
+    assert core.deadline_ns() == over
+    assert [one.platform for one in core.expire_receipts(over)] == ["uav1"]
+    assert core.deadline_ns() is None and core.on_receipt(receipt()) is None
+
+
+def test_a_lost_answer_is_given_again_also_when_the_token_has_expired_meanwhile() -> None:
+    core, joiner = inviter(), Joiner(token(), "uav1", SEED)
+    admit(core, joiner, 10 * MINUTE_NS - 1)
+    again = ask(core, joiner, 10 * MINUTE_NS + 1)
+    assert isinstance(again, Admission) and again.repeated
+
+
+@given(st.binary(max_size=300), st.integers(0, 60), st.integers(1, 255))
+def test_a_false_or_changed_receipt_is_none(data: bytes, place: int, change: int) -> None:
+    core = inviter()
+    admit(core, Joiner(token(), "uav1", SEED))
+    changed = bytearray(receipt())
+    changed[place % len(changed)] ^= change
+    assert core.on_receipt(data) is None
+    assert core.on_receipt(bytes(changed)) is None
+    assert core.on_receipt(receipt()) is not None
 
 
 def test_one_address_cannot_keep_the_others_out() -> None:
@@ -229,7 +282,7 @@ def test_a_sealed_request_of_another_form_is_garbage(content: object) -> None:
 
 @given(st.binary(max_size=400))
 def test_a_node_refuses_an_answer_that_is_not_of_the_inviter(data: bytes) -> None:
-    with pytest.raises(SwarmError):
+    with pytest.raises(WireError):
         Joiner(token(), "uav1", SEED).on_answer(data, UTC_NS)
 
 

@@ -7,6 +7,7 @@ import click
 
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import PLATFORM
+from swarmctl.commandline.secret import TOKEN
 from swarmctl.commandline.settings import Nodes, settings
 from swarmctl.membership.options import root_option
 
@@ -103,7 +104,7 @@ def invite(
 
 
 @cmd.command(nodes=Nodes.NONE)
-@click.argument("token")
+@click.argument("token", type=TOKEN)
 @click.option(
     "--file",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -115,7 +116,8 @@ def invite(
 def join(ctx: click.Context, token: str, file: Path | None, replace: bool) -> None:
     """Join a swarm: the node on this computer makes a key, and the inviter admits it.
 
-    The secret key does not leave this computer, except with --file.
+    TOKEN is the word that `keys invite` printed, `-` to read it from stdin, or @FILE to read it from a file:
+    other users of this computer see arguments. The secret key stays on this computer, except with --file.
 
     Example: swarmctl keys join 04m8xkw2
     """

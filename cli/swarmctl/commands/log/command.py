@@ -7,6 +7,7 @@ import click
 from swarmctl.commandline import completion
 from swarmctl.commandline.completion_cache import VALUED
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.secret import SECRET
 from swarmctl.commandline.settings import settings
 
 if TYPE_CHECKING:
@@ -19,8 +20,10 @@ def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
         click.option("--spool", metavar="FILE", help="A stream of MessagePack; `-` for stdin."),
         click.option(
             "--mongodb",
+            type=SECRET,
             metavar="URI",
-            help="Read the database instead of local segments; `-`: the database of the lab or node.",
+            help="Read the database instead of local segments; `-`: that of the lab or node; @FILE: the URI"
+            " in a file; @-: from stdin.",
         ),
         click.option("--database", metavar="NAME", help="Name of the database; default: that of the logger."),
     ):

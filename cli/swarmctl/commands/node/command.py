@@ -6,6 +6,7 @@ import click
 
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import PLATFORM, at_nodes, named_nodes, nodes_argument
+from swarmctl.commandline.secret import TOKEN
 from swarmctl.commandline.settings import Nodes, settings
 from swarmctl.membership.options import hosts_option, root_option
 from swarmctl.vehicles.options import timeout_option
@@ -204,7 +205,11 @@ def remove(
 @click.argument("platform", metavar="PLATFORM", type=PLATFORM)
 @click.argument("new", metavar="NEW")
 @click.option(
-    "--token", default="", metavar="TOKEN", help="Of `swarmctl keys invite NEW`, where the root is not here."
+    "--token",
+    type=TOKEN,
+    default="",
+    metavar="TOKEN",
+    help="Of `swarmctl keys invite NEW`, where the root is not here; `-`: from stdin, @FILE: from a file.",
 )
 @root_option
 @hosts_option

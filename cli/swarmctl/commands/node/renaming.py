@@ -113,7 +113,8 @@ class Renaming:
     def _admit(self, token: str, root_dir: Path | None) -> None:
         """Gets the roster in which the key of the node has the new name, and writes it."""
         if token:
-            found = credentials_for(self._out, JoinToken.parse(token), self._platform, self._seed())
+            asked = JoinToken.parse(token)
+            credentials_for(self._out, asked, self._platform, self._seed(), self._write)
         else:
             folder = RootFolder(root_dir)
             with folder.locked():
@@ -121,7 +122,9 @@ class Renaming:
                 member = root.roster.find(self._former) or root.roster.find(self._platform)
                 role = "node" if member is None else member.role
                 signed = root.admit(candidate(self._platform, role, self._seed(), root.public))
-            found = Credentials(self._seed(), root.public, signed)
+            self._write(Credentials(self._seed(), root.public, signed))
+
+    def _write(self, found: Credentials) -> None:
         check_member(found, self._platform)
         self._found.replace_roster(found)
 

@@ -11,6 +11,7 @@ from swarmware.transport.enrolment.messages import (
     JoinRefusal,
     JoinRequest,
     number_of,
+    open_receipt,
     open_request,
     refuse,
     seal_answer,
@@ -25,6 +26,11 @@ ATTEMPTS_OF_ALL: Final = 100
 ADDRESSES_MAX: Final = 1024
 """Maximum addresses whose connections are counted; the oldest is forgotten."""
 SECOND_NS: Final = 1_000_000_000
+RECEIPT_NS: Final = 30 * SECOND_NS
+"""Time from an answer in which its receipt, or the same request again, is waited for.
+
+An operator sees at once that `keys join` failed, and repeats its line. Nodes of former versions send none.
+"""
 
 
 class Invitation(msgspec.Struct, frozen=True):
@@ -81,6 +87,8 @@ class Inviter:
         self._nonce = nonce
         self._keys: dict[bytes, bytes] = {}
         """Public key of the node that joined, by the number of its token."""
+        self._unconfirmed: dict[bytes, int] = {}
+        """Until when the receipt of a node that joined is waited for, by the number of its token."""
         self._expired: set[bytes] = set()
         self._all = _Bucket(ATTEMPTS_OF_ALL, 10.0, now_ns)
         self._sources: dict[str, _Bucket] = {}
@@ -96,14 +104,33 @@ class Inviter:
         return tuple(one for number, one in self._open.items() if number not in ended)
 
     def deadline_ns(self) -> int | None:
-        """When the next invitation expires; None: none is pending."""
-        return min((one.deadline_ns for one in self.pending), default=None)
+        """When the next invitation expires, or the wait for a receipt ends; None: there is neither."""
+        return min((*(one.deadline_ns for one in self.pending), *self._unconfirmed.values()), default=None)
 
     def expire(self, now_ns: int) -> tuple[Invitation, ...]:
         """The invitations that expire now."""
         over = tuple(one for one in self.pending if one.deadline_ns <= now_ns)
         self._expired.update(one.token.number for one in over)
         return over
+
+    def expire_receipts(self, now_ns: int) -> tuple[Invitation, ...]:
+        """The invitations of nodes that joined whose receipt is not waited for any longer."""
+        over = [number for number, until_ns in self._unconfirmed.items() if until_ns <= now_ns]
+        for number in over:
+            del self._unconfirmed[number]
+        return tuple(self._open[number] for number in over)
+
+    def on_receipt(self, data: bytes) -> Invitation | None:
+        """The invitation of a node that now has what its answer gave it; None for bytes without a receipt."""
+        for number in self._unconfirmed:
+            invitation = self._open[number]
+            try:
+                open_receipt(invitation.token, data)
+            except WireError:
+                continue
+            del self._unconfirmed[number]
+            return invitation
+        return None
 
     def on_connection(self, address: str, now_ns: int) -> bool:
         """Whether a connection of this address may send a request; one beyond the limits is closed."""
@@ -141,7 +168,13 @@ class Inviter:
         return Admission(found, request, repeated=number in self._keys)
 
     def admitted(
-        self, admission: Admission, root_public: bytes, roster: bytes, utc_ns: int, broker_port: int = 0
+        self,
+        admission: Admission,
+        root_public: bytes,
+        roster: bytes,
+        utc_ns: int,
+        now_ns: int,
+        broker_port: int = 0,
     ) -> bytes:
         """The answer to a node that is on the roster now; its token is used.
 
@@ -149,6 +182,7 @@ class Inviter:
         """
         found = admission.invitation
         self._keys[found.token.number] = admission.request.sign_public
+        self._unconfirmed[found.token.number] = now_ns + RECEIPT_NS
         return self._answer(
             found, JoinAnswer(utc_ns, root_public=root_public, roster=roster, broker_port=broker_port)
         )
@@ -163,7 +197,9 @@ class Inviter:
         if request.platform != found.platform:
             return JoinRefusal.OTHER_PLATFORM, f"the invitation is for {found.platform}"
         joined = self._keys.get(number)
-        if joined is not None and joined != request.sign_public:
+        if joined == request.sign_public:
+            return 0, ""  # its answer was lost: it is a member, also when the token has expired meanwhile
+        if joined is not None:
             return JoinRefusal.USED, f"another node has joined as {found.platform} with this token"
         if now_ns >= found.deadline_ns:
             return JoinRefusal.EXPIRED, "its time is over by the inviter's clock"

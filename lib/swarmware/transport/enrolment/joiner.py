@@ -12,12 +12,14 @@ from swarmware.transport.enrolment.messages import (
     JoinRequest,
     open_answer,
     open_file,
+    seal_receipt,
     seal_request,
 )
 from swarmware.transport.enrolment.proof import proof_of, root_digest
 from swarmware.transport.enrolment.token import JoinToken
 from swarmware.transport.sodium import SigningKey
 
+UNSIGNED: Final = "unsigned: any computer may have sent it"
 CLOCK_S: Final = 10.0
 """Difference of the two wall clocks above which the node warns."""
 AGAIN: Final = "a new token: `swarmctl keys invite {platform}` at the operator's"
@@ -64,29 +66,34 @@ class Joiner:
         proof = proof_of(key, self._token.fingerprint, self._platform)
         return seal_request(self._token, nonce, JoinRequest(self._platform, key.public, proof))
 
-    def on_answer(self, data: bytes, utc_ns: int) -> Credentials:
-        """The credentials in an answer; `utc_ns`: this node's wall clock.
+    def receipt(self, nonce: bytes) -> bytes:
+        """The bytes of the receipt for credentials that were written; `nonce`: 12 random bytes."""
+        return seal_receipt(self._token, nonce)
 
+    def on_answer(self, data: bytes, utc_ns: int) -> Credentials | SwarmError:
+        """The credentials in an answer, or a refusal in clear text, which any computer may have sent.
+
+        `utc_ns`: this node's wall clock.
         Raises: Denied, NotFound, InvalidInput or SwarmError with the inviter's reason; WireError for an
         answer that is not of the inviter.
         """
         answer = open_answer(self._token, data)
         if isinstance(answer, JoinRefusal):
-            raise self._refused(answer, "")
+            return self._refused(answer, f" ({UNSIGNED})")
         if answer.refusal:
             try:
                 refusal = JoinRefusal(answer.refusal)
             except ValueError as error:
                 text = f"{answer.reason or 'for a reason that is not known here'}"
                 raise Denied(f"the inviter refused {self._platform}: {text}") from error
-            raise self._refused(refusal, answer.reason)
+            raise self._refused(refusal, answer.reason and f": {answer.reason}")
         _check_root(self._token, answer.root_public)
         return Credentials(
             self._seed, answer.root_public, answer.roster, _ahead_s(answer, utc_ns), answer.broker_port
         )
 
-    def _refused(self, refusal: JoinRefusal, reason: str) -> SwarmError:
-        text = f"{self._platform}: {_REASONS[refusal]}" + (f": {reason}" if reason else "")
+    def _refused(self, refusal: JoinRefusal, more: str) -> SwarmError:
+        text = f"{self._platform}: {_REASONS[refusal]}{more}"
         if refusal in _NEEDS_NEW:
             text += f"; expected {AGAIN.format(platform=self._platform)}"
         if refusal is JoinRefusal.OTHER_PLATFORM:

@@ -1,4 +1,4 @@
-"""Messages of a join, sealed with keys of the invitation: the node's request, the answer, and the file.
+"""Messages of a join, sealed with keys of the invitation: request, answer and receipt, and the file.
 
 All are `<4 bytes: kind> <8 bytes: number of the invitation> <12 bytes: nonce> <sealed MessagePack>`; an
 inviter that does not know the number answers in clear text.
@@ -25,6 +25,7 @@ SIZE_BYTES: Final = 4
 _REQUEST: Final = b"SWJ1"
 _ANSWER: Final = b"SWA1"
 _REFUSED: Final = b"SWR1"
+_RECEIPT: Final = b"SWK1"
 _FILE: Final = b"SWF1"
 _KIND_BYTES: Final = 4
 _SEALED: Final = _KIND_BYTES + ID_BYTES + NONCE_BYTES
@@ -76,6 +77,10 @@ class JoinAnswer(msgspec.Struct, frozen=True, array_like=True):
     """UDP port of the broker on the inviter's computer; 0: none that stays the same."""
 
 
+class JoinReceipt(msgspec.Struct, frozen=True, array_like=True):
+    """The node has written what the answer gave it; nodes of former versions send none."""
+
+
 class JoinFile(msgspec.Struct, frozen=True, array_like=True):
     """Credentials that the inviter made for a node, in a file."""
 
@@ -105,7 +110,7 @@ def open_answer(token: JoinToken, data: bytes) -> JoinAnswer | JoinRefusal:
 
     Raises: WireError.
     """
-    if data[:_KIND_BYTES] == _REFUSED:
+    if data[:_KIND_BYTES] == _REFUSED and len(data) == _KIND_BYTES + 1:
         try:
             return JoinRefusal(data[-1])
         except ValueError as error:
@@ -116,6 +121,16 @@ def open_answer(token: JoinToken, data: bytes) -> JoinAnswer | JoinRefusal:
 def refuse(refusal: JoinRefusal) -> bytes:
     """A refusal in clear text, where no secret is in common."""
     return _REFUSED + bytes([refusal])
+
+
+def seal_receipt(token: JoinToken, nonce: bytes) -> bytes:
+    """The bytes of a receipt; `nonce`: 12 random bytes."""
+    return _seal(_RECEIPT, token, nonce, JoinReceipt())
+
+
+def open_receipt(token: JoinToken, data: bytes) -> JoinReceipt:
+    """The receipt in the bytes. Raises: WireError."""
+    return _open(_RECEIPT, token, data, JoinReceipt)
 
 
 def seal_file(token: JoinToken, nonce: bytes, content: JoinFile) -> bytes:
