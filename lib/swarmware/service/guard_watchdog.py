@@ -44,7 +44,7 @@ class GuardWatchdog:
         node, missed = self._node, False
         while True:
             guard = self._find()
-            if guard is not None:
+            if guard is not None and guard.lives:
                 self._restart_policy.on_ready(node.clock.now_ns())
                 clear_start_record(GUARD, node.run_dir)
                 try:
@@ -58,13 +58,13 @@ class GuardWatchdog:
             if missed or self._died_before():
                 missed = True
                 self._start()
-            await self._wait(LOOK_S if missed else None)
+            # the file of a dead guard can be locked by another process for a moment, which reports no change
+            await self._wait(LOOK_S if missed or guard is not None else None)
 
     def _find(self) -> AppEntry | None:
         table = self._node.table
         table.refresh(probe=True)
-        guard = table.named(GUARD)
-        return guard if guard is not None and guard.lives else None
+        return table.named(GUARD)
 
     def _died_before(self) -> bool:
         """Whether a guard died before this process started."""

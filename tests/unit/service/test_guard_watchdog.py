@@ -1,6 +1,7 @@
 """The guard is started again when it died, by whatever process of the node sees it; never when it left."""
 
 import asyncio
+import fcntl
 import logging
 import os
 import signal
@@ -16,6 +17,7 @@ from swarmware.service import guard_watchdog
 from swarmware.service.fork import StartedProcess
 from swarmware.service.guard_watchdog import GuardWatchdog
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.appfile.trace import MOMENT_S
 
 GUARD = """
 import asyncio, sys
@@ -116,6 +118,20 @@ async def test_a_guard_that_was_killed_is_started_again(
         await starts.wait(1)
         assert starts.names == ["guard"]
         assert f"guard: died; started again, pid {starts.pids[0]}" in caplog.text
+
+
+async def test_a_guard_whose_file_another_process_locks_for_a_moment_is_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with tmp_node(tmp_path) as node, guard(node) as process, watching(node, monkeypatch) as starts:
+        with (node.run_dir / "apps/guard#1.toml").open("rb") as file:
+            process.kill()
+            fcntl.flock(file, fcntl.LOCK_EX)  # as the master does, which moves the file aside
+            for _ in range(5):
+                await asyncio.sleep(MOMENT_S)
+            assert starts.names == [], "what its end was cannot be seen yet"
+        await starts.wait(1)
+        assert starts.names == ["guard"]
 
 
 async def test_what_was_started_and_ended_before_it_joined_is_started_again(
