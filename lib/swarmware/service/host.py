@@ -17,7 +17,6 @@ from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.realtime import give_realtime
 from swarmware.service.reason import reason
-from swarmware.service.starting import GUARD
 from swarmware.service.status import Reporter, beat
 from swarmware.types.health import OK_STATE
 from swarmware.types.system import AppState
@@ -33,6 +32,8 @@ BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 SAME_ERRORS: Final = 5
 """Consecutive failures of a service by one error after which its restarts are logged at DEBUG only."""
 
+REPORTER: Final = "guard"
+"""Service that reports conditions of its whole process; the first one, in a process without it."""
 UNSUPERVISED: Final = (
     "the parent of this process has ended or hangs, and restarts nothing; expected it to run:"
     " start the node again, which takes over what runs"
@@ -187,7 +188,7 @@ class ServiceHost:
     @property
     def _speaker(self) -> str:
         """The service that reports a condition of the whole process."""
-        return GUARD if GUARD in self._prepared else self.names[0]
+        return REPORTER if REPORTER in self._prepared else self.names[0]
 
     def _report_supervision(self, service: Service) -> None:
         service.health.report(
