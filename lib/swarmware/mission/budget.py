@@ -3,14 +3,16 @@
 from typing import Final
 
 FULL_BYTES: Final = 64 << 20
-"""Budget in a separate process: some 80 000 states of a common mission, about one second."""
+"""Budget of a command and of a separate process: some 50 000 states of a common mission, about one second."""
 QUICK_BYTES: Final = 1 << 20
-"""Budget in an event loop: some 1 500 states, 5 to 30 ms (shipped missions have less than 50)."""
+"""Budget in an event loop: some 1 000 states, 5 to 20 ms (shipped missions have less than 50)."""
 
 
 class Budget:
-    """Memory that a check may use, in bytes; each state and step uses some, so the time is bounded as
-    well."""
+    """What a check may use, in bytes: states pay for their memory, and all steps for their time.
+
+    No clock has an effect: the same mission has the same verdict on every computer.
+    """
 
     def __init__(self, size: int = FULL_BYTES) -> None:
         self._left = size

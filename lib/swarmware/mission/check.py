@@ -1,7 +1,7 @@
 """All checks of mission files in one call: syntax, blocks, references, soundness, ensemble."""
 
 from collections.abc import Iterable
-from functools import partial
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -19,7 +19,7 @@ from swarmware.mission.loader import Reading, read
 from swarmware.mission.manifest import MANIFEST
 from swarmware.mission.manifest_places import ManifestPlaces
 from swarmware.mission.model import MissionDefinition
-from swarmware.mission.source import SourceError
+from swarmware.mission.source import JsonSource, SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model.platform_kind import PlatformKind
 
@@ -117,7 +117,7 @@ def check_folder(
         used.update(reading.params)
         if reading.mission is not None:
             roles.append(
-                EnsembleRole(role.name, role.kinds, reading.mission, role.take, partial(_line, text, file))
+                EnsembleRole(role.name, role.kinds, reading.mission, role.take, _Lines(text, file).line)
             )
     findings += check_roles(roles)
     findings += manifest.unused(used)
@@ -133,9 +133,19 @@ def _for_some(finding: Finding) -> Finding:
     return msgspec.structs.replace(finding, severity="warning") if finding.rule in flight.RULES else finding
 
 
-def _line(text: str, file: str, pointer: str) -> int:
-    """For remarks of the ensemble check, which are rare: the file is parsed again."""
-    try:
-        return parse_source(text, file).line(pointer)
-    except SourceError:
-        return 0
+class _Lines:
+    """Lines of the pointers of a file, which is parsed at the first question."""
+
+    def __init__(self, text: str, file: str) -> None:
+        self._text, self._file = text, file
+
+    @cached_property
+    def _source(self) -> JsonSource | None:
+        try:
+            return parse_source(self._text, self._file)
+        except SourceError:
+            return None
+
+    def line(self, pointer: str) -> int:
+        """Line of the pointer; 0: the file has an error."""
+        return self._source.line(pointer) if self._source else 0

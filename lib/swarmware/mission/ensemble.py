@@ -6,8 +6,8 @@ import msgspec
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.finding import TOO_LARGE, Finding, Severity, too_large
-from swarmware.mission.meetings import Participant, TooLarge, search
+from swarmware.mission.finding import TOO_LARGE, Finding, Severity
+from swarmware.mission.meetings import Failure, Participant, TooLarge, search
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import BARRIER_BROKEN, TIMED_OUT
 from swarmware.model.platform_kind import PlatformKind
@@ -50,24 +50,36 @@ def check_roles(roles: list[EnsembleRole]) -> list[Finding]:
 
 
 def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
-    """Findings about members of these roles that may wait for each other without end."""
+    """Findings about members of these roles that wait for each other without end, or fail at a barrier."""
     if not any(role.mission.barriers() for role in roles):
         return []
-    hang = search([_part(role) for role in roles], budget)
-    if hang is None:
+    found = search([_part(role) for role in roles], budget)
+    if found is None:
         return []
-    if isinstance(hang, TooLarge) and len(hang.blocks) < PARALLEL:
-        return [too_large(roles[0].mission.file)]
-    role = next(role for role in roles if role.name == hang.role)
-    if isinstance(hang, TooLarge):
-        shown = ", ".join(hang.blocks[:BLOCKS_SHOWN]) + (", …" if len(hang.blocks) > BLOCKS_SHOWN else "")
+    role = next(role for role in roles if role.name == found.role)
+    if isinstance(found, TooLarge):
+        shown = ", ".join(found.blocks[:BLOCKS_SHOWN]) + (", …" if len(found.blocks) > BLOCKS_SHOWN else "")
         message = (
-            f"too large to check: memory or time ran out; role {role.name!r} can wait at {len(hang.blocks)} "
-            f"barriers at the same time ({shown}), which open in any order; expected fewer in parallel, "
-            "or one barrier after the Join of their branches"
+            f"too large to check: more states than the check explores; role {role.name!r} can wait at "
+            f"{len(found.blocks)} barriers at the same time ({shown}), which open in any order; expected "
+            "fewer in parallel, or one barrier after the Join of their branches"
+            if found.at_once and len(found.blocks) >= PARALLEL
+            else "too large to check: more states than the check explores, with all ways of all members to "
+            f"the barriers of role {role.name!r} ({shown}); expected fewer choices before barriers"
         )
-        return [role.finding(role.mission.blocks[hang.blocks[0]], TOO_LARGE, message, "unknown")]
-    return [role.finding(role.mission.blocks[hang.block], "barrier", hang.message, trace=hang.trace)]
+        return [role.finding(role.mission.blocks[found.blocks[0]], TOO_LARGE, message, "unknown")]
+    block = role.mission.blocks[found.block]
+    if isinstance(found, Failure):
+        message = (
+            f"role {role.name!r} fails in every run: {found.message}; expected the same visits of each "
+            "barrier in all roles, or a nextTimeout"
+            if found.certain
+            else f"role {role.name!r} fails in this run: {found.message}; expected a nextTimeout, or the "
+            "same visits of each barrier on every path"
+        )
+        severity: Severity = "error" if found.certain else "warning"
+        return [role.finding(block, "unequal-visits", message, severity, found.trace)]
+    return [role.finding(block, "barrier", found.message, trace=found.trace)]
 
 
 def _part(role: EnsembleRole) -> Participant:
@@ -78,7 +90,9 @@ def _part(role: EnsembleRole) -> Participant:
     ]
     station = role.kinds == (PlatformKind.GCS,)
     copies = min(COPIES_LIMIT, max(1 if station else 2, *quorums, 1), role.take or COPIES_LIMIT)
-    return Participant(role.name, role.mission, copies, station)
+    if quorums:  # their number decides whether the barrier opens
+        copies = min(COPIES_LIMIT, role.take or copies)
+    return Participant(role.name, role.mission, copies, role.take, station)
 
 
 def _quorums(roles: list[EnsembleRole]) -> list[Finding]:

@@ -1,9 +1,10 @@
-"""Searches for deadlocks of an ensemble at its barriers, over all behaviours of its members.
+"""Searches for deadlocks and failures of an ensemble at its barriers, over all behaviours of its members.
 
 It explores the product of the members' nets. Between two barriers a member does not depend on others, so only
 the results count; at a barrier it continues when the barrier opens, breaks or times out. A role that several
 platforms may have is explored with several members. A state in which no member can continue, and not all have
-ended, is a deadlock.
+ended, is a deadlock. A barrier that breaks without a successor fails its mission: an ensemble in which that
+happens in every run without a fault is refused.
 """
 
 from collections import deque
@@ -15,8 +16,9 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.model import Block, MissionDefinition
-from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, build
+from swarmware.mission.net import PLACES_PER_BYTE, Bits, Faults, Firing, Marking, Net, build
 from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
+from swarmware.mission.parallel import merge
 from swarmware.mission.reduction import reduce
 
 AHEAD_LIMIT: Final = 3
@@ -27,8 +29,12 @@ _STATE: Final = 600
 _MEMBER: Final = 200
 """Memory of a member in such a state, in bytes."""
 
-_MOVE: Final = 100
-"""Budget of a move, in bytes: accounts for its time, a tenth of that of a state."""
+_MOVE: Final = 1_200
+_VISIT: Final = 60
+"""Budget of a move, and of each number of visits in it, in bytes: accounts for its time."""
+
+CHOICES_SHOWN: Final = 8
+"""Maximum choices of a member between two barriers in a counter-example."""
 
 BarrierVisit = tuple[int, int]
 """Number of a barrier, and of the visit."""
@@ -51,6 +57,8 @@ class Participant(msgspec.Struct, frozen=True):
     mission: MissionDefinition
     copies: int
     """Number of its members in the search."""
+    take: int = 0
+    """Number of its members in the ensemble; 0: any."""
     station: bool = False
     """A ground station: a barrier that does not name its role does not need a lost one."""
 
@@ -64,37 +72,104 @@ class Hang(msgspec.Struct, frozen=True):
     trace: tuple[str, ...]
 
 
+class Failure(msgspec.Struct, frozen=True):
+    """A barrier without a successor that breaks in a run in which no block fails."""
+
+    role: str
+    block: str
+    message: str
+    trace: tuple[str, ...]
+    certain: bool
+    """It happens in every run."""
+
+
 class TooLarge(msgspec.Struct, frozen=True):
-    """The budget is exceeded: the state in which a member waits at the most barriers."""
+    """The budget is exceeded."""
 
-    role: str = ""
-    blocks: tuple[str, ...] = ()
+    role: str
+    blocks: tuple[str, ...]
+    """Its barriers; the most at which a member was seen to wait at once, if it waits at several."""
+    at_once: bool = False
 
 
-def search(parts: list[Participant], budget: Budget) -> Hang | TooLarge | None:
-    """The shortest path to a deadlock; None: there is none."""
-    ensemble = _Ensemble(parts, budget)
-    found = ensemble.search()
-    return ensemble.widest if budget.spent else found
+def search(parts: list[Participant], budget: Budget) -> Hang | Failure | TooLarge | None:
+    """The shortest path to a deadlock, else to a failure; None: there is neither."""
+    ensemble = _Ensemble(parts, budget, Faults.ALL)
+    if not ensemble.explore():
+        return ensemble.widest
+    if ensemble.hang is not None:
+        return ensemble.hang
+    # without a fault every barrier should open; else handled errors and time-outs are allowed, too
+    found: Failure | None = None
+    exact = _exact(parts)
+    for faults in (Faults.NONE, Faults.HANDLED):
+        ensemble = _Ensemble(parts, budget, faults)
+        if not ensemble.explore():
+            return ensemble.widest
+        found = found or ensemble.failure
+        exact = exact and not (ensemble.clipped and _quorums(parts))
+        if ensemble.succeeds:
+            return found or _with_fewer(parts, budget)
+        if found and not ensemble.waits:
+            break
+    return msgspec.structs.replace(found, certain=True) if found and exact else found
+
+
+def _with_fewer(parts: list[Participant], budget: Budget) -> Failure | None:
+    """A failure of as few members as the ensemble may have, where a number of them opens a barrier."""
+    few = [part if part.take else msgspec.structs.replace(part, copies=1) for part in parts]
+    if few == parts or not _quorums(parts):
+        return None
+    ensemble = _Ensemble(few, budget, Faults.NONE)
+    ensemble.explore()
+    return ensemble.failure
+
+
+def _quorums(parts: list[Participant]) -> bool:
+    """Whether a number of members suffices at some barrier."""
+    return any(
+        isinstance(block.params, Barrier) and block.params.quorum != "all"
+        for part in parts
+        for block in part.mission.barriers()
+    )
+
+
+def _exact(parts: list[Participant]) -> bool:
+    """Whether the search has as many members as the ensemble, where their number has an effect."""
+    return not _quorums(parts) or all(part.copies == part.take or part.station for part in parts)
+
+
+def _gates(mission: MissionDefinition) -> dict[str, Block]:
+    """The barriers of a mission by their place."""
+    return {block.id: block for block in mission.barriers()}
+
+
+def _nets(parts: list[Participant], budget: Budget, faults: Faults) -> list[Net]:
+    """The reduced nets of the roles."""
+    gates = [_gates(part.mission) for part in parts]
+    # between barriers only the results count, and all Ends are equal
+    nets = [reduce(build(part.mission, faults), own, budget) for part, own in zip(parts, gates, strict=True)]
+    return merge(nets, gates)
 
 
 class _Role:
     """The net of a role, and the steps in it up to the next barrier."""
 
-    def __init__(self, part: Participant, numbers: Mapping[str, int], budget: Budget) -> None:
+    def __init__(
+        self, part: Participant, net: Net, faults: Faults, numbers: Mapping[str, int], budget: Budget
+    ) -> None:
         self.part = part
-        # between barriers only the results count, and all Ends are equal
-        gates = [block.id for block in part.mission.barriers()]
-        self.bits = Bits(reduce(build(part.mission, failing=True), gates, budget))
+        self._faults = faults
+        self.bits = Bits(net)
         self.gates: dict[Marking, tuple[Block, Barrier, int]] = {
-            self.bits.of[block.id]: (block, block.params, numbers[block.params.id])
-            for block in part.mission.barriers()
-            if isinstance(block.params, Barrier)
+            self.bits.of[place]: (block, block.params, numbers[block.params.id])
+            for place, block in _gates(part.mission).items()
+            if place in net.owner and isinstance(block.params, Barrier)
         }
         self.visited = frozenset(number for _, _, number in self.gates.values())
         self._barriers = sum(self.gates)
         self._budget = budget
-        self._results: dict[Marking, tuple[Marking, ...]] = {}
+        self._results: dict[Marking, dict[Marking, str]] = {}
 
     @property
     def copies(self) -> int:
@@ -104,10 +179,15 @@ class _Role:
         seen: set[Marking] = set()
         queue = [self.bits.start]
         while queue:
-            ways = {result for result, _ in self.results(queue.pop()) if result}
+            # a member that ends hangs nobody, but it fails those that go on to a barrier
+            ways = {
+                result
+                for result, _, _ in self.results(queue.pop())
+                if result or self._faults is not Faults.ALL
+            }
             if len(ways) > 1:
                 return self.part.copies
-            for marking in ways - seen:
+            for marking in ways - seen - {0}:
                 seen.add(marking)
                 gates = self.gates_of(marking)
                 if len(gates) > 1 or next(self.local(marking), None):
@@ -116,20 +196,26 @@ class _Role:
                     after, _ = self.leave(marking, gates[0], outcome)
                     if outcome == SUCCESS and after:
                         queue.append(after)
-                    elif after and any(result for result, _ in self.results(after)):
+                    elif after and any(result for result, _, _ in self.results(after)):
                         return self.part.copies
         return 1
 
     def gates_of(self, marking: Marking) -> list[Marking]:
         """Places of the barriers at which the member waits."""
-        return [place for place in self.gates if marking & place]
+        found: list[Marking] = []
+        rest = marking & self._barriers
+        while rest:
+            found.append(rest & -rest)
+            rest &= rest - 1
+        return found
 
     def local(self, marking: Marking) -> Iterator[tuple[Marking, Marking, str]]:
         """Steps of the member that do not depend on others: marking, entered barriers, label."""
         for step in self.bits.steps(marking):
             if not step.inputs & self._barriers:
                 result = _fire(marking, step)
-                yield result, step.outputs & self._barriers if result else 0, " → ".join(step.labels)
+                words = step.labels if result else (*step.labels, "ends")
+                yield result, step.outputs & self._barriers if result else 0, " → ".join(words)
 
     def leave(self, marking: Marking, place: Marking, outcome: BlockOutcome) -> tuple[Marking, Marking]:
         """The member leaves a barrier: its marking and the entered barriers."""
@@ -145,27 +231,31 @@ class _Role:
         """Whether the member does not wait at a barrier, so it continues independently of others."""
         return marking != 0 and not marking & self._barriers
 
-    def results(self, marking: Marking) -> list[tuple[Marking, Marking]]:
-        """Reachable states at barriers or at the end: marking and entered barriers."""
+    def results(self, marking: Marking) -> Iterator[tuple[Marking, Marking, str]]:
+        """Reachable states at barriers or at the end: marking, entered barriers, choices on the way."""
         if not self.is_under_way(marking):
-            return [(marking, marking & self._barriers)]
+            yield marking, marking & self._barriers, ""
+            return
         if marking not in self._results:
-            self._results[marking] = tuple(self._run(marking))
-        return [(result, result & self._barriers) for result in self._results[marking]]
+            self._results[marking] = self._run(marking)
+        for result, label in self._results[marking].items():
+            yield result, result & self._barriers, label
 
-    def _run(self, marking: Marking) -> dict[Marking, None]:
-        found: dict[Marking, None] = {}
-        seen = {marking}
-        queue = [marking]
+    def _run(self, marking: Marking) -> dict[Marking, str]:
+        found: dict[Marking, str] = {}
+        came: dict[Marking, tuple[str, ...]] = {marking: ()}
+        queue = deque([marking])
         while queue and not self._budget.spent:
-            now = queue.pop()
+            now = queue.popleft()
             if not now or now & self._barriers:
-                found[now] = None
+                words = [*came[now], *([] if now else ["ends"])]
+                found[now] = f"{self.part.role}: {' → '.join(words)}" if words else ""
                 continue
             for step in self.bits.steps(now):
                 result = _fire(now, step)
-                if result not in seen:
-                    seen.add(result)
+                if result not in came:
+                    choices = tuple(label for label in step.labels if ":" in label)
+                    came[result] = (*came[now], *choices)[-CHOICES_SHOWN:]
                     queue.append(result)
                     self._budget.pay(_MEMBER + len(self.bits.places) // PLACES_PER_BYTE)
         return found
@@ -179,18 +269,22 @@ def _fire(marking: Marking, step: Firing) -> Marking:
 class _Ensemble:
     """Breadth-first search over the states of all members together."""
 
-    def __init__(self, parts: list[Participant], budget: Budget) -> None:
+    def __init__(self, parts: list[Participant], budget: Budget, faults: Faults) -> None:
+        nets = _nets(parts, budget, faults)
         self._names = sorted(
             {
                 block.params.id
-                for part in parts
-                for block in part.mission.barriers()
-                if isinstance(block.params, Barrier)
+                for part, net in zip(parts, nets, strict=True)
+                for place, block in _gates(part.mission).items()
+                if place in net.owner and isinstance(block.params, Barrier)
             }
         )
         numbers = {name: number for number, name in enumerate(self._names)}
-        self._roles = [_Role(part, numbers, budget) for part in parts]
+        self._roles = [
+            _Role(part, net, faults, numbers, budget) for part, net in zip(parts, nets, strict=True)
+        ]
         self._budget = budget
+        self._faults = faults
         stations = {part.role for part in parts if part.station}
         self._strict = {
             number
@@ -201,10 +295,24 @@ class _Ensemble:
         """Barriers that need the ground station."""
         self._came: dict[Everybody, tuple[Everybody | None, str]] = {}
         self._queue: deque[Everybody] = deque()
-        self._found: Hang | None = None
-        self.widest = TooLarge()
+        self.hang: Hang | None = None
+        self.failure: Failure | None = None
+        """The first barrier that broke and had no successor, where only handled faults are explored."""
+        self.clipped = False
+        """Whether a difference of visits was taken to be smaller than it is."""
+        self.waits = False
+        """Whether members can wait for each other until a time-out ends that."""
+        self._failed = False
+        self.succeeds = False
+        """Whether all members can end without such a failure."""
+        first = next((part for part in parts if part.mission.barriers()), parts[0])
+        self.widest = TooLarge(first.role, tuple(_gates(first.mission)) or (first.mission.start,))
 
-    def search(self) -> Hang | None:
+    def explore(self) -> bool:
+        """Search until a deadlock is found, or, without unhandled faults, a success and a failure.
+
+        Returns whether the budget sufficed.
+        """
         nobody = tuple(0 for _ in self._names)
         start: Everybody = (
             tuple(((role.bits.start, nobody),) * role.copies for role in self._roles),
@@ -212,14 +320,21 @@ class _Ensemble:
         )
         self._came[start] = (None, "")
         self._queue.append(start)
-        while self._queue and self._found is None and not self._budget.spent:
+        while self._queue and self.hang is None and not self._budget.spent:
+            if self.succeeds and self.failure:
+                break
             now = self._queue.popleft()
+            self._failed = False
             moves = list(self._moves(now))
-            if not moves and any(marking for members in now[0] for marking, _ in members):
-                return self._explain(now)
+            if not moves and not self._failed:
+                running = any(marking for members in now[0] for marking, _ in members)
+                self.succeeds = self.succeeds or not running
+                self.waits = self.waits or running
+                if running and self._faults is Faults.ALL:
+                    self.hang = self._explain(now)
             for move in moves:
                 self._go(now, move)
-        return self._found
+        return not self._budget.spent
 
     def _moves(self, now: Everybody) -> Iterator[Move]:
         members, over = now
@@ -227,8 +342,8 @@ class _Ensemble:
             for index, (marking, _) in enumerate(members[number]):
                 if role.is_under_way(marking):
                     # it depends on no other member, so the order of such steps has no effect
-                    for result in role.results(marking):
-                        yield {(number, index): result}, over, ""
+                    for result, entered, label in role.results(marking):
+                        yield {(number, index): (result, entered)}, over, label
                     return
         waiting: dict[BarrierVisit, list[tuple[int, int, Marking]]] = {}
         for number, role in enumerate(self._roles):
@@ -240,6 +355,8 @@ class _Ensemble:
                     yield {(number, index): (after, entered)}, over, f"{role.part.role}: {label}"
         for meeting, group in waiting.items():
             for outcomes, opened, label in self._decisions(now, meeting, group):
+                if self._fails(now, meeting, group, outcomes, label):
+                    continue
                 gone = {
                     (number, index): self._roles[number].leave(members[number][index][0], place, outcome)
                     for (number, index, place), outcome in zip(group, outcomes, strict=True)
@@ -270,7 +387,7 @@ class _Ensemble:
         ahead = any(marking and visits[barrier] > visit for states in members for marking, visits in states)
         if len(group) >= needed:
             yield [SUCCESS] * len(group), True, "opened"
-            if params.quorum == "all" and len(participants) > 1:
+            if params.quorum == "all" and len(participants) > 1 and self._faults is Faults.ALL:
                 # of equal members, one that is late represents all
                 alike = {(n, members[n][i]): number for number, (n, i, _) in enumerate(group)}
                 for late in alike.values():
@@ -282,9 +399,38 @@ class _Ensemble:
         elif len(participants) - gone < needed or ahead:
             yield [BARRIER_BROKEN] * len(group), False, "broke"
         for first, (block, _, _) in enumerate(gates):
-            if block.timeout_s is not None:
+            if block.timeout_s is not None and self._faults is not Faults.NONE:
                 outcomes = [TIMED_OUT if n == first else BARRIER_BROKEN for n in range(len(group))]
                 yield outcomes, False, "timed out"
+
+    def _fails(
+        self,
+        now: Everybody,
+        meeting: BarrierVisit,
+        group: list[tuple[int, int, Marking]],
+        outcomes: list[BlockOutcome],
+        label: str,
+    ) -> bool:
+        """Whether a mission fails by this result; where all faults are explored, that is one of them."""
+        if self._faults is Faults.ALL:
+            return False
+        for (number, _, place), outcome in zip(group, outcomes, strict=True):
+            role = self._roles[number]
+            block, params, _ = role.gates[place]
+            if block.follower(outcome) is not None:
+                continue
+            self._failed = True
+            if self.failure is None:
+                ended = [
+                    other.part.role
+                    for other, states in zip(self._roles, now[0], strict=True)
+                    if any(not marking for marking, _ in states)
+                ]
+                why = f": {', '.join(ended)} will not come to it any more" if ended else ""
+                trace = (*self._trace(now), f"{params.id!r} {label}")
+                self.failure = Failure(role.part.role, block.id, f"{params.id!r} {label}{why}", trace, False)
+            return True
+        return False
 
     def _go(self, now: Everybody, move: Move) -> None:
         """Enter the state after a move."""
@@ -296,7 +442,7 @@ class _Ensemble:
                 return
             members[number][index] = (marking, visits)
         state = self._normal(members, over)
-        self._budget.pay(_MOVE)
+        self._budget.pay(_MOVE + _VISIT * len(self._names) * sum(map(len, members)))
         if state not in self._came:
             self._came[state] = (now, label)
             self._queue.append(state)
@@ -310,15 +456,15 @@ class _Ensemble:
             return visits
         role = self._roles[number]
         waits = [role.gates[place] for place in role.gates_of(marking)]
-        if len(waits) > len(self.widest.blocks):
-            self.widest = TooLarge(role.part.role, tuple(block.id for block, _, _ in waits))
+        if len(waits) > (len(self.widest.blocks) if self.widest.at_once else 1):
+            self.widest = TooLarge(role.part.role, tuple(block.id for block, _, _ in waits), at_once=True)
         counted = list(visits)
         for place in role.gates_of(entered):
             block, params, barrier = role.gates[place]
             counted[barrier] += 1
             if sum(1 for _, _, other in waits if other == barrier) > 1:
                 message = f"barrier {params.id!r}: two branches wait there at the same time; expected one"
-                self._found = self._found or Hang(role.part.role, block.id, message, ())
+                self.hang = self.hang or Hang(role.part.role, block.id, message, ())
                 return None
         return tuple(counted)
 
@@ -335,6 +481,9 @@ class _Ensemble:
             ]
             behind.append(min(live, default=0))
         nobody = tuple(0 for _ in behind)
+        self.clipped = self.clipped or any(
+            visit - behind[barrier] > AHEAD_LIMIT for (barrier, visit), _ in over
+        )
         kept = {
             (barrier, visit - behind[barrier]): opened
             for (barrier, visit), opened in over
@@ -372,15 +521,19 @@ class _Ensemble:
                     words = f"{role.part.role} at {params.id!r} ({block.id})"
                     if words not in waits:
                         waits.append(words)
+        role_name, block_id = first or (self._roles[0].part.role, self._roles[0].part.mission.start)
+        message = (
+            f"members can wait for each other for ever: {', '.join(waits)}; "
+            "expected the same barriers in the same order on every path, or a time-out"
+        )
+        return Hang(role_name, block_id, message, self._trace(state))
+
+    def _trace(self, state: Everybody) -> tuple[str, ...]:
+        """Choices and meetings that lead to a state."""
         steps: list[str] = []
         before, label = self._came[state]
         while before is not None:
             if label:
                 steps.append(label)
             before, label = self._came[before]
-        role_name, block_id = first or (self._roles[0].part.role, self._roles[0].part.mission.start)
-        message = (
-            f"members can wait for each other for ever: {', '.join(waits)}; "
-            "expected the same barriers in the same order on every path, or a time-out"
-        )
-        return Hang(role_name, block_id, message, tuple(reversed(steps)))
+        return tuple(reversed(steps))

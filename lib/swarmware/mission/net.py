@@ -5,6 +5,7 @@ with several incoming edges is a merge. End consumes its token and clears the ne
 """
 
 from collections.abc import Iterator
+from enum import Enum
 from typing import Final
 
 import msgspec
@@ -63,11 +64,22 @@ def join_place(source: str, join: str) -> str:
     return f"{source}→{join}"
 
 
-def build(mission: MissionDefinition, *, failing: bool = False) -> Net:
-    """The net of a mission whose successors all exist.
+class Faults(Enum):
+    """Errors and time-outs of blocks that a net has."""
 
-    `failing`: with a transition for each block that can end the mission by an error or a time-out.
-    """
+    NONE = "none"
+    """Every block succeeds; only barriers may break."""
+    HANDLED = "handled"
+    """Those that have a successor."""
+    ALL = "all"
+    """Also those without a successor, which end the mission."""
+
+
+_FAULTLESS: Final = frozenset({OutcomeKind.OK, OutcomeKind.CASE, OutcomeKind.TRUE, OutcomeKind.FALSE})
+
+
+def build(mission: MissionDefinition, faults: Faults = Faults.HANDLED) -> Net:
+    """The net of a mission whose successors all exist."""
     joins = {block.id for block in mission.blocks.values() if block.type == BlockName.JOIN}
     owner = {block_id: block_id for block_id in mission.blocks if block_id not in joins}
     places: dict[str, set[str]] = {join: set() for join in joins}
@@ -95,8 +107,11 @@ def build(mission: MissionDefinition, *, failing: bool = False) -> Net:
             transitions += [
                 Transition(block.id, edge.outcome, inputs, (place_of(block.id, edge.target),))
                 for edge in block.edges
+                if faults is not Faults.NONE
+                or edge.outcome.kind in _FAULTLESS
+                or block.type == BlockName.BARRIER
             ]
-            if failing and _can_fail(block):
+            if faults is Faults.ALL and _can_fail(block):
                 transitions.append(Transition(block.id, FAILS, inputs, ()))
     instant = frozenset(place for place, block in owner.items() if mission.blocks[block].spec.instant)
     return Net(mission.start, tuple(transitions), owner, instant)
@@ -136,7 +151,8 @@ class Bits:
         # a transition is tried only where its first input is marked
         self._by_bit: dict[Marking, list[Firing]] = {}
         self._instant = sum(bit[place] for place in net.instant)
-        self._ends = sum(bit[place] for place in net.ends())
+        self.ends = sum(bit[place] for place in net.ends())
+        """Places of the Ends."""
         for transition in net.transitions:
             inputs = sum(bit[place] for place in transition.inputs)
             outputs = twice = 0
@@ -157,7 +173,7 @@ class Bits:
 
         Among these an End comes last, so the findings do not depend on the order of the blocks in the file.
         """
-        for instant in (self._instant & ~self._ends, self._ends):
+        for instant in (self._instant & ~self.ends, self.ends):
             rest = marking & instant
             while rest:
                 first = rest & -rest

@@ -9,7 +9,7 @@ parallel places and transitions, elimination of self-loops; here with blocks tha
 clear the net.
 """
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable
 from itertools import islice
 from typing import Final
@@ -61,9 +61,18 @@ class _Reducer:
         self._gone: set[str] = set()
         self._queue = deque(net.owner)
         self._queued = set(net.owner)
+        self._joins: set[int] = set()
+        """Joins whose branches are compared when no place is queued: each comparison looks at all of them."""
+        self._doubled: dict[int, tuple[tuple[str, ...], frozenset[str]]] = {}
 
     def net(self) -> Net:
-        while self._queue and not self._budget.spent:
+        while (self._queue or self._joins) and not self._budget.spent:
+            if not self._queue:
+                number = min(self._joins)
+                self._joins.discard(number)
+                if number in self._all:
+                    self._twins(number)
+                continue
             place = self._queue.popleft()
             self._queued.discard(place)
             if place not in self._gone:
@@ -85,7 +94,7 @@ class _Reducer:
         self._unite(place)
         inputs = {t.inputs for t in self._after(place)}
         if len(inputs) > 1 or len(next(iter(inputs))) > 1:
-            self._twins(next(iter(self._from[place])))
+            self._joins.add(next(iter(self._from[place])))
         elif place == self._net.start or (len(self._from[place]) > 1 and self._loop(place)):
             return
         elif place in self._instant:
@@ -216,10 +225,11 @@ class _Reducer:
     def _twins(self, number: int) -> None:
         """Merges parallel branches without actions between one Fork and one Join."""
         join = self._all[number]
+        self._budget.pay(_COST * len(join.inputs))
         groups: dict[frozenset[int], str] = {}
         for place in sorted(join.inputs):
             before = frozenset(self._into[place])
-            if not before or any(self._all[n].outputs.count(place) > 1 for n in before):
+            if not before or any(place in self._doubles(n) for n in before):
                 continue
             if place == self._net.start or before & self._from[place]:
                 continue
@@ -237,7 +247,7 @@ class _Reducer:
             if wait is None:
                 continue
             before = frozenset(self._into[wait])
-            if not before or any(self._all[n].outputs.count(wait) > 1 for n in before):
+            if not before or any(wait in self._doubles(n) for n in before):
                 continue
             first = groups.setdefault((before, self._end_kinds(wait)), (wait, place))
             if first != (wait, place):
@@ -249,6 +259,16 @@ class _Reducer:
                 self._forget(wait, first[0])
                 self._forget(place, first[1])
                 self._narrow(number, place)
+
+    def _doubles(self, number: int) -> frozenset[str]:
+        """Output places that the transition marks twice."""
+        outputs = self._all[number].outputs
+        known = self._doubled.get(number)
+        if known is None or known[0] is not outputs:
+            counted = Counter(outputs)
+            known = outputs, frozenset(place for place, times in counted.items() if times > 1)
+            self._doubled[number] = known
+        return known[1]
 
     def _waits_for(self, place: str) -> str | None:
         """The only place before one of a Join, if it only waits or ends the mission."""

@@ -10,16 +10,18 @@ from typing import Final
 
 from swarmware.mission import flight, instants
 from swarmware.mission.budget import QUICK_BYTES, Budget
-from swarmware.mission.catalogue import End
+from swarmware.mission.catalogue import BlockName, End
 from swarmware.mission.finding import TOO_LARGE, Remark
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import PLACES_PER_BYTE, Bits, Firing, Marking, Net, build
 from swarmware.mission.reduction import reduce
 
-_STATE: Final = 480
-"""Bytes of a visited state: entries of dictionaries and of the queue, predecessor (CPython 3.11)."""
-_STEP: Final = 60
-"""Bytes of a step from one state to the next."""
+_STATE: Final = 800
+"""Budget of a visited state, in bytes: dictionaries, queue and predecessor (480), and its time."""
+_STEP: Final = 80
+"""Budget of a step from one state to the next, in bytes, with its time."""
+SHOWN_LIMIT: Final = 6
+"""Maximum blocks that a message names as running at the same time."""
 
 Key = bytes
 """The marking as bytes, for dictionaries: integers whose bits are 61 apart have equal hashes (modulo 2**61 -
@@ -87,14 +89,22 @@ class _Exploration:
         self._unsafe: dict[str, Remark] = {}
         self._stuck: list[Key] = []
         self._cut: dict[str, Remark] = {}
+        self._cutters: dict[str, str] = {}
+        """Blocks with a token when an End came, and the End."""
+        self._cut_places: Marking = 0
+        self._widest: Marking = 0
+        """The state with the most tokens."""
 
     def remarks(self) -> list[Remark]:
         """Explores all markings, then derives the findings."""
         complete = self._explore()
         found = [*self._unsafe.values(), *self._deadlocks()]
         if not complete:
+            blocks = self._bits.blocks(self._widest)
+            shown = ", ".join(blocks[:SHOWN_LIMIT]) + (", …" if len(blocks) > SHOWN_LIMIT else "")
+            several = f"; {len(blocks)} blocks can run at the same time ({shown})" if len(blocks) > 1 else ""
             message = (
-                f"too large to check: not all of more than {len(self._came)} states were explored; "
+                f"too large to check: more than {len(self._came)} states{several}; "
                 "expected fewer blocks that run at the same time"
             )
             found += self._flight.remarks()
@@ -111,6 +121,8 @@ class _Exploration:
                 return False
             key = queue.popleft()
             marking = int.from_bytes(key, "little")
+            if marking.bit_count() > self._widest.bit_count():
+                self._widest = marking
             after: list[Key] = []
             self._flight.look(marking, lambda key=key: self._trace(key))  # type: ignore[misc]  # the default binds the value now
             steps = self._bits.steps(marking)
@@ -119,7 +131,7 @@ class _Exploration:
             for step in steps:
                 self._fire(marking, key, step, after, queue)
             self._after[key] = after
-            if not after and key not in self._ends:
+            if not steps:
                 self._stuck.append(key)
         return True
 
@@ -129,9 +141,14 @@ class _Exploration:
             self._ends.add(key)
             self._flight.end(step.block, marking, lambda: (*self._trace(key), *step.labels))
             self._cut_short(marking, key, step)
+            cut = marking & ~step.inputs & ~self._cut_places
+            if cut:
+                self._cut_places |= cut
+                self._cutters |= dict.fromkeys(self._bits.blocks(cut), step.block)
             return
         rest = marking & ~step.inputs
-        twice = rest & step.outputs | step.twice
+        # a second token in an End changes nothing: the first one clears the net
+        twice = (rest & step.outputs | step.twice) & ~self._bits.ends
         if twice:
             self._two_tokens(key, step, twice)
             return
@@ -186,7 +203,7 @@ class _Exploration:
                     f"deadlock: the Join {block!r} waits for ever for {', '.join(map(repr, missing))}; "
                     "expected every branch to arrive"
                     if missing
-                    else f"{block!r} has no enabled successor"
+                    else f"{block!r} has no successor"
                 )
                 found[block] = Remark(block, "error", "deadlock", message, self._trace(key))
                 break
@@ -200,9 +217,20 @@ class _Exploration:
         found: list[Remark] = []
         for block in self._mission.blocks.values():
             if block.id not in reached:
-                message = f"{block.id!r} can never be reached: expected a block that leads to it"
+                message = (
+                    f"{block.id!r} can never be reached: expected a block that leads to it, and no End that "
+                    "always comes before"
+                )
                 found.append(Remark(block.id, "error", "dead-block", message))
-            elif block.id not in self._fired and not self._stuck:
+            elif block.id in self._fired or self._stuck:
+                continue
+            elif block.type != BlockName.JOIN and block.id in self._cutters:
+                message = (
+                    f"{block.id!r} never completes: the End {self._cutters[block.id]!r} comes at the same "
+                    "instant and ends the mission; expected a Join before that End"
+                )
+                self._cut.setdefault(block.id, Remark(block.id, "warning", "cut-short", message))
+            else:
                 message = f"{block.id!r} can never be left: not all its branches can arrive together"
                 found.append(Remark(block.id, "error", "dead-block", message))
         return found

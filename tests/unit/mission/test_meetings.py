@@ -21,7 +21,7 @@ def late(barrier: str, after: str, other: str = "e", **more: Any) -> dict[str, A
     return meet(barrier, after, timeout_s=9, nextTimeout=other, **more)
 
 
-def judged(*texts: str, take: tuple[int, ...] = (), budget: Budget | None = None) -> list[Finding]:
+def findings(*texts: str, take: tuple[int, ...] = (), budget: Budget | None = None) -> list[Finding]:
     """Roles a, b, … with these missions; one platform each unless `take` says otherwise."""
     names = "abcd"[: len(texts)]
     manifest = 'name = "trial"\n' + "".join(
@@ -29,8 +29,14 @@ def judged(*texts: str, take: tuple[int, ...] = (), budget: Budget | None = None
         for name, number in zip(names, take or (1,) * len(texts), strict=True)
     )
     files = [MissionFile(f"{name}.json", text) for name, text in zip(names, texts, strict=True)]
-    found = check_folder(from_files([MissionFile("mission.toml", manifest), *files], ""), budget=budget)
-    return [finding for finding in found if finding.severity != "warning"]
+    return check_folder(from_files([MissionFile("mission.toml", manifest), *files], ""), budget=budget)
+
+
+def judged(*texts: str, take: tuple[int, ...] = (), budget: Budget | None = None) -> list[Finding]:
+    """Findings other than warnings."""
+    return [
+        finding for finding in findings(*texts, take=take, budget=budget) if finding.severity != "warning"
+    ]
 
 
 ONE_TWO = net(s="Start>a", a=meet("one", "b"), b=meet("two", "e"), e="End")
@@ -39,6 +45,7 @@ AROUND = net(s="Start>d", d=choice("a", "b"), a=meet("one", "b"), b=meet("two", 
 TWICE = net(s="Start>a", a=meet("one", "b"), b=meet("one", "c"), c=meet("two", "e"), e="End")
 LOOP = net(s="Start>a", a=meet("one", "d"), d=choice("a", "b"), b=meet("two", "e"), e="End")
 TIMED = net(s="Start>a", a=late("two", "b"), b=late("one", "e"), e="End")
+ONE_TWO_TIMED = net(s="Start>a", a=late("one", "b"), b=late("two", "e"), e="End")
 RETURNS = net(s="Start>a", a=late("one", "b", "c"), b=meet("two", "e"), c=meet("three", "e"), e="End")
 QUORUM = net(s="Start>a", a=meet("one", "b", quorum=2), b=meet("two", "e"), e="End")
 
@@ -54,7 +61,7 @@ HANGS: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
 FINE: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
     "the same order": ((ONE_TWO, ONE_TWO, ONE_TWO), (1, 0, 2)),
     "the same id twice in each": ((TWICE, TWICE), (1, 0)),
-    "crossed order with time-outs": ((ONE_TWO, TIMED), (1, 1)),
+    "crossed order with time-outs": ((ONE_TWO_TIMED, TIMED), (1, 1)),
     "a quorum lets the others pass": ((QUORUM, QUORUM, QUORUM), (1, 1, 1)),
     "a way around to the end": (
         (net(s="Start>d", d=choice("a", "e"), a=meet("one", "e"), e="End"),),
@@ -77,6 +84,73 @@ def test_what_can_wait_for_ever_is_refused_with_who_waits_where(name: str) -> No
 def test_what_always_goes_on_is_sound(name: str) -> None:
     texts, take = FINE[name]
     assert judged(*texts, take=take) == []
+
+
+ONCE = net(s="Start>a", a=meet("x", "w"), w="Wait>e", e="End")
+BOTH = net(s="Start>a", a=meet("x", "b"), b=meet("x", "e"), e="End")
+ONCE_OF_TWO = ONCE.replace('"x"', '"x", "quorum": 2')
+BOTH_OF_TWO = BOTH.replace('"x"', '"x", "quorum": 2')
+BOTH_TIMED = net(s="Start>a", a=meet("x", "b"), b=late("x", "e"), e="End")
+ROUND = net(s="Start>a", a=meet("x", "d"), d=choice("a", "e"), e="End")
+SIX = net(
+    s="Start>b0", **{f"b{n}": meet("x", f"b{n + 1}" if n < 5 else "e", quorum=1) for n in range(6)}, e="End"
+)
+BESIDE = net(
+    s="Start>f", f="Fork>a,b", a=meet("x", "c"), c=meet("x", "j"), b=late("y", "j"), j="Join>e", e="End"
+)
+BESIDE_LESS = BESIDE.replace('"x", "next": "c"', '"x", "next": "j"').replace(
+    '"c": {"type": "Barrier", "id": "x", "next": "j"}, ', ""
+)
+EARLY = net(s="Start>f", f="Fork>a,w", a=meet("x", "j"), w="Wait>e", j="Join>e", e="End")
+
+FAILS: dict[str, tuple[tuple[str, ...], tuple[int, ...], str]] = {
+    "one visit more in one role": ((BOTH, ONCE), (1, 1), "error"),
+    "one visit more in a role of any number": ((ONCE, BOTH), (0, 0), "error"),
+    "one visit more than the quorum has members for": ((BOTH_OF_TWO, ONCE_OF_TWO), (1, 2), "error"),
+    "one visit more than a quorum may have members for": ((BOTH_OF_TWO, ONCE_OF_TWO), (0, 2), "warning"),
+    "crossed order with a time-out in one role": ((ONE_TWO, TIMED), (1, 1), "error"),
+    "one visit more beside a barrier with a time-out": ((BESIDE, BESIDE_LESS), (1, 1), "error"),
+    "a loop that may go round more often": ((ROUND, ROUND), (1, 1), "warning"),
+    "a loop that may go round more often than the other role": ((ROUND, ONCE), (1, 1), "warning"),
+    "a way around to the end": (
+        (net(s="Start>d", d=choice("a", "e"), a=meet("x", "e"), e="End"), ONCE),
+        (1, 1),
+        "warning",
+    ),
+    "an End that may come before the barrier opens": ((EARLY, ONCE), (1, 1), "warning"),
+}
+FULFILLED: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
+    "the same number of visits": ((BOTH, BOTH), (1, 0)),
+    "one visit more, with a successor for it": ((BOTH_TIMED, ONCE), (1, 1)),
+    "one visit more among enough members for the quorum": ((BOTH_OF_TWO, ONCE_OF_TWO), (2, 1)),
+    "six visits of which each opens for one": ((SIX, SIX), (1, 1)),
+}
+
+
+def told(texts: tuple[str, ...], take: tuple[int, ...]) -> list[Finding]:
+    return [finding for finding in findings(*texts, take=take) if finding.rule == "unequal-visits"]
+
+
+@pytest.mark.parametrize("name", FAILS)
+def test_a_failure_in_every_run_is_an_error_and_one_in_some_a_warning(name: str) -> None:
+    texts, take, severity = FAILS[name]
+    (finding,) = told(texts, take)
+    assert finding.severity == severity
+    assert ("fails in every run" in finding.message) == (severity == "error")
+    assert finding.trace[-1].endswith("broke")
+    assert any("ends" in step for step in finding.trace)
+
+
+@pytest.mark.parametrize("name", FULFILLED)
+def test_equal_visits_do_not_fail(name: str) -> None:
+    texts, take = FULFILLED[name]
+    assert told(texts, take) == []
+
+
+def test_the_way_to_a_failure_names_the_choices_and_the_role_that_has_ended() -> None:
+    (finding,) = told((ROUND, ONCE), (1, 1))
+    assert finding.trace == ("'x' opened", "a: d:true", "b: ends", "'x' broke")
+    assert "role 'a' fails in this run: 'x' broke: b will not come to it any more" in finding.message
 
 
 def test_the_way_to_a_hang_names_the_meetings() -> None:

@@ -103,6 +103,38 @@ def test_two_tokens_in_one_block_are_found() -> None:
     assert len(remark.trace) == 4
 
 
+def test_a_second_token_is_no_deadlock_of_the_first_one() -> None:
+    text = net(s="Start>f", f="Fork>a,b,c", a="Wait>b", b="Wait>j", c="Wait>j", j="Join>e", e="End")
+    assert {remark.rule for remark in remarks(text)} == {"two-tokens"}
+
+
+@pytest.mark.parametrize(
+    ("text", "rules"),
+    [
+        (net(s="Start>f", f="Fork>d,e", d=choice("e", "e"), e="End"), []),
+        (net(s="Start>f", f="Fork>e,d", d=choice("e", "e"), e="End"), []),
+        (net(s="Start>f", f="Fork>w,e", w="Wait>e", e="End"), [("cut-short", "w")]),
+        (net(s="Start>f", f="Fork>e,w", w="Wait>e", e="End"), [("cut-short", "w")]),
+        (net(s="Start>f", f="Fork>m,e", m="Hold>e", e="End"), [("cut-short", "m")]),
+    ],
+    ids=["a decision", "a decision last", "a pause", "a pause last", "a motion"],
+)
+def test_a_branch_beside_an_end_is_cleared_by_it(text: str, rules: list[tuple[str, str]]) -> None:
+    found = remarks(text)
+    assert [(remark.rule, remark.block) for remark in found] == rules
+    assert all(remark.severity == "warning" for remark in found)
+
+
+def test_what_an_end_cuts_at_once_names_the_end() -> None:
+    (remark,) = remarks(net(s="Start>f", f="Fork>w,e", w="Wait>e", e="End"))
+    assert "'w' never completes: the End 'e' comes at the same instant" in remark.message
+    found = remarks(net(s="Start>f", f="Fork>w,e", w="Wait>v", v="Wait>e", e="End"))
+    assert [(r.severity, r.rule, r.block) for r in found] == [
+        ("error", "dead-block", "v"),
+        ("warning", "cut-short", "w"),
+    ]
+
+
 def test_a_loop_that_never_rests_is_found() -> None:
     text = net(s="Start>d", d=choice("g", "e"), g=choice("d", "e"), e="End")
     assert [r.rule for r in remarks(text)] == ["livelock"]
