@@ -117,7 +117,9 @@ def check_folder(
         used.update(reading.params)
         if reading.mission is not None:
             roles.append(
-                EnsembleRole(role.name, role.kinds, reading.mission, role.take, _Lines(text, file).line)
+                EnsembleRole(
+                    role.name, role.kinds, reading.mission, role.take, _PointerLines(text, file).line
+                )
             )
     findings += check_roles(roles)
     findings += manifest.unused(used)
@@ -133,7 +135,7 @@ def _for_some(finding: Finding) -> Finding:
     return msgspec.structs.replace(finding, severity="warning") if finding.rule in flight.RULES else finding
 
 
-class _Lines:
+class _PointerLines:
     """Lines of the pointers of a file, which is parsed at the first question."""
 
     def __init__(self, text: str, file: str) -> None:

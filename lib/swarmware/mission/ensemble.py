@@ -7,9 +7,10 @@ import msgspec
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.finding import TOO_LARGE, Finding, Severity
-from swarmware.mission.meetings import Failure, Participant, TooLarge, search
+from swarmware.mission.meetings import Failure, TooLarge, search
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import BARRIER_BROKEN, TIMED_OUT
+from swarmware.mission.participant import Participant
 from swarmware.model.platform_kind import PlatformKind
 
 PARALLEL = 4

@@ -8,17 +8,17 @@ happens in every run without a fault is refused.
 """
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Final
 
 import msgspec
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.catalogue import Barrier
-from swarmware.mission.model import Block, MissionDefinition
-from swarmware.mission.net import PLACES_PER_BYTE, Bits, Faults, Firing, Marking, Net, build
+from swarmware.mission.net import Faults, Marking, Net, build
 from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
 from swarmware.mission.parallel import merge
+from swarmware.mission.participant import Participant, RoleSteps, gates_of
 from swarmware.mission.reduction import reduce
 
 AHEAD_LIMIT: Final = 3
@@ -33,9 +33,6 @@ _MOVE: Final = 1_200
 _VISIT: Final = 60
 """Budget of a move, and of each number of visits in it, in bytes: accounts for its time."""
 
-CHOICES_SHOWN: Final = 8
-"""Maximum choices of a member between two barriers in a counter-example."""
-
 BarrierVisit = tuple[int, int]
 """Number of a barrier, and of the visit."""
 State = tuple[Marking, tuple[int, ...]]
@@ -48,19 +45,6 @@ Where = tuple[int, int]
 """Index of a role, and of a member in it."""
 Move = tuple[dict[Where, tuple[Marking, Marking]], Over, str]
 """Members with their new marking and entered barriers, the decided visits, and a label."""
-
-
-class Participant(msgspec.Struct, frozen=True):
-    """A role in the search."""
-
-    role: str
-    mission: MissionDefinition
-    copies: int
-    """Number of its members in the search."""
-    take: int = 0
-    """Number of its members in the ensemble; 0: any."""
-    station: bool = False
-    """A ground station: a barrier that does not name its role does not need a lost one."""
 
 
 class Hang(msgspec.Struct, frozen=True):
@@ -139,131 +123,12 @@ def _exact(parts: list[Participant]) -> bool:
     return not _quorums(parts) or all(part.copies == part.take or part.station for part in parts)
 
 
-def _gates(mission: MissionDefinition) -> dict[str, Block]:
-    """The barriers of a mission by their place."""
-    return {block.id: block for block in mission.barriers()}
-
-
 def _nets(parts: list[Participant], budget: Budget, faults: Faults) -> list[Net]:
     """The reduced nets of the roles."""
-    gates = [_gates(part.mission) for part in parts]
+    gates = [gates_of(part.mission) for part in parts]
     # between barriers only the results count, and all Ends are equal
     nets = [reduce(build(part.mission, faults), own, budget) for part, own in zip(parts, gates, strict=True)]
     return merge(nets, gates)
-
-
-class _Role:
-    """The net of a role, and the steps in it up to the next barrier."""
-
-    def __init__(
-        self, part: Participant, net: Net, faults: Faults, numbers: Mapping[str, int], budget: Budget
-    ) -> None:
-        self.part = part
-        self._faults = faults
-        self.bits = Bits(net)
-        self.gates: dict[Marking, tuple[Block, Barrier, int]] = {
-            self.bits.of[place]: (block, block.params, numbers[block.params.id])
-            for place, block in _gates(part.mission).items()
-            if place in net.owner and isinstance(block.params, Barrier)
-        }
-        self.visited = frozenset(number for _, _, number in self.gates.values())
-        self._barriers = sum(self.gates)
-        self._budget = budget
-        self._results: dict[Marking, dict[Marking, str]] = {}
-
-    @property
-    def copies(self) -> int:
-        """Number of members in the search: one, if all behave in the same way."""
-        if any(barrier.quorum != "all" for _, barrier, _ in self.gates.values()):
-            return self.part.copies
-        seen: set[Marking] = set()
-        queue = [self.bits.start]
-        while queue:
-            # a member that ends hangs nobody, but it fails those that go on to a barrier
-            ways = {
-                result
-                for result, _, _ in self.results(queue.pop())
-                if result or self._faults is not Faults.ALL
-            }
-            if len(ways) > 1:
-                return self.part.copies
-            for marking in ways - seen - {0}:
-                seen.add(marking)
-                gates = self.gates_of(marking)
-                if len(gates) > 1 or next(self.local(marking), None):
-                    return self.part.copies
-                for outcome in (SUCCESS, BARRIER_BROKEN, TIMED_OUT):
-                    after, _ = self.leave(marking, gates[0], outcome)
-                    if outcome == SUCCESS and after:
-                        queue.append(after)
-                    elif after and any(result for result, _, _ in self.results(after)):
-                        return self.part.copies
-        return 1
-
-    def gates_of(self, marking: Marking) -> list[Marking]:
-        """Places of the barriers at which the member waits."""
-        found: list[Marking] = []
-        rest = marking & self._barriers
-        while rest:
-            found.append(rest & -rest)
-            rest &= rest - 1
-        return found
-
-    def local(self, marking: Marking) -> Iterator[tuple[Marking, Marking, str]]:
-        """Steps of the member that do not depend on others: marking, entered barriers, label."""
-        for step in self.bits.steps(marking):
-            if not step.inputs & self._barriers:
-                result = _fire(marking, step)
-                words = step.labels if result else (*step.labels, "ends")
-                yield result, step.outputs & self._barriers if result else 0, " → ".join(words)
-
-    def leave(self, marking: Marking, place: Marking, outcome: BlockOutcome) -> tuple[Marking, Marking]:
-        """The member leaves a barrier: its marking and the entered barriers."""
-        block = self.gates[place][0]
-        target = block.follower(outcome)
-        edges = {edge.outcome for edge in block.edges if edge.target == target}
-        for step in self.bits.steps(place):
-            if step.outcome in edges:
-                return marking & ~place | step.outputs, step.outputs & self._barriers
-        return 0, 0
-
-    def is_under_way(self, marking: Marking) -> bool:
-        """Whether the member does not wait at a barrier, so it continues independently of others."""
-        return marking != 0 and not marking & self._barriers
-
-    def results(self, marking: Marking) -> Iterator[tuple[Marking, Marking, str]]:
-        """Reachable states at barriers or at the end: marking, entered barriers, choices on the way."""
-        if not self.is_under_way(marking):
-            yield marking, marking & self._barriers, ""
-            return
-        if marking not in self._results:
-            self._results[marking] = self._run(marking)
-        for result, label in self._results[marking].items():
-            yield result, result & self._barriers, label
-
-    def _run(self, marking: Marking) -> dict[Marking, str]:
-        found: dict[Marking, str] = {}
-        came: dict[Marking, tuple[str, ...]] = {marking: ()}
-        queue = deque([marking])
-        while queue and not self._budget.spent:
-            now = queue.popleft()
-            if not now or now & self._barriers:
-                words = [*came[now], *([] if now else ["ends"])]
-                found[now] = f"{self.part.role}: {' → '.join(words)}" if words else ""
-                continue
-            for step in self.bits.steps(now):
-                result = _fire(now, step)
-                if result not in came:
-                    choices = tuple(label for label in step.labels if ":" in label)
-                    came[result] = (*came[now], *choices)[-CHOICES_SHOWN:]
-                    queue.append(result)
-                    self._budget.pay(_MEMBER + len(self.bits.places) // PLACES_PER_BYTE)
-        return found
-
-
-def _fire(marking: Marking, step: Firing) -> Marking:
-    """The marking after the step; 0: the mission has ended."""
-    return marking & ~step.inputs | step.outputs if step.outputs else 0
 
 
 class _Ensemble:
@@ -275,13 +140,13 @@ class _Ensemble:
             {
                 block.params.id
                 for part, net in zip(parts, nets, strict=True)
-                for place, block in _gates(part.mission).items()
+                for place, block in gates_of(part.mission).items()
                 if place in net.owner and isinstance(block.params, Barrier)
             }
         )
         numbers = {name: number for number, name in enumerate(self._names)}
         self._roles = [
-            _Role(part, net, faults, numbers, budget) for part, net in zip(parts, nets, strict=True)
+            RoleSteps(part, net, faults, numbers, budget) for part, net in zip(parts, nets, strict=True)
         ]
         self._budget = budget
         self._faults = faults
@@ -306,7 +171,7 @@ class _Ensemble:
         self.succeeds = False
         """Whether all members can end without such a failure."""
         first = next((part for part in parts if part.mission.barriers()), parts[0])
-        self.widest = TooLarge(first.role, tuple(_gates(first.mission)) or (first.mission.start,))
+        self.widest = TooLarge(first.role, tuple(gates_of(first.mission)) or (first.mission.start,))
 
     def explore(self) -> bool:
         """Search until a deadlock is found, or, without unhandled faults, a success and a failure.

@@ -21,7 +21,7 @@ _Shape = tuple[object, ...]
 """Two branches with equal shapes behave alike, apart from the ids of their barriers."""
 
 
-class _Branch(msgspec.Struct, frozen=True):
+class _ParallelBranch(msgspec.Struct, frozen=True):
     """A line of places from a Fork to a Join, with barriers in it."""
 
     places: tuple[str, ...]
@@ -61,13 +61,13 @@ def _barrier(block: Block) -> Barrier:
     return block.params
 
 
-def _branches(net: Net, gates: Gates) -> dict[tuple[str, ...], _Branch]:
+def _branches(net: Net, gates: Gates) -> dict[tuple[str, ...], _ParallelBranch]:
     """Branches whose barriers this role has nowhere else, by the ids of the barriers."""
     uses: dict[str, int] = {}
     for block in gates.values():
         uses[_barrier(block).id] = uses.get(_barrier(block).id, 0) + 1
-    lines = _Lines(net, gates)
-    found: dict[tuple[str, ...], _Branch] = {}
+    lines = _BranchWalk(net, gates)
+    found: dict[tuple[str, ...], _ParallelBranch] = {}
     heads = {place: None for t in net.transitions if len(t.outputs) > 1 for place in t.outputs}
     for head in heads:
         branch = lines.branch(head)
@@ -76,8 +76,8 @@ def _branches(net: Net, gates: Gates) -> dict[tuple[str, ...], _Branch]:
     return found
 
 
-class _Lines:
-    """Follows lines of places in a net."""
+class _BranchWalk:
+    """Follows branches in a net."""
 
     def __init__(self, net: Net, gates: Gates) -> None:
         self._net = net
@@ -91,7 +91,7 @@ class _Lines:
             for place in transition.outputs:
                 self._into.setdefault(place, []).append(number)
 
-    def branch(self, head: str) -> _Branch | None:
+    def branch(self, head: str) -> _ParallelBranch | None:
         """The branch that begins with this place of a Fork, if it is a line with barriers to a Join."""
         place, before = head, self._into[head]
         if any(len(self._net.transitions[number].outputs) < 2 for number in before):
@@ -104,7 +104,7 @@ class _Lines:
             after = [self._net.transitions[number] for number in self._from.get(place, ())]
             if len(after) == 1 and len(after[0].inputs) > 1:
                 shape.append(self._from[place][0])
-                return _Branch(tuple(places), tuple(barriers), tuple(shape)) if barriers else None
+                return _ParallelBranch(tuple(places), tuple(barriers), tuple(shape)) if barriers else None
             following = {output for t in after for output in t.outputs} - self._ends
             if len(following) != 1 or any(t.inputs != {place} or len(t.outputs) > 1 for t in after):
                 return None
@@ -129,7 +129,7 @@ class _Lines:
         return "ends" if transition.outputs[0] in self._ends else ""
 
 
-def _without(net: Net, branches: list[_Branch]) -> Net:
+def _without(net: Net, branches: list[_ParallelBranch]) -> Net:
     """The net without these branches."""
     gone = {place for branch in branches for place in branch.places}
     if not gone:

@@ -62,7 +62,7 @@ class _Reducer:
         self._queue = deque(net.owner)
         self._queued = set(net.owner)
         self._joins: set[int] = set()
-        """Joins whose branches are compared when no place is queued: each comparison looks at all of them."""
+        """Joins whose branches are compared when no place is queued: each comparison reads all of them."""
         self._doubled: dict[int, tuple[tuple[str, ...], frozenset[str]]] = {}
 
     def net(self) -> Net:

@@ -21,6 +21,7 @@ from swarmware.mission.folder import Folder, from_files
 from swarmware.mission.loader import load, read
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import Net, build
+from swarmware.mission.participant import Participant
 from swarmware.types.mission import MissionFile
 
 HERE = Binding()
@@ -317,7 +318,7 @@ def test_members_hang_and_fail_in_reduced_nets_where_they_do_in_whole_ones(
         missions = authors(chance)
         if any(remark.severity != "warning" for m in missions for remark in soundness.check(m)):
             continue
-        parts = [meetings.Participant(f"r{n}", m, chance.randint(1, 2)) for n, m in enumerate(missions)]
+        parts = [Participant(f"r{n}", m, chance.randint(1, 2)) for n, m in enumerate(missions)]
         budget = Budget(4 << 20)
         with monkeypatch.context() as patched:
             patched.setattr(meetings, "reduce", whole_net)
