@@ -6,7 +6,7 @@ from typing import Any, Final
 import msgspec
 
 from swarmware.errors import NotFound
-from swarmware.mission.condition import Scalar, scalar_of
+from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.model.names import has_unit_branch, split
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module

@@ -1,7 +1,8 @@
 """Conditions on resource values: `battery < 80 % or age(nav/pose) > 1`.
 
-Grammar: or, and, not, comparisons (< <= > >= == !=), parentheses; operands are numbers (with % as a
-hundredth), 'text' or "text", true, false, resource paths with an optional field, age(path) in seconds.
+Grammar: or, and, not, comparisons (< <= > >= == !=), parentheses, absent(path.field); operands are numbers
+(with % as a hundredth), 'text' or "text", true, false, resource paths with an optional field, age(path) in
+seconds. A field is a name, or an element of a map or list: `health/state.sensors["sensor/gnss"]`, `[0]`.
 In a condition on one resource names without a path are its fields, and age() is its age.
 """
 
@@ -14,15 +15,12 @@ from typing import Final, Protocol
 import msgspec
 
 from swarmware.errors import MissionError
-from swarmware.model.names import split_field
-
-Scalar = bool | float | str
-"""Type of the values that a condition compares."""
+from swarmware.mission.field_path import STEPS_PATTERN, Scalar
 
 SHORT_NAMES: Final = {
-    "battery": "power/battery.remaining_ratio",
-    "batterylevel": "power/battery.remaining_ratio",
-    "altitude": "nav/pose.z_m",
+    "battery": ("power/battery", "remaining_ratio"),
+    "batterylevel": ("power/battery", "remaining_ratio"),
+    "altitude": ("nav/pose", "z_m"),
 }
 """Short names for resources that every vehicle has."""
 
@@ -37,7 +35,7 @@ CROSSED_S: Final = 0.001
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)(?P<percent>\s*%)?"
     r"|'(?P<text>[^']*)'|\"(?P<quoted>[^\"]*)\""
-    r"|(?P<path>/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*(?:\.[A-Za-z0-9_]+)*)"
+    rf"|(?P<path>/?[A-Za-z_][A-Za-z0-9_]*(?:/[A-Za-z0-9_]+)*)(?P<steps>{STEPS_PATTERN})"
     r"|(?P<symbol><=|>=|==|!=|<|>|\(|\)))"
 )
 
@@ -89,6 +87,12 @@ class Age(msgspec.Struct, frozen=True, tag=True):
     """Offset of its path in the text, from 0."""
 
 
+class Absent(msgspec.Struct, frozen=True, tag=True):
+    """Holds while a field has no value: never published, or an element that its map or list does not have."""
+
+    field: Field
+
+
 class Compare(msgspec.Struct, frozen=True, tag=True):
     """Left and right side of a comparison."""
 
@@ -126,7 +130,7 @@ class ConditionOperand(msgspec.Struct, frozen=True):
 
 
 Operand = Literal | Field | Age
-Node = Compare | Not | Both | Either | Literal | Field | Age
+Node = Compare | Not | Both | Either | Absent | Literal | Field | Age
 
 
 class ConditionExpression(msgspec.Struct, frozen=True):
@@ -196,6 +200,8 @@ class _ConditionParser:
         self._at = 0
         self.kind = TokenKind.OTHER
         self.word = ""
+        self._steps = ""
+        """Field path behind the path of a resource."""
         self._number = 0.0
         self._percent = False
         self._begin = 0
@@ -215,9 +221,15 @@ class _ConditionParser:
             return
         found = _TOKEN.match(self._text, self._at)
         if found is None:
-            self.kind, self.word = TokenKind.OTHER, rest.strip()[:10]
+            before, self.kind, self.word = self.kind, TokenKind.OTHER, rest.strip()[:10]
+            if before is TokenKind.PATH and self.word.startswith("["):
+                raise self.error('an index such as [0], or a key in quotes such as ["sensor/gnss"]')
             raise self.error("a number, a resource path, 'text' or a comparison")
         self._at = found.end()
+        self._steps = found["steps"] or ""
+        if found["path"] is not None:
+            self.kind, self.word = TokenKind.PATH, found["path"]
+            return
         if found["quoted"] is not None:
             self.kind, self.word = TokenKind.TEXT, found["quoted"]
             return
@@ -230,10 +242,22 @@ class _ConditionParser:
             self.word = found[self.kind]
 
     def _take(self, kind: TokenKind, word: str) -> bool:
-        if self.kind == kind and self.word == word:
+        if self.kind == kind and self.word == word and not self._steps:
             self._advance()
             return True
         return False
+
+    def _take_call(self, name: str) -> bool:
+        """Takes the name of a function and its opening parenthesis."""
+        called = self.kind is TokenKind.PATH and self.word == name and not self._steps
+        if not called or not self._text[self._at :].lstrip().startswith("("):
+            return False
+        self._advance()
+        return self._take(TokenKind.SYMBOL, "(")
+
+    def _close(self) -> None:
+        if not self._take(TokenKind.SYMBOL, ")"):
+            raise self.error(")")
 
     def either(self, depth: int) -> Node:
         node = self._both(depth)
@@ -254,9 +278,13 @@ class _ConditionParser:
             return Not(self._not(depth + 1))
         if self._take(TokenKind.SYMBOL, "("):
             node = self.either(depth + 1)
-            if not self._take(TokenKind.SYMBOL, ")"):
-                raise self.error(")")
+            self._close()
             return node
+        if self._take_call("absent"):
+            if self.kind is not TokenKind.PATH or not isinstance(field := self._operand(), Field):
+                raise self.error("a field of a resource, such as nav/pose.x_m")
+            self._close()
+            return Absent(field)
         left = self._operand()
         if self.kind is TokenKind.SYMBOL and self.word in COMPARISONS:
             symbol = self.word
@@ -267,48 +295,44 @@ class _ConditionParser:
         return left
 
     def _operand(self) -> Operand:
-        kind, word, number, percent, begin = self.kind, self.word, self._number, self._percent, self._begin
+        kind, word, steps, begin = self.kind, self.word, self._steps, self._begin
+        number, percent = self._number, self._percent
         is_value = kind in {TokenKind.NUMBER, TokenKind.TEXT, TokenKind.PATH}
         if not is_value or (kind is TokenKind.PATH and word in {"and", "or", "not"}):
             raise self.error("a number, a resource path or 'text'")
+        if self._take_call("age"):
+            return self._age()
         self._advance()
         if kind is TokenKind.NUMBER:
             return Literal(number, percent)
         if kind is TokenKind.TEXT:
             return Literal(word)
-        if word in {"true", "false"}:
+        if word in {"true", "false"} and not steps:
             return Literal(word == "true")
-        if word == "age" and self._take(TokenKind.SYMBOL, "("):
-            path, begin = self.word, self._begin
-            if self._own and self._take(TokenKind.SYMBOL, ")"):
-                return Age(self._own, begin)
-            if self.kind is not TokenKind.PATH or not self._resource(path):
-                raise self.error("a resource path")
-            self._advance()
-            if not self._take(TokenKind.SYMBOL, ")"):
-                raise self.error(")")
-            return Age(path, begin)
         if self._own and "/" not in word:
-            return Field(self._own, word, begin)
-        full = SHORT_NAMES.get(word.lower(), word)
-        path, field = split_field(full)
-        if not self._resource(path):
-            self.kind, self.word, self._begin = kind, word, begin
+            return Field(self._own, word + steps, begin)
+        if word.lower() in SHORT_NAMES and not steps:
+            return Field(*SHORT_NAMES[word.lower()], begin)
+        if not self._resource(word):
+            self.kind, self.word, self._begin = kind, word + steps, begin
             raise self.error(f"a resource path such as power/battery, or one of {', '.join(SHORT_NAMES)}")
-        return Field(path, field, begin)
+        return Field(word, steps.removeprefix("."), begin)
+
+    def _age(self) -> Age:
+        path, begin = self.word, self._begin
+        if self._own and self._take(TokenKind.SYMBOL, ")"):
+            return Age(self._own, begin)
+        if self.kind is not TokenKind.PATH or not self._resource(path):
+            raise self.error("a resource path")
+        if self._steps:
+            raise self.error(f"a resource path without a field: its fields are as old as {path}")
+        self._advance()
+        self._close()
+        return Age(path, begin)
 
     @staticmethod
     def _resource(path: str) -> bool:
         return "/" in path.removeprefix("/") and path == path.lower()
-
-
-def scalar_of(value: msgspec.Struct | None, field: str) -> Scalar | None:
-    """A field of a value by its dotted name, or (empty) its only field; None: it has no such single value."""
-    fields = getattr(value, "__struct_fields__", ())
-    found: object = value
-    for name in field.split(".") if field else fields if len(fields) == 1 else ("",):
-        found = getattr(found, name, None)
-    return found if isinstance(found, bool | int | float | str) else None
 
 
 def _crossing_s(node: Compare, lookup: Lookup) -> float | None:
@@ -327,6 +351,8 @@ def _nodes(node: Node) -> Iterator[Node]:
     yield node
     if isinstance(node, Not):
         yield from _nodes(node.inner)
+    elif isinstance(node, Absent):
+        yield node.field
     elif isinstance(node, Both | Either | Compare):
         yield from _nodes(node.left)
         yield from _nodes(node.right)
@@ -346,6 +372,8 @@ def _truth(node: Node, lookup: Lookup) -> bool | None:
         if left is None or right is None or isinstance(left, str) != isinstance(right, str):
             return None
         return COMPARISONS[node.symbol](left, right)
+    if isinstance(node, Absent):
+        return lookup.value(node.field.path, node.field.field) is None
     if isinstance(node, Not):
         inner = _truth(node.inner, lookup)
         return None if inner is None else not inner

@@ -10,6 +10,7 @@ import msgspec.inspect
 from swarmware.errors import NotFound
 from swarmware.mission.catalogue import WaitForSensor
 from swarmware.mission.condition import (
+    Absent,
     Age,
     Both,
     Compare,
@@ -22,6 +23,7 @@ from swarmware.mission.condition import (
     Operand,
     parse,
 )
+from swarmware.mission.field_path import FieldStep, steps
 from swarmware.mission.finding import Severity
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.sensor_choice import SensorChoice
@@ -188,6 +190,8 @@ class _TemplateReader:
             yield from self._truth(node.inner)
         elif isinstance(node, Compare):
             yield from self._compare(node)
+        elif isinstance(node, Absent):
+            yield from self._operand(node.field)
         else:
             value = yield from self._operand(node)
             if value is not None and value.sort not in {"", _TRUTH}:
@@ -259,34 +263,27 @@ class _TemplateReader:
 
     def _field(self, node: Field, resource: Resource, cls: type[msgspec.Struct]) -> _Looking:
         fields = _fields(cls)
-        if not node.field and len(fields) != 1:
+        plain = len(fields) == 1
+        found: Any = msgspec.inspect.type_info(cls)
+        name = node.path
+        if plain and (not node.field or node.field.startswith("[")):
+            found = _present(next(iter(fields.values())))
+        elif not node.field:
             names = ", ".join(fields)
             yield node.at, "error", f"{node.path!r} is a {cls.__name__}: expected one of its fields ({names})"
             return None
-        found: Any = msgspec.inspect.type_info(cls)
-        name = node.field or next(iter(fields))
-        for step in name.split("."):
-            inner = _fields(found.cls) if isinstance(found, msgspec.inspect.StructType) else {}
-            if step not in inner:
-                near = [field for field in inner if field.startswith(f"{step}_")]  # its unit was left out
-                near += similar(step, inner, cutoff=0.4)
-                hint = f"did you mean {near[0]!r}?" if near else "expected one of these"
-                owner = found.cls.__name__ if inner else node.path
-                names = ", ".join(inner) or "it has none"
-                yield node.at, "error", f"{owner} has no field {step!r}; {hint} ({names})"
+        for step in steps(node.field):
+            inner, refusal = _element(found, step, name)
+            if refusal:
+                yield node.at, "error", refusal
                 return None
-            found = _present(inner[step])
-        value = _value(f"{node.path}.{node.field}" if node.field else node.path, found)
+            found, name = _present(inner), f"{name}{step}"
+        value = _value(name, found)
         if value is None:
-            yield (
-                node.at,
-                "error",
-                f"{node.path}.{name} is not a single value: expected a number, a text or a truth value",
-            )
+            yield node.at, "error", f"{name} is {_expected_inside(found)}"
             return None
         if name.endswith(_RATIO):
             return msgspec.structs.replace(value, span=(0.0, 1.0))
-        plain = len(fields) == 1
         return msgspec.structs.replace(
             value,
             span=resource.range if plain else None,
@@ -326,6 +323,71 @@ def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Statement]:
 
 def _at(node: Operand) -> int:
     return 0 if isinstance(node, Literal) else node.at
+
+
+def _element(found: Any, step: FieldStep, name: str) -> tuple[Any, str]:
+    """Type of what a step leads to from a type, and the refusal of a step that leads nowhere.
+
+    `name`: of the value of that type, for the refusal.
+    """
+    match found:
+        case msgspec.inspect.StructType() if not step.quoted:
+            inner = _fields(found.cls)
+            if step.key in inner:
+                return inner[str(step.key)], ""
+            near = [field for field in inner if field.startswith(f"{step.key}_")]  # its unit was left out
+            near += similar(str(step.key), inner, cutoff=0.4)
+            hint = f"did you mean {near[0]!r}?" if near else "expected one of these"
+            return None, f"{found.cls.__name__} has no field {step.key!r}; {hint} ({', '.join(inner)})"
+        case msgspec.inspect.DictType():
+            keys = () if (key := _value(name, _present(found.key_type))) is None else key.choices
+            if keys and str(step.key) not in keys:
+                return None, f"{name} has no key {str(step.key)!r}: expected one of {', '.join(keys)}"
+            return found.value_type, ""
+        case _ if (items := _items(found)) is not None:
+            if isinstance(step.key, int):
+                if isinstance(found, msgspec.inspect.TupleType) and step.key >= len(items):
+                    return None, f"{name} has {len(items)} items: expected an index below that, from 0"
+                return items[min(step.key, len(items) - 1)], ""
+            sample = _value(name, _present(items[0]))
+            if not step.quoted or sample is None or sample.sort not in {_TEXT, ""}:
+                return None, f"{name} is a list: expected an index, such as {name}[0], not {str(step)!r}"
+            if sample.choices and step.key not in sample.choices:
+                return None, f"{name} never has {step.key!r}: expected one of {', '.join(sample.choices)}"
+            return msgspec.inspect.BoolType(), ""
+        case msgspec.inspect.AnyType() | msgspec.inspect.UnionType():
+            return msgspec.inspect.AnyType(), ""
+    return None, f"{name} is {_described(found)}: expected nothing after it, not {str(step)!r}"
+
+
+def _items(found: Any) -> tuple[Any, ...] | None:
+    """Types of the items of a list, one for all if they are alike; None for any other type."""
+    match found:
+        case msgspec.inspect.TupleType():
+            return tuple(found.item_types) or (msgspec.inspect.AnyType(),)
+        case msgspec.inspect.ListType() | msgspec.inspect.VarTupleType():
+            return (found.item_type,)
+    return None
+
+
+def _described(found: Any) -> str:
+    if isinstance(found, msgspec.inspect.StructType):
+        return f"a {found.cls.__name__}"
+    value = _value("", found)
+    return value.sort if value is not None and value.sort else "a single value"
+
+
+def _expected_inside(found: Any) -> str:
+    """What a value is that is no number, text or truth value, and what names one inside it."""
+    match found:
+        case msgspec.inspect.StructType():
+            names = ", ".join(_fields(found.cls))
+            return f"a {found.cls.__name__}: expected one of its fields ({names})"
+        case msgspec.inspect.DictType():
+            return 'a map: expected one of its keys in brackets, such as ["sensor/gnss"]'
+        case _ if _items(found) is not None:
+            return "a list: expected the index of an item in brackets, such as [0]"
+    return "no number, text or truth value: expected a field that is one"
 
 
 @cache

@@ -13,7 +13,7 @@ from swarmd.mission.core.executor import START, MissionExecutor
 from swarmd.mission.core.lead import lead_ns
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock
 from swarmware.mission.binding import Binding
-from swarmware.mission.condition import Scalar
+from swarmware.mission.field_path import Scalar
 from swarmware.mission.loader import load
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome, OutcomeKind

@@ -2,12 +2,20 @@
 
 import contextlib
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import MissionError
-from swarmware.mission.condition import Scalar, parse
+from swarmware.mission.condition import parse
+from swarmware.mission.field_path import Scalar, scalar_of
+
+
+class Scalars(msgspec.Struct, frozen=True):
+    """A value inside another one."""
+
+    value: float
 
 
 class Values:
@@ -63,10 +71,91 @@ HERE = Values(
         ("sensor/gone.value < 1 and true", None),
         ("vehicle/state.mode < 3", None),
         ("battery", None),
+        ("absent(sensor/gone.value)", True),
+        ("absent(battery)", False),
+        ("not absent(sensor/gone.value) or altitude < 0", True),
     ],
 )
 def test_a_condition_means_what_it_says(text: str, expected: bool | None) -> None:
     assert parse(text).holds(HERE) is expected
+
+
+class Drone(msgspec.Struct, frozen=True):
+    """A value with a map, lists and a value inside."""
+
+    sensors: dict[str, bool]
+    faults: tuple[str, ...]
+    points: tuple[tuple[float, ...], ...]
+    motors: tuple[Scalars, ...]
+    by_level: dict[int, str]
+
+
+DRONE = Drone(
+    {"sensor/gnss": True, "nav.pose": False, "gnss": True, 'a"b': True},
+    ("flight/tilt=bad", "0"),
+    ((1.0, 2.0), (3.0,)),
+    (Scalars(7.0), Scalars(8.0)),
+    {3: "three"},
+)
+
+
+class OfDrone:
+    """Its fields as a resource."""
+
+    def value(self, path: str, field: str) -> Scalar | None:
+        return scalar_of(DRONE, field) if path == "my/drone" else None
+
+    def age_s(self, path: str) -> float | None:
+        return None
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('my/drone.sensors["sensor/gnss"]', True),
+        ("my/drone.sensors['sensor/gnss'] == true", True),
+        ("my/drone.sensors[ 'nav.pose' ]", False),
+        ("my/drone.sensors.gnss", True),
+        ("my/drone.sensors['a\"b']", True),
+        ("my/drone.sensors['sensor/sonar']", None),
+        ("not my/drone.sensors['sensor/sonar']", None),
+        ("absent(my/drone.sensors['sensor/sonar'])", True),
+        ("absent(my/drone.sensors['nav.pose'])", False),
+        ("my/drone.sensors", None),
+        ("my/drone.faults['flight/tilt=bad']", True),
+        ("my/drone.faults['flight/loop=late']", False),
+        ("my/drone.faults['0']", True),
+        ("my/drone.faults[0] == 'flight/tilt=bad'", True),
+        ("my/drone.faults[9] == 'flight/tilt=bad'", None),
+        ("my/drone.points[1][0] == 3", True),
+        ("my/drone.points[1][1] == 3", None),
+        ("my/drone.motors[1].value == 8", True),
+        ("my/drone.motors.1.value == 8", True),
+        ("my/drone.motors['value'] == 8", False),
+        ("my/drone.by_level[3] == 'three'", True),
+        ("my/drone['sensors']", None),
+        ("my/drone.sensors.get", None),
+        ("other/drone.sensors.gnss", None),
+    ],
+)
+def test_an_element_of_a_map_or_list_is_a_value(text: str, expected: bool | None) -> None:
+    assert parse(text).holds(OfDrone()) is expected
+
+
+def test_the_only_field_of_a_value_is_indexed_by_its_resource() -> None:
+    class Levels(msgspec.Struct, frozen=True):
+        levels: tuple[float, ...]
+
+    assert scalar_of(Levels((1.0, 2.0)), "[1]") == 2.0
+    assert scalar_of(Levels((1.0, 2.0)), "levels[1]") == 2.0
+
+
+def test_a_field_in_brackets_is_read_in_a_condition_on_one_resource() -> None:
+    condition = parse("sensors['sensor/gnss'] and age() < 1", "/uav1/health/state")
+    assert [(one.path, one.field, one.age) for one in condition.operands()] == [
+        ("/uav1/health/state", "sensors['sensor/gnss']", False),
+        ("/uav1/health/state", "", True),
+    ]
 
 
 def test_a_condition_names_the_resources_it_looks_at() -> None:
@@ -92,6 +181,13 @@ def test_a_condition_names_the_resources_it_looks_at() -> None:
         ("not " * 50 + "true", "nested"),
         ("(" * 50 + "true" + ")" * 50, "nested"),
         ("x" * 600, "at most"),
+        ("health/state.sensors[", "at '[', column 21: expected an index such as [0], or a key in quotes"),
+        ("health/state.sensors[sensor/gnss]", "expected an index such as [0], or a key in quotes such as"),
+        ("health/state.faults[-1] == 'x'", "expected an index such as [0]"),
+        ("absent(3)", "expected a field of a resource"),
+        ("absent(battery", "expected )"),
+        ("age(nav/pose.x_m) > 1", "expected a resource path without a field: its fields are as old as nav/pose"),
+        ("battery[0] > 1", "at 'battery[0]', column 1"),
     ],
 )
 def test_what_is_no_condition_is_refused_with_its_place(text: str, word: str) -> None:
@@ -100,7 +196,7 @@ def test_what_is_no_condition_is_refused_with_its_place(text: str, word: str) ->
     assert word in str(caught.value)
 
 
-@given(st.text(max_size=60) | st.text("ab/.<>=()' 1%ornt", max_size=40))
+@given(st.text(max_size=60) | st.text("ab/.<>=()[]' 1%ornt", max_size=40))
 def test_any_text_is_a_condition_or_our_error(text: str) -> None:
     with contextlib.suppress(MissionError):
         assert parse(text).holds(HERE) in (True, False, None)

@@ -12,7 +12,7 @@ from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.run import CancelBlock, ProgressStep, Run, StartBlock
 from swarmware.errors import Conflict
 from swarmware.mission.binding import Binding
-from swarmware.mission.condition import Scalar
+from swarmware.mission.field_path import Scalar
 from swarmware.mission.loader import load
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, MissionPhase, MissionState

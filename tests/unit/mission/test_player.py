@@ -18,7 +18,7 @@ from swarmd.mission.core.run import (
     StartBlock,
 )
 from swarmware.mission.binding import Binding
-from swarmware.mission.condition import Scalar
+from swarmware.mission.field_path import Scalar
 from swarmware.mission.loader import load
 
 S = 1_000_000_000

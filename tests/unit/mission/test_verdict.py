@@ -20,7 +20,7 @@ from swarmd.mission.core.run import (
 )
 from swarmware.mission.binding import Binding
 from swarmware.mission.check import check_text
-from swarmware.mission.condition import Scalar
+from swarmware.mission.field_path import Scalar
 from swarmware.mission.finding import sound
 from swarmware.mission.model import Block, MissionDefinition
 

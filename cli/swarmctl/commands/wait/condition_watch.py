@@ -7,7 +7,8 @@ import msgspec
 from swarmctl.resources.values import brief
 from swarmware.errors import InvalidInput
 from swarmware.mission import condition
-from swarmware.mission.condition import ConditionOperand, Scalar, scalar_of
+from swarmware.mission.condition import ConditionOperand
+from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.mission.vocabulary import Vocabulary
 from swarmware.model import names
 from swarmware.model.resource import Kind, Resource

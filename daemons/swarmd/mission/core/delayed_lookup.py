@@ -1,6 +1,7 @@
 """Present values for the requirements of a mission, on a node whose event loop is late."""
 
-from swarmware.mission.condition import Lookup, Scalar
+from swarmware.mission.condition import Lookup
+from swarmware.mission.field_path import Scalar
 
 
 class DelayedLookup:
