@@ -132,12 +132,12 @@ def _conditions() -> str:
     return (
         "\n## Conditions\n\nIn `requires` and in the cases of a Decision. An operand is a number (`80 %` is "
         "0.8), a `'text'`, `true`, `false`, `<resource>.<field>`, or `age(<resource>)` in seconds; `and`, "
-        "`or`, `not` and parentheses combine comparisons; `absent(<resource>.<field>)` holds while there is no "
-        "value.\n\n"
+        "`or`, `not` and parentheses combine comparisons; `absent(<resource>.<field>)` holds while there is "
+        "no value.\n\n"
         "An element of a map is named by its key in brackets, or after a dot where the key is a plain word: "
-        "`health/state.sensors[\"sensor/gnss\"]`. An item of a list is named by its index from 0: "
+        '`health/state.sensors["sensor/gnss"]`. An item of a list is named by its index from 0: '
         "`hal/drivers.drivers[0].state`. A quoted text in the brackets of a list of texts asks whether the "
-        "list contains it: `health/state.faults[\"battery/charge=warn\"]`.\n\n"
+        'list contains it: `health/state.faults["battery/charge=warn"]`.\n\n'
         + head("comparison", "holds when the left side is … the right one")
         + "".join(symbols)
         + "\n"

@@ -14,7 +14,7 @@ from swarmware.model.platform_kind import VEHICLES, PlatformKind
 TEXTS: Final = {
     "land": """{"mission": {
         "start": {"type": "Start", "next": "land"},
-        "land": {"type": "Land", "next": "disarm", "on": {"no_position": "land"}},
+        "land": {"type": "Land", "next": "disarm", "on": {"no_position": "land", "timeout": "land"}},
         "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
         "end": {"type": "End"}
     }}""",
@@ -28,6 +28,13 @@ TEXTS: Final = {
         "off": {"type": "Disarm", "next": "failed", "nextTimeout": "failed", "nextError": "failed"},
         "end": {"type": "End"},
         "failed": {"type": "End", "result": "failed"}
+    }}""",
+    # without a position and at touch-down speed; the motors stop on the ground
+    "emergency-land": """{"mission": {
+        "start": {"type": "Start", "next": "down"},
+        "down": {"type": "Land", "blind": true, "next": "disarm", "nextTimeout": "down"},
+        "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
+        "end": {"type": "End"}
     }}""",
     "hold": """{"mission": {
         "start": {"type": "Start", "next": "hold"},

@@ -4,7 +4,45 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from swarmware.errors import InvalidInput
+from swarmware.mission.reaction import ReactionRow, misnamed
+
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=600)]
+
+
+REACTIONS = (
+    ReactionRow(
+        name="battery_low",
+        when="health/state.battery == 'low' or health/state.battery == 'critical'",
+        action="return",
+        possible="vehicle/way_home.needed_ratio < vehicle/way_home.remaining_ratio",
+        otherwise="land",
+        says="battery low",
+    ),
+    ReactionRow(
+        name="battery_critical",
+        when="health/state.battery == 'critical'",
+        action="land",
+        lasting=True,
+        says="battery critical",
+    ),
+    ReactionRow(
+        name="position_lost",
+        when="age(nav/pose) > 1",
+        for_s=9.0,  # a motion fails before, after position_patience_s, and its mission decides
+        action="land",
+        lasting=True,
+        says="no valid position",
+    ),
+    ReactionRow(
+        name="mission_restarted",
+        when="mission/watch.restarted",
+        where="any",
+        action="land",
+        says="the mission daemon was restarted while the vehicle was armed",
+    ),
+)
+"""Reactions that are shipped; one whose resource does not exist on a vehicle never acts."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -34,3 +72,12 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     precedes it."""
     link_loss_s: Annotated[float, msgspec.Meta(ge=1, le=86_400)] = 30.0
     """Time without a ground station after which the link is lost."""
+    home_reserve_ratio: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.1
+    """Charge that is to be left after the way home and the landing."""
+    reaction: tuple[ReactionRow, ...] = REACTIONS
+    """Reactions to faults; the row `link_loss` is made of the two settings above."""
+
+    def __post_init__(self) -> None:
+        """Check the names of the rows."""
+        for _, message in misnamed(self.reaction):
+            raise InvalidInput(f"reaction: {message}")

@@ -14,6 +14,7 @@ from swarmware.errors import MissionError, NotFound, SwarmError
 from swarmware.mission.assignment import Assignment, MemberAssignment, Platform, assign
 from swarmware.mission.folder import Folder, files_hash, from_files
 from swarmware.mission.model import content_hash
+from swarmware.mission.reaction import encode_rows
 from swarmware.model.access import Sender
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, natural
@@ -197,6 +198,7 @@ class Dispatcher:
             issuer=self._module.platform,
             issued_ns=now_ns,
             expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
+            reactions=encode_rows(folder.manifest.reaction),
         )
 
     def _send(

@@ -17,13 +17,13 @@ from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
-from swarmd.mission.core.link_loss import LinkLoss
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock, TakeVehicle
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain
 from swarmd.mission.first_states import FirstStates
 from swarmd.mission.member_states import MemberStates
 from swarmd.mission.progress_record import ProgressRecord
+from swarmd.mission.reaction_watch import ReactionWatch
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.runner import BlockRunner
 from swarmd.mission.store import MissionStore
@@ -68,12 +68,8 @@ from swarmware.types.mission import (
 )
 from swarmware.types.net import Neighbours, RosterState, Routes, Traffic
 from swarmware.types.rpc import Empty
-from swarmware.types.vehicle import VehicleState
 
 log = logging.getLogger("swarm.mission")
-
-SAFE = "land"
-"""Built-in mission for a vehicle that is armed when the daemon starts: its former mission is unknown."""
 
 
 STATE: Final = Resource(
@@ -119,8 +115,6 @@ class Mission(Service):
         self._driver = self.drive(self._core, self._perform)
         vehicle = VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
         self._vehicle = vehicle
-        self._link_loss = LinkLoss()
-        self._live = LiveConfig(module, config, self.live_settings)
         self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
         self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
@@ -150,6 +144,12 @@ class Mission(Service):
         self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
         self._aborts: Inbox[MissionAbort] = module.inbox(ABORT_PATH, MissionAbort)
+        self._reactions: ReactionWatch | None = None
+        if vehicle is not None:
+            live = LiveConfig(module, config, self.live_settings)
+            self._reactions = ReactionWatch(
+                module, live, config, self._values, vehicle, self._core, self._driver.feed
+            )
         self._serve()
 
     async def run(self) -> None:
@@ -163,7 +163,8 @@ class Mission(Service):
                 group.create_task(self._prepare(), name="mission:store")
                 if self._vehicle is not None:
                     group.create_task(self._watch_control(self._vehicle), name="mission:control")
-                self._restarted()
+                if self._reactions is not None:
+                    group.create_task(self._reactions.run(), name="mission:reactions")
         finally:
             await self._runner.close()
             self._record.close()
@@ -234,6 +235,7 @@ class Mission(Service):
         try:
             expires_ns = self._expiry(order, received_ns)
             binding = self._admission.verify(order, received_ns, expires_ns, sender, self._drain.by)
+            self._check_reactions(order.mission)
             mission = await self._checker.load(order.text, order.file, binding)
             run = self._admission.run(order, mission)
             self._values.open(run.mission.resources())
@@ -307,12 +309,18 @@ class Mission(Service):
             raise Conflict(f"goto: {self.module.platform} is disarmed; arm it, or `takeoff`, first")
         if request.name == "goto" and vehicle.flies and vehicle.landed:
             raise Conflict(f"goto: {self.module.platform} is on the ground; `takeoff` first")
+        self._check_reactions(request.name)
         by = requester(self.module, meta)
         log.warning("%s by %s: %s", request.name, by, request.reason)
         reason = f"{request.name} by {by}: {request.reason}"
         now_ns = self.module.now_ns()
         self._driver.defer(self._core.on_manoeuvre(request.name, mission, reason, now_ns))
         return self._on_status(Empty(), meta)
+
+    def _check_reactions(self, order: str) -> None:
+        """Check that no reaction forbids an order. Raises: Conflict."""
+        if self._reactions is not None:
+            self._reactions.check_order(order)
 
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
         core, (epoch, ordered_by) = self._core, self._ordered
@@ -325,6 +333,7 @@ class Mission(Service):
             self._present(),
             core.unmet,
             ordered_by if epoch == core.epoch else "",
+            () if self._reactions is None else self._reactions.state.rows,
         )
 
     def _on_drain(self, order: DrainOrder, meta: Meta) -> MissionStatus:
@@ -347,6 +356,8 @@ class Mission(Service):
                 continue
             log.warning("abort: %s", order.reason)
             try:
+                if order.then:
+                    self._check_reactions(order.then)
                 now_ns = self.module.now_ns()
                 self._driver.feed(self._core.on_abort(order.reason, order.then, now_ns))
             except Conflict as error:
@@ -391,29 +402,17 @@ class Mission(Service):
     async def _watch_links(self) -> None:
         async for _ in self.module.every(HEARTBEAT_NS / 1e9):
             self._take_routes()
-            self._check_link()
 
     def _take_routes(self) -> None:
         """Takes the platforms that are in reach now."""
-        routes = self._routes.value
+        routes, now_ns, stations = self._routes.value, self.module.now_ns(), 0
         if routes is not None and (self._routes.age_s or 0.0) < self.config.lost_after_s:
-            now_ns = self.module.now_ns()
             for route in routes.routes:
                 self._core.on_alive(route.platform, now_ns)
                 self._census.on_reachable(route.platform, now_ns)
-                if self._census.is_station(route.platform):
-                    self._link_loss.on_station(now_ns)
-
-    def _check_link(self) -> None:
-        """Applies the policy for a lost link, to a vehicle that is armed."""
-        self.config = self._live.take() or self.config
-        now_ns = self.module.now_ns()
-        lost_s = self._link_loss.lost_s(self.config.link_loss_s, now_ns)
-        if lost_s is None or self._vehicle is None or not self._vehicle.armed:
-            return
-        reason = f"no ground station in reach for {lost_s:.0f} s"
-        log.warning("link lost: %s", reason)
-        self._driver.feed(self._core.on_link_loss(reason, self.config.link_loss, now_ns))
+                stations += self._census.is_station(route.platform)
+        if self._reactions is not None:
+            self._reactions.on_stations(stations > 0)
 
     async def _watch_control(self, vehicle: VehicleClient) -> None:
         async for control in vehicle.control:
@@ -437,16 +436,6 @@ class Mission(Service):
             platforms = frozenset(self._platforms())
             if self._rehearsal.due(platforms):
                 await self._rehearsal.play(platforms)
-
-    def _restarted(self) -> None:
-        """Brings a vehicle to safety that is armed when the daemon starts: its mission is unknown."""
-        if self._kind not in VEHICLES:
-            return
-        state = self.module.reader("vehicle/state", VehicleState).value
-        if state is not None and state.armed:
-            reason = "the mission daemon was restarted while the vehicle was armed"
-            log.warning("%s: %s", SAFE, reason)
-            self._driver.feed(self._core.on_danger(reason, SAFE, self.module.now_ns()))
 
     # -- output
 

@@ -19,6 +19,8 @@ WELL_KNOWN: Final = {
     "vehicle/state": "VehicleState",
     "health/state": "HealthState",
     "mission/state": "MissionState",
+    "mission/watch": "MissionWatch",
+    "vehicle/way_home": "WayHome",
     "system/load": "SystemLoad",
     "sensor/gnss": "GnssFix",
     "sensor/imu": "Imu",

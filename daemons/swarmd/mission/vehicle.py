@@ -100,6 +100,11 @@ class VehicleClient:
         return pose
 
     @property
+    def last_pose(self) -> Pose | None:
+        """The position as last received, or None before the first."""
+        return self._pose.value
+
+    @property
     def height_m(self) -> float:
         """Height above the map's origin, as last received.
 

@@ -152,6 +152,8 @@ class Land(Params, frozen=True):
 
     speed_m_s: Speed = 1.0
     """Speed of the descent."""
+    blind: bool = False
+    """Whether it comes down at touch-down speed by its height alone, wherever the wind carries it."""
 
 
 class Hold(Params, frozen=True):

@@ -50,7 +50,7 @@ def scalar_of(value: msgspec.Struct | None, path: str) -> Scalar | None:
     An empty path means the only field of the value.
     """
     found: Any = value
-    fields = getattr(value, "__struct_fields__", ())
+    fields: tuple[str, ...] = getattr(value, "__struct_fields__", ())
     if len(fields) == 1 and (not path or path.startswith("[")):
         found = getattr(value, fields[0])
     for step in steps(path):

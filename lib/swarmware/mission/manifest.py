@@ -6,6 +6,7 @@ from typing import Annotated, Final
 import msgspec
 
 from swarmware.mission.catalogue import Name
+from swarmware.mission.reaction import ReactionRow, misnamed
 from swarmware.model import document
 from swarmware.model.config import convert
 from swarmware.model.file_name import FileName
@@ -62,6 +63,8 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Roles are assigned in this order, to platforms in natural order of their names (uav2 before uav10)."""
     params: dict[str, ParamValue] = {}
     """Parameters of all roles; a text `$role.<name>` means the first platform with that role."""
+    reaction: tuple[ReactionRow, ...] = ()
+    """Reactions to faults while the mission runs; each precedes the platform's own row of the same name."""
 
 
 def read_manifest(text: str, source: str) -> Manifest:
@@ -77,6 +80,8 @@ def read_manifest(text: str, source: str) -> Manifest:
 
 def _contradictions(manifest: Manifest) -> Iterator[tuple[KeyPath, str]]:
     """What the types do not express."""
+    for number, message in misnamed(manifest.reaction):
+        yield ("reaction", number, "name"), message
     names: list[str] = []
     for number, role in enumerate(manifest.roles):
         if role.name in names:

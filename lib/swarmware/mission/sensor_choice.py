@@ -3,8 +3,8 @@
 import msgspec
 
 from swarmware.mission.catalogue import SENSOR_VALUE, WaitForSensor
-from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.model.names import Pattern
 
 

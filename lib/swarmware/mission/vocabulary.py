@@ -346,9 +346,11 @@ def _element(found: Any, step: FieldStep, name: str) -> tuple[Any, str]:
             return found.value_type, ""
         case _ if (items := _items(found)) is not None:
             if isinstance(step.key, int):
-                if isinstance(found, msgspec.inspect.TupleType) and step.key >= len(items):
+                if not isinstance(found, msgspec.inspect.TupleType):
+                    return items[0], ""
+                if step.key >= len(items):
                     return None, f"{name} has {len(items)} items: expected an index below that, from 0"
-                return items[min(step.key, len(items) - 1)], ""
+                return items[step.key], ""
             sample = _value(name, _present(items[0]))
             if not step.quoted or sample is None or sample.sort not in {_TEXT, ""}:
                 return None, f"{name} is a list: expected an index, such as {name}[0], not {str(step)!r}"
@@ -378,7 +380,7 @@ def _described(found: Any) -> str:
 
 
 def _expected_inside(found: Any) -> str:
-    """What a value is that is no number, text or truth value, and what names one inside it."""
+    """Description of a value that has parts, and what names one of them."""
     match found:
         case msgspec.inspect.StructType():
             names = ", ".join(_fields(found.cls))

@@ -8,6 +8,7 @@ from swarmware.errors import WireError
 from swarmware.model.open_enum import OpenEnum
 from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.types.quantised import Form, Part, packer
+from swarmware.types.reaction import ReactionState
 from swarmware.types.registry import register
 
 
@@ -165,6 +166,8 @@ class MissionOrder(msgspec.Struct, frozen=True, array_like=True):
     """Time of the order on the issuer's hardware clock."""
     expires_ns: int
     """Expiry on the issuer's hardware clock; an order that arrives later is refused."""
+    reactions: str = ""
+    """Reactions of the mission as a JSON array of rows; empty: none."""
 
 
 @register
@@ -375,6 +378,8 @@ class MissionStatus(msgspec.Struct, frozen=True):
     """Requirements that do not hold now."""
     ordered_by: str = ""
     """Authenticated sender of the order, `user@platform`; empty: no order since the start of the node."""
+    reactions: tuple[ReactionState, ...] = ()
+    """Rows of the platform's reactions to faults; empty at a ground station."""
 
 
 @register

@@ -342,6 +342,9 @@ class GoalKind(OpenEnum):
     GOTO = "goto"
     TAKEOFF = "takeoff"
     LAND = "land"
+    """Lands at its position, and without a valid one by its height alone."""
+    DESCEND = "descend"
+    """Lands by its height alone, at touch-down speed."""
     FORMATION = "formation"
 
 

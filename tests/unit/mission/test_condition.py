@@ -186,7 +186,10 @@ def test_a_condition_names_the_resources_it_looks_at() -> None:
         ("health/state.faults[-1] == 'x'", "expected an index such as [0]"),
         ("absent(3)", "expected a field of a resource"),
         ("absent(battery", "expected )"),
-        ("age(nav/pose.x_m) > 1", "expected a resource path without a field: its fields are as old as nav/pose"),
+        (
+            "age(nav/pose.x_m) > 1",
+            "expected a resource path without a field: its fields are as old as nav/pose",
+        ),
         ("battery[0] > 1", "at 'battery[0]', column 1"),
     ],
 )

@@ -9,7 +9,6 @@ from tests.unit.mission.results import result
 from tests.unit.mission.test_executor import ARM, HOLD, A, Member1, S, words
 
 from swarmd.mission.builtin import MANOEUVRES, manoeuvre
-from swarmd.mission.core.link_loss import LinkLoss
 from swarmd.mission.core.nav_fault import NavFaultTimeouts
 from swarmd.mission.core.run import Action, Announce, ProgressStep, Run, TakeVehicle
 from swarmware.errors import Conflict, InvalidInput, MissionError
@@ -157,32 +156,10 @@ def test_every_manoeuvre_loads_with_all_its_parameters() -> None:
         manoeuvre(name, dict.fromkeys(needed | others, 2.0), "a", PlatformKind.UAV)
 
 
-@pytest.mark.parametrize(
-    ("mission", "platform", "phase"),
-    [
-        ("", "continue", "running"),
-        ("", "land", "recovering"),
-        ("continue", "land", "running"),
-        ("hold", "continue", "recovering"),
-        ("hold", "land", "recovering"),
-    ],
-)
-def test_the_policy_of_the_mission_precedes_that_of_the_platform(
-    mission: str, platform: str, phase: str
-) -> None:
-    m = Member1()
-    m.order(with_key(on_link_loss=mission) if mission else ARM)
-    m.core.on_link_loss("gone", platform, S)
-    if phase == "recovering":
-        m.core.on_ended(1, result("cancelled"), "", S)
-        assert m.core.state().mission == (mission or platform)
-    assert m.phase == phase
-
-
-def test_a_vehicle_without_a_mission_has_the_policy_of_the_platform() -> None:
+def test_a_reaction_takes_a_vehicle_that_holds() -> None:
     m = Member1()
     m.core.on_control(HELD, 0)
-    assert taken(m.core.on_link_loss("gone", "land", S)) == [False]
+    assert taken(m.core.on_reaction("gone", "land", S)) == [False]
     assert (m.phase, m.core.state().mission) == ("recovering", "land")
 
 
@@ -191,36 +168,24 @@ def test_a_manoeuvre_of_an_operator_does_not_take_a_vehicle_whose_set_points_sto
     m.core.on_abort("test", "land", 0)
     m.core.on_control(MANUAL, S)
     assert taken(m.core.on_control(HELD, 2 * S)) == []
-    # but the policy for a lost link lets it continue
-    assert taken(m.core.on_link_loss("gone", "continue", 3 * S)) == []
-    assert taken(m.core.on_link_loss("gone", "land", 4 * S)) == [False]
+    # but a reaction lets it continue
+    assert taken(m.core.on_reaction("gone", "land", 4 * S)) == [False]
 
 
-def test_a_goto_is_replaced_by_the_policy_for_a_lost_link() -> None:
+def test_a_goto_is_replaced_by_a_reaction() -> None:
     m = Member1()
     away = manoeuvre("goto", {"x_m": 1.0, "y_m": 2.0}, "a", PlatformKind.UAV)
     m.core.on_manoeuvre("goto", away, "test", 0)
-    m.core.on_link_loss("gone", "land", S)
+    m.core.on_reaction("gone", "land", S)
     m.core.on_ended(1, result("cancelled"), "", S)
     assert m.core.state().mission == "land"
 
 
-def test_a_landing_is_not_replaced_by_the_policy_for_a_lost_link() -> None:
+def test_a_landing_is_not_replaced_by_a_weaker_reaction() -> None:
     m = Member1()
     m.core.on_abort("test", "land", 0)
-    assert taken(m.core.on_link_loss("gone", "hold", S)) == []
+    assert taken(m.core.on_reaction("gone", "hold", S)) == []
     assert m.core.state().mission == "land"
-
-
-def test_the_link_is_lost_once_after_its_time_and_again_after_it_was_back() -> None:
-    link = LinkLoss()
-    assert link.lost_s(30.0, 1000 * S) is None  # there never was one
-    link.on_station(0)
-    assert link.lost_s(30.0, 30 * S) is None
-    assert link.lost_s(30.0, 31 * S) == 31.0
-    assert link.lost_s(30.0, 99 * S) is None
-    link.on_station(100 * S)
-    assert link.lost_s(30.0, 131 * S) == 31.0
 
 
 def test_an_unknown_policy_in_a_mission_is_refused_with_its_place() -> None:

@@ -5,6 +5,7 @@ from swarmctl.session.session import Session, config_dir
 from swarmctl.terminal.table import Column
 from swarmware.model import names
 from swarmware.types.mission import MissionList, MissionState, MissionStatus
+from swarmware.types.reaction import ReactionPhase
 from swarmware.types.rpc import Empty
 
 
@@ -65,6 +66,14 @@ def _show(session: Session, found: MissionStatus) -> None:
         Column("SAYS"),
     ]
     session.out.table(columns, rows)
+    reactions = [
+        (one.row, one.phase, one.action, one.note or one.reason)
+        for one in found.reactions
+        if one.phase is not ReactionPhase.IDLE or one.note
+    ]
+    if reactions:
+        titles = [Column("REACTION"), Column("PHASE"), Column("ACTION"), Column("REASON")]
+        session.out.table(titles, reactions)
     if found.ordered_by:
         session.out.say(f"{found.platform}: ordered by {found.ordered_by}")
 

@@ -4,13 +4,12 @@ import asyncio
 from typing import Final
 
 from swarmd.mission.blocks.context import Context, spec
+from swarmd.mission.core.way_home import RETURN_HEIGHT_M
 from swarmd.mission.vehicle import Progress, Way, arrived
 from swarmware.mission import catalogue
 from swarmware.mission.plugin import BlockError
 from swarmware.types.vehicle import GoalKind, NavState
 
-MIN_HEIGHT_M: Final = 2.0
-"""A lower vehicle climbs to this height before it returns: obstacles on the direct way are not known."""
 AT_REST: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
 
 
@@ -60,7 +59,8 @@ class LandBlock:
         """Ends when the vehicle stands on the ground."""
         params: catalogue.Land = context.params
         progress = remaining(context, "m above the ground")
-        await context.vehicle.move(GoalKind.LAND, arrived, progress, speed_m_s=params.speed_m_s)
+        kind = GoalKind.DESCEND if params.blind else GoalKind.LAND
+        await context.vehicle.move(kind, arrived, progress, speed_m_s=params.speed_m_s)
 
 
 class GotoBlock:
@@ -100,7 +100,7 @@ class ReturnBlock:
         await vehicle.goto(
             home.x_m,
             home.y_m,
-            max(vehicle.height_m, MIN_HEIGHT_M) if vehicle.flies else home.z_m,
+            max(vehicle.height_m, RETURN_HEIGHT_M) if vehicle.flies else home.z_m,
             speed_m_s=params.speed_m_s,
             progress=remaining(context, "m to its start"),
         )

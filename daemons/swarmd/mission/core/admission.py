@@ -1,9 +1,10 @@
 """Checks an order completely before anything moves (S2.31)."""
 
 from swarmd.mission.core.run import Run
-from swarmware.errors import MissionError
+from swarmware.errors import InvalidInput, MissionError
 from swarmware.mission.binding import Binding
 from swarmware.mission.model import MissionDefinition, content_hash
+from swarmware.mission.reaction import decode_rows
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionOrder
 
@@ -64,4 +65,8 @@ class OrderAdmission:
                 raise MissionError(
                     f"{order.file}: {block.pointer}: a {self._kind} cannot {block.type}: expected {able}"
                 )
-        return Run(mission, order.mission, order.hash, order.epoch, order.role, order.members)
+        try:
+            rows = decode_rows(order.reactions)
+        except InvalidInput as error:
+            raise MissionError(f"order of {order.issuer}: {error}") from error
+        return Run(mission, order.mission, order.hash, order.epoch, order.role, order.members, rows)

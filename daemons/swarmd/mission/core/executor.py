@@ -35,6 +35,7 @@ from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
+from swarmware.mission.reaction import STRENGTH, ReactionRow
 from swarmware.runtime.core import AT_ONCE
 from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.control import ControlState, DriveMode
@@ -42,8 +43,6 @@ from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member
 
 START: Final = "@start"
 """The barrier before Start: no member begins unless all have accepted the order."""
-_SAFE: Final = frozenset({"land", "return"})
-"""Built-in missions that end on the ground: a lost link does not replace them."""
 CHECK_NS: Final = 1_000_000_000
 """Period of evaluating the requirements (S2.35)."""
 TURNS: Final = 2
@@ -77,6 +76,8 @@ class MissionExecutor:
         self._held_by = ""
         self._ordered = False
         """Whether an operator ordered the built-in mission: it takes the vehicle from another operator."""
+        self.orders = 0
+        """Number of orders that were accepted: missions, manoeuvres and aborts."""
         self._lookup = lookup
         self._chance = chance
         self._config = config
@@ -137,6 +138,16 @@ class MissionExecutor:
         """Requirements that did not hold at the last evaluation."""
         return self._unmet
 
+    @property
+    def rows(self) -> tuple[ReactionRow, ...]:
+        """Reactions of the running mission, which precede those of the platform."""
+        return self._run.reactions if self._run and self._phase is MissionPhase.RUNNING else ()
+
+    @property
+    def on_link_loss(self) -> str:
+        """Policy of the running mission for a lost link; empty: that of the platform."""
+        return self._run.mission.on_link_loss if self._run and self._phase is MissionPhase.RUNNING else ""
+
     def state(self) -> MissionState:
         """The state that the platform publishes on its board."""
         player, barriers, run = self._player, self._barriers, self._run
@@ -168,6 +179,7 @@ class MissionExecutor:
         unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
         if unmet:
             raise Conflict(f"{self._platform}: requirement {unmet[0]!r} is not met")
+        self.orders += 1
         self._run, self._player = run, None
         self._playing = self._title = run.name
         self._unmet, self._misses, self._ratios = (), {}, {}
@@ -221,16 +233,25 @@ class MissionExecutor:
         """
         if then and self._built_in and then not in self._built_in:
             raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
+        self.orders += 1
         self._stop(PlayResult.ABORTED, reason, then, now_ns, ordered=True)
         return self._settle(now_ns)
 
-    def on_danger(self, reason: str, then: str, now_ns: int) -> list[Action]:
-        """Plays a built-in mission that no operator ordered: the platform itself is not safe."""
-        self._stop(PlayResult.ABORTED, reason, then, now_ns)
+    def on_reaction(self, reason: str, action: str, now_ns: int) -> list[Action]:
+        """Plays a built-in mission that no operator ordered, unless a stronger one runs or is about to."""
+        if action not in self._built_in:
+            return []
+        doing = {MissionPhase.RECOVERING: self._playing, MissionPhase.ENDING: self._recovery}
+        if STRENGTH.get(doing.get(self._phase, ""), 0) < STRENGTH[action]:
+            self._stop(PlayResult.ABORTED, reason, action, now_ns)
+        elif self._phase is MissionPhase.RECOVERING:
+            self._ordered = False
+            self._take_vehicle()  # a landing that is held continues
         return self._settle(now_ns)
 
     def on_manoeuvre(self, name: str, mission: MissionDefinition, reason: str, now_ns: int) -> list[Action]:
         """Stops the mission, then plays a manoeuvre that an operator orders."""
+        self.orders += 1
         self._playable[name] = mission
         self._stop(PlayResult.ABORTED, reason, name, now_ns, ordered=True, again=True)
         return self._settle(now_ns)
@@ -248,22 +269,6 @@ class MissionExecutor:
         if control.mode is DriveMode.HOLD and self._phase is MissionPhase.RECOVERING and not self._ordered:
             # no operator drives any longer: the vehicle is brought to safety after all
             self._actions.append(TakeVehicle(ordered=False))
-        return self._settle(now_ns)
-
-    def on_link_loss(self, reason: str, policy: str, now_ns: int) -> list[Action]:
-        """No ground station is in reach: continues, or plays a built-in mission.
-
-        `policy`: that of the platform; the mission's own one precedes it.
-        """
-        if self._run is not None and self._phase is MissionPhase.RUNNING:
-            policy = self._run.mission.on_link_loss or policy
-        if policy not in self._built_in or self._phase is MissionPhase.ENDING:
-            return []
-        if self._phase is MissionPhase.RECOVERING and self._playing in _SAFE:
-            self._ordered = False
-            self._take_vehicle()  # a landing that is held continues
-            return self._settle(now_ns)
-        self._stop(PlayResult.ABORTED, reason, policy, now_ns)
         return self._settle(now_ns)
 
     def on_timer(self, now_ns: int) -> list[Action]:

@@ -8,6 +8,7 @@ import msgspec
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.model import Block, MissionDefinition
+from swarmware.mission.reaction import ReactionRow
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import Member, MissionPhase, MissionState
 
@@ -21,6 +22,8 @@ class Run(msgspec.Struct, frozen=True):
     epoch: int
     role: str
     members: tuple[Member, ...]
+    reactions: tuple[ReactionRow, ...] = ()
+    """Rows that precede those of the platform while the mission runs."""
 
     def strict_barriers(self) -> frozenset[str]:
         """Ids of the barriers that name the role of a ground station, which must then be present."""

@@ -57,6 +57,11 @@ class AirController:
         self._altitude.reset()
         return Setpoint(0.0)
 
+    def sink(self, rate_m_s: float) -> Setpoint:
+        """Set-point of a descent without a position; clears the altitude integral."""
+        self._altitude.reset()
+        return Setpoint(0.0, vz_m_s=-rate_m_s)
+
     def hold_at(self, pose: Pose) -> tuple[float, float]:
         """The position at which it will have stopped: without overshoot."""
         slip = math.hypot(pose.vx_m_s, pose.vy_m_s) / (2 * self._config.air.a_max_m_s2)

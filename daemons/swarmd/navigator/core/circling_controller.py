@@ -104,6 +104,11 @@ class CirclingController:
         self._approach = None
         return Setpoint(0.0)
 
+    def sink(self, rate_m_s: float) -> Setpoint:
+        """Set-point of a descent without a position, on the circle that the aircraft flies by itself."""
+        self._approach = None
+        return Setpoint(0.0, vz_m_s=-rate_m_s)
+
     def hold_at(self, pose: Pose) -> tuple[float, float]:
         """Centre of the circle to the left that begins here."""
         course = _course_rad(pose)

@@ -57,6 +57,10 @@ class GroundController:
         self._moved_ns = None
         return self._last
 
+    def sink(self, rate_m_s: float) -> Setpoint:
+        """Set-point of zero velocity: a ground vehicle does not descend."""
+        return self.stop()
+
     def hold_at(self, pose: Pose) -> tuple[float, float]:
         """The position at which it stops: where it is."""
         return pose.x_m, pose.y_m

@@ -34,9 +34,11 @@ _EXTRAPOLATE_S: Final = 1.0
 _STILL_M_S: Final = 0.1
 _CIRCLING_HEIGHT_M: Final = 2.0
 """Error of the height within which a vehicle that circles has climbed to its altitude."""
+_BLIND_FINAL_M: Final = 2.0
+"""Measured height below which a landing without a position descends at touch-down speed."""
 _SCAN_AGE_S: Final = 0.5
 """Age up to which echoes are used; delays of the own steps are added."""
-_ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND})
+_ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND, GoalKind.DESCEND})
 """Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
 
 
@@ -60,6 +62,8 @@ class _Plan(msgspec.Struct, frozen=True):
     note: str = ""
     blockable: bool = False
     """Whether missing progress means that the vehicle is blocked."""
+    sink_m_s: float = 0.0
+    """Rate of a descent without a position; 0: none."""
 
 
 class Guidance:
@@ -150,16 +154,21 @@ class Guidance:
         """The set-point of the last step."""
         return self._setpoint
 
-    def step(self, pose: Pose | None, now_ns: int, delay_ns: int = 0) -> GuidanceOutput:
-        """Computes set-point and status for this instant; without a valid pose the vehicle stops.
+    def step(
+        self, pose: Pose | None, now_ns: int, delay_ns: int = 0, height_m: float | None = None
+    ) -> GuidanceOutput:
+        """Computes set-point and status for this instant; without a valid pose the vehicle stops, or lands.
 
-        `delay_ns`: by which the steps were late lately.
+        `delay_ns`: by which the steps were late lately; `height_m`: measured height above the ground, None
+        without one.
         """
         if pose is not None and self._scan is not None:
             self._points = self._echoes(pose, self._scan, now_ns, delay_ns)
             self._scan = None
-        plan = self._plan(pose, now_ns)
-        if pose is None or plan.target is None:
+        plan = self._plan(pose, now_ns, height_m)
+        if plan.sink_m_s > 0.0:
+            setpoint = self._controller.sink(plan.sink_m_s)
+        elif pose is None or plan.target is None:
             setpoint = self._controller.stop()
         else:
             around, flies = self._around(now_ns, delay_ns), self._controller.flies
@@ -171,13 +180,18 @@ class Guidance:
 
     # the decision
 
-    def _plan(self, pose: Pose | None, now_ns: int) -> _Plan:
+    def _plan(self, pose: Pose | None, now_ns: int, height_m: float | None) -> _Plan:
         goal = self._goal
         if self._driven_by:
             self._anchor = None  # where the vehicle is when it is released
             return _Plan(NavState.HOLDING, note=f"driven by {self._driven_by}")
         if self._goal_error:
             return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
+        if goal is not None and (
+            goal.kind is GoalKind.DESCEND
+            or (goal.kind is GoalKind.LAND and pose is None and self._controller.flies)
+        ):
+            return self._descend(goal, height_m)
         if pose is None:
             return _Plan(NavState.IDLE if goal is None else NavState.HOLDING, error=NavError.NO_POSITION)
         if goal is None:
@@ -242,6 +256,17 @@ class Guidance:
             return _Plan(NavState.ARRIVED if hovers or standing else NavState.MOVING)
         down = self._controller.descend(pose, stay, goal.speed_m_s)
         return _Plan(NavState.MOVING, down, distance_m=max(0.0, pose.z_m))
+
+    def _descend(self, goal: Goal, height_m: float | None) -> _Plan:
+        """A landing by height alone: it keeps no place, and nothing is avoided."""
+        if not self._controller.flies or (self._vehicle is not None and self._vehicle.landed):
+            return _Plan(NavState.ARRIVED)
+        self._anchor = None  # a position that is valid again is held where the vehicle is then
+        sink = self._config.air.touch_down_m_s
+        if goal.kind is GoalKind.LAND and height_m is not None and height_m > _BLIND_FINAL_M:
+            sink = max(sink, goal.speed_m_s)
+        left_m = 0.0 if height_m is None else max(height_m, 0.0)
+        return _Plan(NavState.MOVING, sink_m_s=sink, distance_m=left_m, note="lands by its height alone")
 
     def _take_off(self, goal: Goal, pose: Pose) -> _Plan:
         if self._anchor is None:

@@ -1,5 +1,7 @@
 """The navigator's core: measurements and a goal in, pose, set-point and status out."""
 
+from typing import Final
+
 import msgspec
 
 from swarmd.navigator.config import Config
@@ -11,6 +13,9 @@ from swarmware.geometry.geodesy import Origin
 from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.control import ControlState
 from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
+
+_HEIGHT_NS: Final = 1_000_000_000
+"""Time for which a measured height counts: a landing without a position descends by it."""
 
 
 class NavigatorOutput(msgspec.Struct, frozen=True):
@@ -32,6 +37,9 @@ class NavigatorCore:
         self._estimation = PoseEstimation(config.estimator, origin, flies=controller.flies, hovers=hovers)
         self._guidance = Guidance(config, platform, controller)
         self._delay = OwnDelay()
+        self._height_m: float | None = None
+        """Newest height above the ground, and when it was taken: None before the step that follows it."""
+        self._height_ns: int | None = None
 
     def set_config(self, config: Config) -> None:
         """Replaces weights and gains, also while moving (S2.46)."""
@@ -49,6 +57,7 @@ class NavigatorCore:
     def on_height(self, height_m: float) -> None:
         """Takes the height above the ground."""
         self._estimation.on_height(height_m)
+        self._height_m, self._height_ns = height_m, None
 
     def on_vehicle(self, state: VehicleState) -> None:
         """Takes the state of the vehicle: armed, landed."""
@@ -88,5 +97,8 @@ class NavigatorCore:
         late_ns = max(late_ns, TURNS * delay_ns)
         self._estimation.on_setpoint(self._guidance.setpoint)
         pose = self._estimation.step(now_ns, late_ns)
-        output = self._guidance.step(pose, now_ns, delay_ns)
+        if self._height_ns is None:
+            self._height_ns = now_ns
+        fresh = now_ns - self._height_ns <= _HEIGHT_NS + late_ns
+        output = self._guidance.step(pose, now_ns, delay_ns, self._height_m if fresh else None)
         return NavigatorOutput(pose, output.setpoint, output.status)
