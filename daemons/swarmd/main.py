@@ -132,4 +132,5 @@ def _node(config_dir: Path) -> int:
         raise ConfigError(
             f'{config_dir}/node.toml: processes = "per-daemon" needs the guard, which starts the others'
         )
-    become(node.platform, config_dir, node.run_path, services, shared=shared)
+    forks = shared or node.fork_server
+    become(node.platform, config_dir, node.run_path, services, shared=shared, forks=forks)

@@ -21,7 +21,7 @@ from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import ENDED_S, StartedProcess
+from swarmware.service.fork import ENDED_S, VARIABLE, StartedProcess
 from swarmware.service.notify import RECEIVE_BYTES, Notifier
 from swarmware.service.starting import (
     BEAT_S,
@@ -55,12 +55,16 @@ EMPTY: Final = ("-S", "-P")
 """Neither `site` with the .pth files of other packages, nor modules of the working directory."""
 
 
-def become(platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool) -> NoReturn:
+def become(
+    platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool, forks: bool
+) -> NoReturn:
     """This process becomes the parent of a node: same pid, same environment, an empty interpreter.
 
-    `shared`: one process per daemon; the parent starts the guard, which starts the others.
+    `shared`: one process per daemon; the parent starts the guard, which starts the others. `forks`: with a
+    fork server.
     """
-    words = ["node", platform, str(config_dir), str(run_dir), "shared" if shared else "", *services]
+    modes = ["shared" if shared else "", "forks" if forks else ""]
+    words = ["node", platform, str(config_dir), str(run_dir), *modes, *services]
     os.execv(sys.executable, [sys.executable, *EMPTY, "-c", entry(), *words])
 
 
@@ -75,7 +79,7 @@ def entry() -> str:
 
 def main(words: list[str]) -> int:
     """Runs the parent with the arguments of `become`; returns the exit code of the node."""
-    _, platform, config_dir, run_dir, shared, *services = words
+    _, platform, config_dir, run_dir, shared, forks, *services = words
     name = GUARD if shared else WHOLE_NODE
 
     def one() -> StartedProcess:
@@ -96,12 +100,12 @@ def main(words: list[str]) -> int:
         sys.stderr.write(f"swarmd: {error}\n")
         return error.exit_code
     try:
-        if shared:
-            from swarmd.forks import Forks  # one process for all services has no fork server
+        server = None
+        if forks and (shared or VARIABLE not in os.environ):  # else the server that several nodes share forks
+            from swarmd.forks import Forks  # a node without a fork server does without it
 
-            forks = Forks(services, run_dir)
-            return Parent(guard, platform, listening, RestartPolicy(), forks).run()
-        return Parent(one, platform, listening, RestartPolicy()).run()
+            server = Forks(services, run_dir)
+        return Parent(guard if shared else one, platform, listening, RestartPolicy(), server).run()
     finally:
         clear_start_record(name, run_dir)
         listening.close()
@@ -111,7 +115,7 @@ class Parent:
     """Keeps one process running until it ends without an error, or this process receives a signal to end.
 
     `start` starts a process; None: it runs already, started by another process.
-    `forks`: the server that forks it; then other processes may start it, too.
+    `forks`: the server that forks it.
     """
 
     def __init__(

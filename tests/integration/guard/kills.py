@@ -186,7 +186,9 @@ def unreadable(root: Path) -> set[str]:
 @asynccontextmanager
 async def node(root: Path, processes: str = "per-daemon") -> AsyncIterator[tuple[Path, Process]]:
     """All daemons; the configuration folder of the node, and the parent of its processes."""
-    config = make_node(root, services={name: {} for name in SERVICES}, processes=processes)
+    services: dict[str, dict[str, int]] = {name: {} for name in SERVICES}
+    # with one process for all it is the import of all daemons that takes the time
+    config = make_node(root, services=services, processes=processes, fork_server=True)
     async with spawn(config, ready_s=PATIENCE_S) as parent:
         await whole(root, config, time.monotonic())
         with (root / "uav1/run/apps/planner#1.toml").open("w") as held:

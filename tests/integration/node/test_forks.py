@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -51,6 +52,16 @@ def complete(root: Path) -> dict[str, int]:
     return found if found.keys() == set(SERVICES) else {}
 
 
+def another(root: Path, dead: int) -> int:
+    """Process of the guard, when it is not this one."""
+    pid = daemons(root).get("guard", dead)
+    return 0 if pid == dead else pid
+
+
+def said(process: Process, text: str) -> bool:
+    return text in process.stderr()
+
+
 def command(pid: int) -> list[str]:
     try:
         line = Path(f"/proc/{pid}/cmdline").read_bytes()
@@ -77,8 +88,11 @@ def fork_server(parent: int) -> int:
 
 
 @asynccontextmanager
-async def node(root: Path, processes: str = "per-daemon") -> AsyncIterator[tuple[Path, Process]]:
-    config = make_node(root, services={name: {} for name in SERVICES}, processes=processes)
+async def node(
+    root: Path, processes: str = "per-daemon", *, fork_server: bool = False
+) -> AsyncIterator[tuple[Path, Process]]:
+    services: dict[str, dict[str, int]] = {name: {} for name in SERVICES}
+    config = make_node(root, services=services, processes=processes, fork_server=fork_server)
     with no_leaks(root / "uav1/run", root / "uav1/shm"):
         async with spawn(config) as parent:
             await until(lambda: complete(root), "daemons")
@@ -165,6 +179,23 @@ async def test_the_daemons_of_a_killed_parent_go_on_say_so_and_are_taken_over_by
                 await until_phase(module, {Phase.HEALED, Phase.CLEARED})
             assert await successor.terminate() == 0
             assert not any(start_ticks(pid) for pid in before.values())
+
+
+@pytest.mark.parametrize("kept", [False, True])
+async def test_one_process_for_all_services_is_forked_where_the_node_keeps_a_fork_server(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: bool
+) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    async with node(tmp_path, "one", fork_server=kept) as (config, parent):
+        server = fork_server(parent.pid)
+        assert bool(server) is kept
+        for number in (1, 2):
+            before = daemons(tmp_path)["guard"]
+            os.kill(before, signal.SIGKILL)
+            after = await until(partial(another, tmp_path, before), "the next process")
+            assert family(after) == (server if kept else parent.pid, after)
+            assert command(after)[3:] == ["run", *SERVICES, "--config", str(config)]
+            await until(partial(said, parent, f"signal 9; starts again (restart {number})"), "one restart")
 
 
 async def test_a_second_parent_is_refused_while_the_first_lives(tmp_path: Path) -> None:
