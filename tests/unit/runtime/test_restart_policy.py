@@ -49,3 +49,11 @@ def test_without_a_limit_it_is_never_given_up_and_an_operator_starts_the_count_a
     made.reset()
     assert made.on_end(0) == 0.0
     assert (made.consecutive, made.restarts) == (1, 41)
+
+
+def test_by_default_one_that_crashes_every_three_seconds_is_started_again_at_once_without_end() -> None:
+    made = RestartPolicy()
+    for life in range(1000):
+        made.on_ready(3 * life * SECOND)
+        assert made.on_end((3 * life + 2) * SECOND) == 0.0
+    assert made.restarts == 1000
