@@ -2,6 +2,8 @@
 
 import contextlib
 import math
+import subprocess
+import sys
 import tracemalloc
 import zlib
 
@@ -87,6 +89,12 @@ def test_a_compressed_payload_is_read_and_a_bomb_is_refused() -> None:
 
 
 def test_a_type_is_found_by_name_without_having_been_imported() -> None:
+    fresh = (
+        "import sys; from swarmware.types import registry;"
+        " assert 'swarmware.types.vehicle' not in sys.modules; print(registry.find('Pose').__module__)"
+    )
+    done = subprocess.run([sys.executable, "-c", fresh], capture_output=True, text=True, check=False)
+    assert done.stdout == "swarmware.types.vehicle\n", done.stderr
     assert registry.find("Pose") is Pose
     with pytest.raises(NotFound, match=r"'Pse'.*Pose"):
         registry.find("Pse")

@@ -137,6 +137,20 @@ def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: FrameKind)
     assert connection_class(Frame(kind, 5, 1, 6, 9, 7, flags=Flag.URGENT)) is ConnectionClass.CONTROL
 
 
+@pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.REQUEST, FrameKind.REPLY])
+def test_a_part_of_a_large_value_gives_way_to_all_others(kind: FrameKind) -> None:
+    part = Frame(kind, 5, 1, 6, 9, 7, flags=Flag.BULK)
+    assert priority(part) is Priority.BULK
+    assert connection_class(part) is ConnectionClass.DATA
+    queue = SendQueue()
+    queue.put(b"part of a map", part, 0)
+    for other in (FrameKind.BOARD, FrameKind.STREAM, FrameKind.EVENT):
+        queue.put(other.name.encode(), Frame(other, 5, 1, 6, 9, 7), 1)
+    order = [queue.pop(ConnectionClass.DATA).data for _ in range(4)]
+    assert order == [b"EVENT", b"STREAM", b"BOARD", b"part of a map"]
+    assert priority(Frame(kind, 5, 1, 6, 9, 7, flags=Flag.BULK | Flag.URGENT)) is Priority.URGENT
+
+
 def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
     queue = SendQueue()
     queue.put(b"scan", Frame(FrameKind.NOTIFY, 5, 1, 6, 9, 7), 0)
