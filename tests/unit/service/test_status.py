@@ -1,6 +1,7 @@
 """The status board of a service: who it is, how it is, and what its process needs."""
 
 import os
+import resource
 from pathlib import Path
 
 import pytest
@@ -67,3 +68,15 @@ def test_the_load_of_this_process_is_measured() -> None:
     assert second.at_s >= first.at_s
     assert second.cpu_s >= first.cpu_s
     assert 1_000_000 < first.resident_bytes < 10_000_000_000
+
+
+def test_a_process_without_a_free_descriptor_measures_its_load_without_its_memory() -> None:
+    assert Load.measured().resident_bytes > 0
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
+        load = Load.measured()
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert load.resident_bytes == 0
+    assert load.cpu_s > 0
