@@ -1,6 +1,8 @@
-"""Prerequisites of a lab: modules of the extra `lab`, and a database for its logs that answers."""
+"""Prerequisites of a lab: modules of the extra `lab`, shared memory, and a database that answers."""
 
+import os
 from importlib import import_module
+from pathlib import Path
 from typing import Final
 
 from swarmctl.terminal.output import Output
@@ -9,6 +11,23 @@ from swarmware.errors import SwarmError, missing_extra
 REPORT: Final = ("numpy", "matplotlib")
 PATIENCE_S: Final = 2.0
 """Time-out of the check: a server on the same network answers within milliseconds."""
+
+NODE_BYTES: Final = 8_000_000
+"""Shared memory of a node: 4.0 to 6.3 MB in a lab of four (`du -s /dev/shm/*`), more with more nodes."""
+
+
+def check_shared_memory(folder: Path, nodes: int) -> None:
+    """Raises: SwarmError if the file system has no room for the rings of all nodes.
+
+    A container often has 64 MB; nodes that find it full start again and again.
+    """
+    found = os.statvfs(folder)
+    free, total, needed = found.f_bavail * found.f_frsize, found.f_blocks * found.f_frsize, nodes * NODE_BYTES
+    if free < needed:
+        raise SwarmError(
+            f"shared memory is too small: {folder}, {total - free} of {total} bytes are used;"
+            f" expected {needed} bytes free for {nodes} nodes (a larger tmpfs: `docker run --shm-size`)"
+        )
 
 
 def require_modules(what: str, modules: tuple[str, ...]) -> None:

@@ -93,6 +93,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     Raises: SwarmError when a node ends or the processor is too slow, NoAnswer at the time-out.
     """
     lab = running.state
+    prerequisites.check_shared_memory(provisioning.SHM, len(lab.nodes))
     running.on_restart = lambda platform, what: out.warn(f"node {platform}: {what}")
     await running.start_shared(UP_S)
     order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
