@@ -123,9 +123,11 @@ def _node(config_dir: Path) -> int:
     from swarmd.parent import become
     from swarmware.errors import ConfigError
     from swarmware.model.config import load_node
+    from swarmware.node.incarnation import check_folders
     from swarmware.service.starting import GUARD
 
     node = load_node(config_dir)
+    check_folders(node.run_path, node.shm_path)
     services = list(node.services)
     shared = node.processes == "per-daemon"
     if shared and GUARD not in services:

@@ -129,6 +129,7 @@ class Parent:
         self._start = start
         self._platform = platform
         self._words = words
+        self._words_error = ""
         self._lives = lives
         self._forks = forks
         self._above = Notifier()
@@ -174,7 +175,23 @@ class Parent:
             for end in (wake, waker):
                 os.close(end)
 
+    def _tend_words(self, poller: select.poll) -> None:
+        """Make the socket for notifications again if its file was removed: a process that cannot notify
+        counts as hung."""
+        former = self._words.fileno()
+        try:
+            if self._words.tend():
+                poller.unregister(former)
+                poller.register(self._words.fileno(), select.POLLIN)
+                self._beat_ns = time.monotonic_ns()
+                self._log("the socket for notifications was removed; made again")
+        except (OSError, SwarmError) as error:
+            if self._words_error != str(error):
+                self._words_error = str(error)
+                self._log(f"the socket for notifications was removed: {error}")
+
     def _turn(self, poller: select.poll, wake: int) -> int | None:
+        self._tend_words(poller)
         process = self._process
         watched = -1 if process is None else process.fileno()
         forks = -1 if self._forks is None else self._forks.fileno()

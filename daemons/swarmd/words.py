@@ -8,7 +8,7 @@ from swarmware.errors import Conflict
 from swarmware.service.fork import FOLDER, own_folder
 from swarmware.service.notify import NotificationSocket
 from swarmware.service.starting import PARENT_SOCKET
-from swarmware.transport.shm.lock import lock_within
+from swarmware.transport.shm.lock import lock_within, stands_at
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
@@ -23,14 +23,34 @@ class Words(NotificationSocket):
 
     def __init__(self, run_dir: str) -> None:
         """Raises: Conflict when the node has a parent already."""
-        folder = own_folder(run_dir, FOLDER)
-        self._lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        if not lock_within(self._lock, LOCK_WAIT_S):
-            os.close(self._lock)
-            raise Conflict(f"{run_dir}: `swarmd node` runs here already; expected one for each node")
-        super().__init__(os.path.join(folder, PARENT_SOCKET))
+        self._run_dir = run_dir
+        self._lock = _locked(run_dir)
+        super().__init__(os.path.join(run_dir, FOLDER, PARENT_SOCKET))
+
+    def tend(self) -> bool:
+        """Make the socket again if its file was removed; returns whether it was, and `fileno` is another one.
+
+        Not without the run directory, which a process of the node makes again with its mode and group.
+        Raises: OSError, Conflict.
+        """
+        if self.stands or not os.path.isdir(self._run_dir):
+            return False
+        if not stands_at(self._lock, os.path.join(self._run_dir, FOLDER)):
+            former, self._lock = self._lock, _locked(self._run_dir)
+            os.close(former)
+        self.bind_again()
+        return True
 
     def close(self) -> None:
         """Close the socket and release its lock."""
         super().close()
         os.close(self._lock)
+
+
+def _locked(run_dir: str) -> int:
+    """Descriptor of the locked folder of the parent. Raises: Conflict."""
+    lock = os.open(own_folder(run_dir, FOLDER), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    if not lock_within(lock, LOCK_WAIT_S):
+        os.close(lock)
+        raise Conflict(f"{run_dir}: `swarmd node` runs here already; expected one for each node")
+    return lock

@@ -21,6 +21,7 @@ CALLS: Final = {
         {
             "lib/swarmware/runtime/filewriter.py": "the writer of files",
             "lib/swarmware/transport/shm/ringfile.py": "a ring gets its name when it is filled",
+            "lib/swarmware/transport/shm/shared_file.py": "sets a folder aside that is in the way of a file",
             "lib/swarmware/transport/appfile/trace.py": "sets the file of a dead application aside",
             "lib/swarmware/recorder/growing_file.py": "a segment gets its name when it has its end",
             "lib/swarmware/recorder/ring.py": "sets a damaged segment aside",

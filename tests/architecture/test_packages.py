@@ -23,6 +23,8 @@ THIN = {
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/model/file_name.py": "names of files, for types and manifests; names.py has other names",
+    "lib/swarmware/model/reserved.py": "what is kept for the daemons, for processes that import none",
+    "lib/swarmware/model/users.py": "names of users, for messages of all layers",
     "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
     "lib/swarmware/transport/enrolment/proof.py": "the proof of a key, for both ends and for the root",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",

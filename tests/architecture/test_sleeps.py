@@ -26,6 +26,7 @@ MEANT: Final = {
     "lib/swarmware/health/monitor.py:HealthMonitor._keep_registered": "back-off: the monitor refused",
     "lib/swarmware/testing/firmware.py:ChassisFirmware._report_always": "the period of its reports",
     "lib/swarmware/module/snapshot_stream.py:SnapshotStream._resynchronise": "back-off: the owner is away",
+    "lib/swarmware/node/incarnation.py:NodeIncarnation._join": "others make a removed file again: no event",
     "lib/swarmware/runtime/instant.py:until": "the one wait for an instant",
     "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._keep": "no descriptor is free: no event either",
     "lib/swarmware/service/guard_watchdog.py:GuardWatchdog._pause": "back-off before a restart",

@@ -15,6 +15,7 @@ from swarmd.register.core.known_registers import (
     Unit,
 )
 from swarmware import __version__
+from swarmware.health.held_condition import HeldCondition
 from swarmware.model import names
 from swarmware.module.boardset import BoardSet
 from swarmware.module.meta import Meta
@@ -59,6 +60,9 @@ class Registrar(Service):
             description="Other computers and their applications",
         )
         self._partners.durable = True
+        self._applications = HeldCondition(
+            self.health, "applications", "Application files of this node, and the addresses that they claim"
+        )
         self._driver = self.drive(self._core, self._perform)
         module.provide(RESOURCE)
         module.serve(
@@ -86,6 +90,7 @@ class Registrar(Service):
     async def run(self) -> None:
         """Hold the role and keep the tables of others until cancelled."""
         module = self.module
+        module.node.master.on_misfits = self._on_misfits
         module.node.master.volunteer(module.id)
         try:
             async with asyncio.TaskGroup() as group:
@@ -93,7 +98,16 @@ class Registrar(Service):
                 for tables in self._tables:
                     group.create_task(self._follow(tables), name=f"register: {tables.pattern}")
         finally:
+            module.node.master.on_misfits = None
+            self._applications.close()
             module.node.master.step_back()
+
+    def _on_misfits(self, misfits: tuple[str, ...]) -> None:
+        """Report what is wrong among the application files of this node."""
+        if misfits:
+            self._applications.raise_fault("refused", "warn", "; ".join(misfits))
+        else:
+            self._applications.clear()
 
     async def _follow(self, tables: BoardSet[ApplicationTable]) -> None:
         while True:

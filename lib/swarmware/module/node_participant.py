@@ -7,8 +7,9 @@ from typing import Final, Literal
 
 import msgspec
 
-from swarmware.errors import Conflict, InvalidInput
+from swarmware.errors import Conflict, Denied, InvalidInput
 from swarmware.model import names
+from swarmware.model.reserved import is_reserved_path
 from swarmware.model.resource import Kind, Plain, Resource
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.unit_directory import UnitDirectory
@@ -51,6 +52,7 @@ class NodeParticipant:
             live=live_settings,
             announce=node.announce_apps,
         )
+        node.keep_file(self._file.tend)
         self.remote_clocks = RemoteClocks(node)
         self.units = UnitDirectory(node)
         self._provides: dict[str, Resource] = {}
@@ -144,8 +146,13 @@ class NodeParticipant:
     ) -> Served:
         """Declare that this application serves an address of this platform.
 
-        Raises: Conflict when another application has it.
+        Raises: Conflict when another application has it; Denied when it is one of the daemons' addresses, and
+        this process runs as another user than the node.
         """
+        if is_reserved_path(path) and self._file.is_foreign:
+            raise Denied(
+                f"{path}: served by the user of the node alone; expected a path outside sys/ and cmd/"
+            )
         table = self.node.table
         table.refresh()
         other = table.serving_path(path)
@@ -196,4 +203,5 @@ class NodeParticipant:
         self.remote_clocks.close()
         self.units.close()
         messaging.remove_application(self.app_id)
+        self.node.release_file(self._file.tend)
         self._file.close()

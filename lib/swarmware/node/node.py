@@ -20,6 +20,7 @@ from swarmware.model.names import Address
 from swarmware.node.applications import Applications, Watcher
 from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
+from swarmware.node.run_files import Damage, RunFiles, TendFile
 from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import wait_s
@@ -98,7 +99,9 @@ class Node(Immediate):
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
         self._errors: list[str] = []
-        """Errors of the last check of this process's files in shared memory."""
+        """Errors of the last check of this process's files."""
+        self.on_damage: Callable[[Damage], None] | None = None
+        """Called when files of this process were damaged or removed."""
         self._loop = asyncio.get_running_loop()
         self._incarnation = NodeIncarnation(self.run_dir, self.shm_dir)
         self.clock = Clock(config.clock.offset_s, config.clock.drift_ppm, self._incarnation.boot_id)
@@ -125,6 +128,9 @@ class Node(Immediate):
         self._folders: dict[str, _FolderStamp | None] = {}
         """Folders of the publications as they were at the last check of their files."""
         self._loop.add_reader(self.doorbell.fd, self._on_bell)
+        self._run_files = RunFiles()
+        for tend in (self._incarnation.tend, self._tend_doorbell, self.messaging.tend):
+            self._run_files.keep(tend)
         self._tending = self._tend_later()
         self._master: Master | None = None
 
@@ -166,6 +172,7 @@ class Node(Immediate):
                 candidate=not self._incarnation.guest,
             )
             self.watch(self._master)
+            self._run_files.keep(self._master.tend)
 
     @property
     def master(self) -> "Master":
@@ -221,12 +228,47 @@ class Node(Immediate):
         next_ns = next_multiple_ns(self.clock.now_ns(), TEND_NS, TEND_PHASE_NS)
         return self._loop.call_later(wait_s(self.clock, next_ns), self._tend)
 
+    def keep_file(self, tend: TendFile) -> None:
+        """Have a file of this process in the run directory checked every second, until `release_file`."""
+        self._run_files.keep(tend)
+
+    def release_file(self, tend: TendFile) -> None:
+        """Cancel what `keep_file` registered."""
+        self._run_files.release(tend)
+
     def _tend(self) -> None:
-        """Check and repair the files of this process in shared memory, which others may have damaged or
-        removed."""
+        """Check and repair the files of this process, which others may have damaged or removed."""
         self._tending = self._tend_later()
         self.access_rules.poll()
         before, self._errors = self._errors, []
+        repaired = self._tend_run_files()
+        self._tend_publications()
+        repaired += self._tend_entries()
+        new_errors = [text for text in self._errors if text not in before]
+        for text in new_errors:  # once, not every second
+            log.error("%s", text)
+        if repaired:
+            self._on_bell()  # frames written meanwhile have not rung this doorbell
+        if self.on_damage is not None and (repaired or new_errors or (before and not self._errors)):
+            self.on_damage(Damage(tuple(repaired), tuple(self._errors)))
+
+    def _tend_run_files(self) -> list[str]:
+        repaired, errors = self._run_files.tend()
+        self._errors += errors
+        for path in repaired:
+            log.warning("%s: removed or replaced while the node runs; made again", path)
+        return repaired
+
+    def _tend_doorbell(self) -> Path | None:
+        if self.doorbell.stands:
+            return None
+        self._loop.remove_reader(self.doorbell.fd)
+        try:
+            return self.doorbell.tend()
+        finally:
+            self._loop.add_reader(self.doorbell.fd, self._on_bell)
+
+    def _tend_publications(self) -> None:
         checked = self._folders
         self._folders = present = dict[str, _FolderStamp | None]()
         for publication in list(self._publications):
@@ -242,19 +284,21 @@ class Node(Immediate):
                 self._errors.append(
                     f"{publication.path}: damaged or removed, and cannot be replaced: {error}"
                 )
+
+    def _tend_entries(self) -> list[str]:
+        """Enter our doorbell again in the tables of readers from which it was removed; those tables."""
         name = self.doorbell.name
         missing = [readers for readers in self._listens if not os.access(f"{readers}/{name}", os.F_OK)]
+        entered = []
         for readers in missing:
             try:
                 self._enter(readers)
-                log.warning("%s: our entry was removed; entered again", readers)
             except (OSError, SwarmError) as error:
                 self._errors.append(f"{readers}: our entry was removed, and cannot be made again: {error}")
-        for text in self._errors:
-            if text not in before:  # once, not every second
-                log.error("%s", text)
-        if missing:
-            self._on_bell()  # frames written meanwhile have not rung this doorbell
+            else:
+                log.warning("%s: our entry was removed; entered again", readers)
+                entered.append(str(readers))
+        return entered
 
     # -- publication
 

@@ -13,6 +13,7 @@ import msgspec
 from swarmware.errors import NotFound, SwarmError
 from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.service.damage_report import DamageReport
 from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.realtime import give_realtime
@@ -266,6 +267,9 @@ class ServiceHost:
             service = item.cls(module, overridden(item.config, live, self.node.config.data_path))
             reporter = self._reporters[item.name] = Reporter.open(module, policy.restarts, failures)
             self._running[item.name] = service
+            damage_report = DamageReport(service.health)
+            if reports_damage := self.node.on_damage is None:  # one service of the process does
+                self.node.on_damage = damage_report.on_damage
             if self._no_realtime and item.name in self.node.config.realtime.services:
                 service.health.report(
                     "realtime",
@@ -294,6 +298,9 @@ class ServiceHost:
                         f"service {item.name}: run() returned; expected it to run until it is cancelled"
                     )
             finally:
+                if reports_damage:
+                    self.node.on_damage = None
+                damage_report.close()
                 self._again.discard(item.name)
                 self._reporters.pop(item.name, None)
                 await _ended(task)

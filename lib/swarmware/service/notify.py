@@ -77,16 +77,36 @@ class NotificationSocket:
         Raises: OSError when it cannot be bound.
         """
         self._path = path
-        if path:
-            remove_file(path)
+        self._inode = 0
+        self._socket = self._bound()
+
+    def _bound(self) -> socket.socket:
+        if self._path:
+            remove_file(self._path)
         kind = socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC
-        self._socket = socket.socket(socket.AF_UNIX, kind)
+        made = socket.socket(socket.AF_UNIX, kind)
         try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
-            self._socket.bind(path)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
+            made.bind(self._path)
+            if self._path:
+                self._inode = os.lstat(self._path).st_ino
         except OSError:
-            self._socket.close()
+            made.close()
             raise
+        return made
+
+    @property
+    def stands(self) -> bool:
+        """Whether the file of the socket is at its path."""
+        try:
+            return not self._path or os.lstat(self._path).st_ino == self._inode
+        except OSError:  # removed, or its folder
+            return False
+
+    def bind_again(self) -> None:
+        """Bind a new socket to the path, whose file was removed. Raises: OSError."""
+        former, self._socket = self._socket, self._bound()
+        former.close()
 
     @property
     def address(self) -> str:

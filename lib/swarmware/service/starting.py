@@ -9,12 +9,14 @@ from __future__ import annotations
 import os
 import sys
 
+from swarmware.errors import WireError
 from swarmware.runtime.plain import signal
 from swarmware.runtime.start_ticks import lives, start_ticks
 from swarmware.service.fork import FOLDER as PARENT_FOLDER
 from swarmware.service.fork import StartedProcess, own_folder, request_fork
 from swarmware.service.notify import remove_file
 from swarmware.transport.shm.lock import held_by_other, lock_within
+from swarmware.transport.shm.shared_file import open_shared
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
@@ -130,12 +132,10 @@ def spawn_missing(
 def _joined(name: str, run_dir: PathLike[str] | str) -> bool:
     """Whether its first instance holds its application file."""
     try:
-        fd = os.open(
-            os.path.join(run_dir, "apps", f"{name}#1.toml"), os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
-        )
-    except OSError:  # it has no file: it has not joined, or has left
+        fd = open_shared(os.path.join(run_dir, "apps", f"{name}#1.toml"))
+    except (OSError, WireError):  # it has no file: it has not joined, or has left
         return False
     try:
-        return held_by_other(fd)
+        return os.fstat(fd).st_uid in {0, os.stat(run_dir).st_uid} and held_by_other(fd)
     finally:
         os.close(fd)

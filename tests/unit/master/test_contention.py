@@ -152,3 +152,66 @@ async def test_who_volunteers_and_dies_before_it_has_the_role_keeps_nobody_from_
         assert first.holder.pid == os.getpid()
     first.close()
     file.close()
+
+
+def remove(folder: Path) -> None:
+    (folder / LOCK_NAME).unlink()
+
+
+async def test_the_holder_keeps_the_role_when_its_file_was_removed_and_the_others_follow(
+    tmp_path: Path,
+) -> None:
+    log: list[str] = []
+    holder, other = candidate(tmp_path, log), candidate(tmp_path)
+    holder.start()
+    other.start()
+    remove(tmp_path)
+    assert other.tend() is None, "the holder makes the file again first"
+    assert holder.tend() == tmp_path / LOCK_NAME
+    assert other.tend() == tmp_path / LOCK_NAME
+    assert (holder.holding, other.holding) == (True, False)
+    assert other.holder == holder.holder
+    assert "lost" not in log
+    assert (holder.tend(), other.tend()) == (None, None)
+    remove(tmp_path)
+    holder.close()
+    assert other.tend() == tmp_path / LOCK_NAME
+    assert other.holding
+    assert other.holder.epoch == 2, "the number goes on"
+    other.close()
+    assert other.tend() is None
+
+
+async def test_of_two_holders_after_a_removal_one_stays(tmp_path: Path) -> None:
+    former_log: list[str] = []
+    former = candidate(tmp_path, former_log)
+    former.start()
+    remove(tmp_path)
+    newcomer = candidate(tmp_path)
+    newcomer.start()
+    assert newcomer.holding, "a process that starts finds no file"
+    former.tend()
+    assert (former.holding, newcomer.holding) == (False, True)
+    assert former_log[-2:] == ["lost", "ring"]
+    newcomer.close()
+    former.poll()
+    await until(lambda: former.holding)
+    assert former.holder.epoch == 2
+    former.close()
+
+
+async def test_the_preferred_holder_takes_the_role_back_from_a_newcomer(tmp_path: Path) -> None:
+    former = candidate(tmp_path)
+    former.start()
+    former.volunteer("register#1")
+    remove(tmp_path)
+    newcomer = candidate(tmp_path)
+    newcomer._me = (1, start_ticks(1))  # another process
+    newcomer.start()
+    former.tend()
+    newcomer.poll()
+    former.poll()
+    assert (former.holding, newcomer.holding) == (True, False)
+    assert former.holder.epoch == 2
+    former.close()
+    newcomer.close()

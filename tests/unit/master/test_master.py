@@ -1,6 +1,7 @@
 """The master's duty: who is here is published, and the dead are tidied up after."""
 
 import asyncio
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -124,3 +125,21 @@ def started(file: Path) -> "subprocess.Popen[bytes]":
     assert child.stdout is not None
     child.stdout.readline()
     return child
+
+
+async def test_what_is_no_application_file_is_named_once_reported_and_removed(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmware.node.node.TEND_NS", 10_000_000)
+    monkeypatch.setattr("swarmware.node.node.TEND_PHASE_NS", 0)
+    reported: list[tuple[str, ...]] = []
+    async with tmp_node(tmp_path) as node, Module("planner", node=node):
+        node.master.on_misfits = reported.append
+        strange = node.run_dir / "apps/x#1.toml"
+        for number in (1, 2):
+            os.mkfifo(strange)
+            async with asyncio.timeout(PATIENCE_S):
+                while strange.exists() or len(reported) < 2 * number:  # noqa: ASYNC110 - a file
+                    await asyncio.sleep(0.002)
+            assert reported[-2:] == [(f"{strange}: a FIFO; expected a regular file",), ()]
+    assert caplog.text.count("a FIFO") == 1

@@ -1,6 +1,8 @@
 """Who may join a node: its own user, members of the group that may read its run directory, nobody else."""
 
+import fcntl
 import os
+import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -12,8 +14,10 @@ import pytest
 
 from swarmware.errors import Denied
 from swarmware.node.incarnation import NodeIncarnation
+from swarmware.transport.appfile.entry import AppEntry, Served, encode
 from swarmware.transport.appfile.file import AppFile
 from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.appfile.trace import last_of
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.notifier import ReaderNotifier
 from swarmware.transport.shm.owner import Owner
@@ -114,6 +118,135 @@ def test_a_member_has_an_application_file_that_all_see(place: Callable[[int], Pl
             guest.leave()
         with owner():
             tree.close()
+
+
+def write_locked(path: Path, data: bytes) -> int:
+    """An application file as any program writes it; its lock is held until the descriptor is closed."""
+    fd = os.open(path, os.O_RDWR | os.O_CREAT, 0o640)
+    os.fchmod(fd, 0o644)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    os.write(fd, data)
+    return fd
+
+
+def claiming(entry: AppEntry, name: str, *addresses: str) -> bytes:
+    served = tuple(Served(path=path, type="Goal", kind="request") for path in addresses)
+    return encode(
+        msgspec.structs.replace(entry, name=name, endpoint="ipc:///evil", started_ns=0, serves=served)
+    )
+
+
+def test_no_file_of_a_member_serves_what_the_daemons_serve(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    with owner():
+        tree = app(node, "tree")
+        served = Served(path="sys/tree/set", type="Goal", kind="request")
+        tree.write(msgspec.structs.replace(tree.entry, serves=(served,)))
+    apps = node.run_dir / "apps"
+    with member():
+        paths = ("sys/tree/set", "cmd/abort", "survey/plan")
+        fd = write_locked(apps / "zzz#1.toml", claiming(tree.entry, "zzz", *paths))
+    for user in (owner, member):
+        with user():
+            table = AppTable(node.run_dir)
+            table.refresh()
+            assert table.serving(served.data_id) == tree.entry
+            assert table.serving_path("cmd/abort") is None
+            planner = table.serving_path("survey/plan")
+            assert planner is not None
+            assert planner[0].name == "zzz"
+            assert table.misfits == (
+                "zzz#1 of user 60002 claims sys/tree/set, cmd/abort: served by the user of the node alone",
+            )
+    os.close(fd)
+    with owner():
+        tree.close()
+
+
+def test_no_file_of_a_member_bears_the_name_of_a_daemon(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    with owner():
+        tool = app(node, "tool")
+    apps = node.run_dir / "apps"
+    with member():
+        with pytest.raises(Denied, match="application 'broker': a daemon of user 60001"):
+            app(node, "broker")
+        fds = [
+            write_locked(apps / name, claiming(tool.entry, "broker"))
+            for name in ("broker#1.toml", "broker#1.dead")
+        ]
+    with owner():
+        table = AppTable(node.run_dir)
+        table.refresh()
+        assert table.named("broker") is None
+        assert len(table.misfits) == 1
+        assert "broker is a daemon of the node's user" in table.misfits[0]
+        assert last_of(node.run_dir, "broker") is None
+        broker = app(node, "broker")
+        assert broker.entry.id == "broker#1", "the daemon takes the name that was taken from it"
+        table.refresh()
+        assert table.named("broker") == broker.entry
+        broker.close()
+        tool.close()
+    for fd in fds:
+        os.close(fd)
+
+
+def test_the_owner_removes_what_members_put_at_the_path_of_its_ring(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    ring = node.shm_dir / "nav.pose.ring"
+    with member():
+        RingWriter(ring, slots=4, slot_bytes=64).write(b"false")
+        ring.with_name("nav.pose.ring.new").write_bytes(b"")
+    with owner():
+        writer = RingWriter(ring, slots=4, slot_bytes=64)
+        writer.write(b"true")
+        reader = RingReader(ring)
+        assert reader.newest() == b"true"
+        reader.close()
+        writer.close()
+    assert ring.stat().st_uid == OWNER
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda path: path.mkdir(mode=0o777), "a folder of user 60003"),
+        (lambda path: path.mkdir(mode=0o700), "a folder of user 60003"),
+        (lambda path: path.symlink_to("/tmp"), "a symbolic link"),
+        (lambda path: path.write_bytes(b""), "a regular file"),
+    ],
+    ids=["open", "closed", "link", "file"],
+)
+@pytest.mark.parametrize("name", ["shm/node", "run/apps", "run/p", "run/bells"])
+def test_a_node_does_not_start_in_a_folder_of_a_stranger(
+    tmp_path: Path, place: Callable[[int], Place], make: Callable[[Path], None], reason: str, name: str
+) -> None:
+    node = place(0o750)
+    with owner():
+        node.boot.leave()
+    path = tmp_path / name
+    if path.is_dir():
+        shutil.rmtree(path)
+    path.parent.chmod(0o1777)
+    with become(STRANGER, STRANGER, []):
+        make(path)
+    path.parent.chmod(0o755)
+    before = path.lstat()
+    with owner(), pytest.raises(Denied) as refused:
+        NodeIncarnation(node.run_dir, node.shm_dir)
+    assert str(refused.value).startswith(f"{path}: {reason}; expected none, or a folder of user 60001")
+    assert path.lstat() == before
+
+
+def test_a_node_does_not_start_in_a_folder_that_all_may_write(place: Callable[[int], Place]) -> None:
+    node = place(0o750)
+    with owner():
+        node.boot.leave()
+        node.shm_dir.mkdir()
+        node.shm_dir.chmod(0o777)
+        with pytest.raises(Denied, match="a folder that all users may write"):
+            NodeIncarnation(node.run_dir, node.shm_dir)
 
 
 def test_a_rewritten_file_of_a_member_is_read_again(place: Callable[[int], Place]) -> None:

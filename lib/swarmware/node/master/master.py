@@ -3,13 +3,14 @@
 import asyncio
 import logging
 import os
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Final, Protocol
 
 import msgspec
 
-from swarmware.errors import Conflict, Denied
+from swarmware.errors import Conflict, Denied, WireError
 from swarmware.model import paths
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind, encode
@@ -19,18 +20,21 @@ from swarmware.node.master.record import NOBODY, Holder
 from swarmware.node.master.role import LeaderCandidate
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.runtime.start_ticks import start_ticks
-from swarmware.transport.appfile.entry import AppEntry
+from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.appfile.trace import set_aside
 from swarmware.transport.shm.doorbell import DoorbellSenders, folder_lock
 from swarmware.transport.shm.lock import stands_at, try_lock
 from swarmware.transport.shm.notifier import ReaderNotifier
+from swarmware.transport.shm.shared_file import discard, open_shared
 from swarmware.types import registry
 from swarmware.types.register import Application, ApplicationTable
 
 PATH: Final = "register/apps"
 APPLICATIONS_LIMIT: Final = 64
 """Maximum applications in the table, three times the usual number: the board stays below 3 kB."""
+NAMED_LIMIT: Final = 256
+"""Maximum lines that are remembered as logged."""
 PAUSE_S: Final = 1.0
 """Minimum time between two tables: the start of twelve services is one or two changes, not twelve."""
 BUSY_S: Final = 0.01
@@ -100,6 +104,12 @@ class Master:
         self._published_s = -PAUSE_S
         self._published: tuple[int, str, tuple[Application, ...], int] | None = None
         """What the last table of this holder said."""
+        self._misfits: tuple[str, ...] = ()
+        """What was wrong among the application files at the last look, a line each."""
+        self._named: set[str] = set()
+        """Lines that were logged: a file that comes again and again is named once."""
+        self.on_misfits: Callable[[tuple[str, ...]], None] | None = None
+        """Called when that has changed, while this process is the master."""
         self._role: LeaderCandidate | None = None
         if candidate:
             self._role = LeaderCandidate(
@@ -130,6 +140,34 @@ class Master:
         """Contend for the role as any other process: the register daemon of this process has ended."""
         if self._role is not None:
             self._role.step_back(f"pid {os.getpid()}")
+
+    def tend(self) -> Path | None:
+        """Make the file of the role again if it was removed; its path, or None if it stands.
+
+        While this process is the master, it also removes files that are none and names what it found.
+        Raises: OSError.
+        """
+        if self._role is None:
+            return None
+        if self._role.holding:
+            self._apps.refresh()
+            self._on_misfits()
+        return self._role.tend()
+
+    def _on_misfits(self) -> None:
+        misfits = self._apps.misfits
+        if misfits == self._misfits:
+            return
+        self._misfits = misfits
+        if len(self._named) > NAMED_LIMIT:
+            self._named.clear()
+        for text in misfits:
+            if text not in self._named:
+                self._named.add(text)
+                log.warning("applications: %s", text)
+        if self.on_misfits is not None:
+            self.on_misfits(misfits)
+        self._tidy()
 
     def poll(self) -> None:
         """The doorbell has rung."""
@@ -247,20 +285,24 @@ class Master:
         if start_ticks(pid):
             return  # the pid belongs to a new process already
         for path in paths.sockets_of(self._node.run_dir, pid):
-            path.unlink(missing_ok=True)
+            discard(path)
         bells = paths.doorbells(self._node.run_dir)
         with suppress(Conflict, FileNotFoundError), folder_lock(bells):
             for path in bells.glob(f"{pid}-*"):
-                path.unlink(missing_ok=True)
+                discard(path)
 
     def _tidy(self) -> bool:
-        """Rename the files of dead applications; True when there were some."""
+        """Rename the files of dead applications, and remove anything else among them; True when there
+        were some."""
         removed = False
         for path in paths.applications(self._node.run_dir).glob(paths.APPLICATION_PATTERN):
             try:
-                fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+                fd = open_shared(path, limit_bytes=FILE_LIMIT)
+            except WireError:
+                removed = discard(path) or removed
+                continue
             except OSError:
-                continue  # removed meanwhile, or not an application file
+                continue  # removed meanwhile
             try:
                 if try_lock(fd) and stands_at(fd, path):
                     set_aside(path)

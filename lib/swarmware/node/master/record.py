@@ -6,6 +6,9 @@ import zlib
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from swarmware.transport.shm.lock import stands_at
+from swarmware.transport.shm.shared_file import open_cleared
+
 _RECORD: Final = struct.Struct("<QIQ48sI")
 """epoch, pid, start of the process in ticks, label, CRC-32 of the preceding bytes."""
 
@@ -33,7 +36,13 @@ class RecordFile:
     """The file whose descriptor is locked. It is not mapped: a truncation does not end a process."""
 
     def __init__(self, path: Path) -> None:
-        self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        self.path = path
+        self.fd = open_cleared(path, os.O_RDWR | os.O_CREAT)
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is still the file at its path."""
+        return stands_at(self.fd, self.path)
 
     def _read(self, size: int, offset: int) -> bytes:
         return os.pread(self.fd, size, offset).ljust(size, b"\0")

@@ -17,7 +17,7 @@ from swarmware.node.master.record import NOBODY, Holder, RecordFile
 from swarmware.runtime.backoff import pause_after
 from swarmware.runtime.processes import WatchedProcess
 from swarmware.runtime.start_ticks import start_ticks
-from swarmware.transport.shm.lock import try_lock
+from swarmware.transport.shm.lock import held_by_other, try_lock
 
 LOCK_NAME: Final = "master.lock"
 RETRY_S: Final = (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.2)
@@ -53,6 +53,8 @@ class LeaderCandidate:
         self._watched: WatchedProcess | None = None
         self._retry: asyncio.TimerHandle | None = None
         self._failures = 0
+        self._known_epoch = 0
+        """Fencing number in a former file, which was removed."""
         self._closed = False
         self.holding = False
         self.preferred = False
@@ -75,6 +77,32 @@ class LeaderCandidate:
                 self._yield()
         elif self._file.mark() != self._mark:
             self._contend()
+
+    def tend(self) -> Path | None:
+        """Make the file of the role again if it was removed; its path, or None if it stands.
+
+        The holder does so first, so that the role stays with it. Raises: OSError.
+        """
+        if self._closed or self._file.stands or (not self.holding and held_by_other(self._file.fd)):
+            return None
+        former, self._file = self._file, RecordFile(self._file.path)
+        held = former.holder() or NOBODY
+        present = self.holder
+        self._known_epoch = max(held.epoch, self._known_epoch)
+        is_older = present == held or present.epoch < held.epoch
+        if self.holding and is_older and try_lock(self._file.fd):
+            self._file.write_holder(held)
+            self._mark = self._file.mark()
+        elif self.holding:  # a process that has joined since holds the role
+            self.holding = False
+            self._on_lost()
+        if not self.holding:
+            if self.preferred:
+                self._file.request_leadership(*self._me)
+            self._contend()
+        former.close()
+        self._ring()
+        return self._file.path
 
     def volunteer(self, label: str) -> None:
         """Make this the preferred process: another holder yields the role to it."""
@@ -137,7 +165,7 @@ class LeaderCandidate:
                 self._watch(holder.pid, holder.pid_start)
 
     def _take(self) -> None:
-        epoch = self.holder.epoch + 1
+        epoch = max(self.holder.epoch, self._known_epoch) + 1
         self.holding = True
         self._withdraw_request()
         self._file.write_holder(Holder(epoch, *self._me, self._label))

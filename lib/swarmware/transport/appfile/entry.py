@@ -13,6 +13,9 @@ from swarmware.runtime.start_ticks import lives
 
 _MARK: Final = "# crc32 "
 """Mark of the last line: the file is rewritten in place, and a reader must detect a partial one."""
+FILE_LIMIT: Final = 256 << 10
+"""Maximum bytes of an application file; the largest of a daemon has 6 kB, each type of its own adds some
+hundred."""
 
 
 class Served(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -7,15 +7,18 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmware.errors import Conflict, Denied, WireError
+from swarmware.errors import Conflict, Denied, OutOfRange, WireError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import check_application
+from swarmware.model.reserved import APPLICATIONS
+from swarmware.model.users import user_name
 from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.appfile import trace
-from swarmware.transport.appfile.entry import AppEntry, decode, encode
-from swarmware.transport.shm.access import make_folder, share
+from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, decode, encode
+from swarmware.transport.shm.access import make_folder, node_users, share
 from swarmware.transport.shm.lock import RETRY_S, lock_within, stands_at, try_lock
+from swarmware.transport.shm.shared_file import discard, open_shared
 
 LOCK_WAIT_S = 0.1
 """Wait for the lock of a free file, which others hold for some 10 µs to probe it."""
@@ -28,7 +31,8 @@ class AppFile:
 
     `announce` is called after each change. `config` and `live` are in the file from the beginning: a process
     that finds the file of a guard decides by it which process starts the next one.
-    Raises: Conflict when the instance, or every instance, is taken.
+    Raises: Conflict when the instance, or every instance, is taken; Denied when the name is that of a daemon,
+    and this process runs as another user than the node.
     """
 
     def __init__(
@@ -44,8 +48,13 @@ class AppFile:
         announce: Callable[[], None] = lambda: None,
     ) -> None:
         check_application(name)
+        self._run_dir = run_dir
         self._folder = paths.applications(run_dir)
         make_folder(self._folder, run_dir)
+        self._users = node_users(run_dir)
+        if name in APPLICATIONS and os.geteuid() not in self._users:
+            user = user_name(max(self._users))
+            raise Denied(f"application {name!r}: a daemon of {user}; expected another name")
         self._announce = announce
         self._fd, self.path, number = self._claim(name, instance)
         pid = os.getpid()
@@ -64,7 +73,7 @@ class AppFile:
     def _claim(self, name: str, instance: int | None) -> tuple[int, Path, int]:
         for number in (instance,) if instance is not None else range(1, INSTANCES + 1):
             path = self._folder / paths.application_file(name, number)
-            fd = _lock(path)
+            fd = _lock(path, self._users)
             if fd is not None:
                 trace.forget(path)
                 return fd, path, number
@@ -74,6 +83,10 @@ class AppFile:
     def write(self, entry: AppEntry) -> None:
         """Replace the content and notify the readers."""
         data = encode(entry)
+        if len(data) > FILE_LIMIT:
+            raise OutOfRange(
+                f"{self.path}: {len(data)} bytes; expected at most {FILE_LIMIT}: fewer resources and types"
+            )
         os.pwrite(self._fd, data, 0)
         os.ftruncate(self._fd, len(data))
         self.entry = entry
@@ -94,12 +107,34 @@ class AppFile:
             except PermissionError:
                 _touch_anothers(self._folder)
 
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it belongs to another user than the node's or root."""
+        return os.fstat(self._fd).st_uid not in self._users
+
+    def tend(self) -> Path | None:
+        """Write the file again if it was removed or replaced; its path, or None if it stands.
+
+        Raises: Conflict when another process has taken the name meanwhile, OSError.
+        """
+        if self._fd < 0 or stands_at(self._fd, self.path):
+            return None
+        make_folder(self._folder, self._run_dir)
+        fd = _lock(self.path, self._users)
+        if fd is None:
+            raise Conflict(f"{self.path}: removed, and taken by another process; expected {self.entry.id}")
+        os.close(self._fd)
+        self._fd = fd
+        self.write(self.entry)
+        return self.path
+
     def close(self) -> None:
         """Leave the node: remove the file, then release its lock."""
         if self._fd < 0:
             return
         with contextlib.suppress(FileNotFoundError):
-            self.path.unlink()
+            if stands_at(self._fd, self.path):
+                self.path.unlink()
         os.close(self._fd)
         self._fd = -1
         self._announce()
@@ -113,30 +148,44 @@ def _touch_anothers(folder: Path) -> None:
         os.utime(folder)
 
 
-def _open(path: Path) -> int:
-    """Descriptor of the file, which is created if it is missing.
+def _open(path: Path) -> int | None:
+    """Descriptor of the file, which is created if it is missing; None when something else keeps the path.
 
     Not in one call: Linux refuses O_CREAT on the file of another user in a sticky folder.
     """
-    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
     while True:
         with contextlib.suppress(FileNotFoundError):
-            return os.open(path, flags)
+            try:
+                return open_shared(path, os.O_RDWR)
+            except WireError:  # no regular file
+                if not discard(path):
+                    return None
         with contextlib.suppress(FileExistsError):
-            fd = os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o600)
+            fd = open_shared(path, os.O_RDWR | os.O_CREAT | os.O_EXCL)
             share(fd, path.parent, 0o640)
             return fd
 
 
-def _lock(path: Path) -> int | None:
+def _remove_imposter(path: Path, users: frozenset[int]) -> None:
+    """Remove a file with the name of a daemon that another user has made."""
+    if path.name.partition("#")[0] in APPLICATIONS:
+        with contextlib.suppress(FileNotFoundError):
+            if path.lstat().st_uid not in users:
+                discard(path)
+
+
+def _lock(path: Path, users: frozenset[int]) -> int | None:
     """Descriptor of the locked file; None when a living application, or another user, holds it."""
     while True:
+        _remove_imposter(path, users)
         try:
             fd = _open(path)
         except PermissionError as error:
             if path.exists():
                 return None
             raise Denied(f"{path}: no permission; expected to run as the user of this node") from error
+        if fd is None:
+            return None
         if not try_lock(fd) and (_holder_lives(fd) or not lock_within(fd, LOCK_WAIT_S)):
             os.close(fd)
             return None
@@ -147,7 +196,7 @@ def _lock(path: Path) -> int | None:
 
 def _holder_lives(fd: int) -> bool:
     try:
-        entry = decode(os.pread(fd, os.fstat(fd).st_size, 0), "")
+        entry = decode(os.pread(fd, FILE_LIMIT, 0), "")
     except WireError:
         return False
     return entry.lives

@@ -1,45 +1,69 @@
 """The living applications of this node, read from their files."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import NamedTuple
 
-from swarmware.errors import WireError
-from swarmware.model import paths
+from swarmware.errors import Conflict, WireError
+from swarmware.model import paths, reserved
 from swarmware.model.names import natural
-from swarmware.transport.appfile.entry import AppEntry, Served, decode
+from swarmware.transport.appfile.claims import AddressClaims, LivingApplication
+from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, Served, decode
+from swarmware.transport.shm.access import node_users
 from swarmware.transport.shm.lock import held_by_other
+from swarmware.transport.shm.shared_file import open_shared
 
-_Stamp = tuple[int, int, int]
-_FLAGS: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
+
+class _Stamp(NamedTuple):
+    """State of a file: while it is the same, its content is."""
+
+    inode: int
+    modified_ns: int
+    size_bytes: int
+    uid: int
+
+
+class _LeftOut(NamedTuple):
+    """A file that is left out until it changes."""
+
+    stamp: _Stamp | None
+    reason: str
+    is_certain: bool
+    """False for a file that may just be being written."""
 
 
 class AppTable:
     """Table of the application files, which reads only changed ones.
 
     Not `whole`: its entries have what messages need, and neither `provides` nor `config`, until `complete`.
+    Files that are none, such as a FIFO, and those that bear the name of a daemon but belong to another user
+    than the node's or root are left out, and named in `misfits`.
     """
 
     def __init__(self, run_dir: Path, *, whole: bool = True) -> None:
         self._whole = whole
+        self._run_dir = run_dir
         self._folder_name = str(paths.applications(run_dir))
         self._folder_ns = 0
-        self._files: dict[str, tuple[_Stamp, AppEntry]] = {}
+        self._owners: frozenset[int] | None = None
+        """Users whose applications belong to the node: that of its run directory, and root."""
+        self._files: dict[str, tuple[_Stamp, LivingApplication]] = {}
         self._names: list[str] = []
         """Names of the files, in their order."""
-        self._served: dict[int, tuple[AppEntry, Served]] = {}
-        self._by_id: dict[int, AppEntry] = {}
+        self._refused: dict[str, _LeftOut] = {}
+        """Files that were left out, by their names."""
+        self._claims = AddressClaims()
         self.version = 0
         """Number of changes so far."""
         self.on_change: Callable[[], None] | None = None
         """Called after every change that any refresh found."""
 
     def __iter__(self) -> Iterator[AppEntry]:
-        return iter(self._by_id.values())
+        return iter(self._claims.entries)
 
     def __len__(self) -> int:
-        return len(self._by_id)
+        return len(self._claims.entries)
 
     def complete(self) -> None:
         """Read the whole files from now on."""
@@ -59,14 +83,14 @@ class AppTable:
         before = list(self._files.values())
         self._folder_ns = folder_ns
         self._files = dict(self._read())
-        self._by_id = {entry.app_id: entry for _, entry in self._files.values()}
-        self._served = {item.data_id: (entry, item) for entry in self for item in entry.serves}
         if before != list(self._files.values()):
+            self._claims = AddressClaims([found for _, found in self._files.values()], self._claims)
             self.version += 1
             if self.on_change is not None:
                 self.on_change()
 
-    def _read(self) -> Iterator[tuple[str, tuple[_Stamp, AppEntry]]]:
+    def _read(self) -> Iterator[tuple[str, tuple[_Stamp, LivingApplication]]]:
+        before, self._refused = self._refused, {}
         try:
             listed = os.listdir(self._folder_name)  # noqa: PTH208  # every second: no Path objects
         except FileNotFoundError:
@@ -74,15 +98,17 @@ class AppTable:
         found = {name for name in listed if name.endswith(".toml")}
         if found != set(self._names):
             self._names = sorted(found, key=natural)
-        folder = self._folder_name
         for name in self._names:
             known = self._files.get(name)
             try:
-                fd = os.open(f"{folder}/{name}", _FLAGS)  # every second: no Path objects
+                fd = open_shared(f"{self._folder_name}/{name}", limit_bytes=FILE_LIMIT)
             except FileNotFoundError:
                 continue  # it has just left
+            except WireError as error:
+                self._refused[name] = _LeftOut(None, str(error), is_certain=True)
+                continue
             except OSError:
-                # no free descriptor, or not a file: a known application is not removed for that
+                # no free descriptor, or no permission yet: a known application is not removed for that
                 self._folder_ns = 0
                 if known is not None:
                     yield name, known
@@ -91,40 +117,77 @@ class AppTable:
                 if not held_by_other(fd):
                     continue
                 status = os.fstat(fd)
-                stamp = (status.st_ino, status.st_mtime_ns, status.st_size)
-                if known is not None and known[0] == stamp:
-                    yield name, known
-                    continue
-                yield name, (stamp, decode(os.pread(fd, status.st_size, 0), name, whole=self._whole))
-            except WireError:
+                stamp = _Stamp(status.st_ino, status.st_mtime_ns, status.st_size, status.st_uid)
+                refused = before.get(name)
+                if refused is not None and refused.stamp == stamp:
+                    self._refused[name] = refused._replace(is_certain=True)
+                elif known is None or known[0] != stamp:
+                    known = (stamp, self._decoded(fd, name, status.st_uid))
+            except Conflict as error:
+                self._refused[name] = _LeftOut(stamp, str(error), is_certain=True)
+                known = None
+            except WireError as error:
                 # it is being written: its writer announces when it is complete
                 self._folder_ns = 0
-                if known is not None:
-                    yield name, known
+                self._refused[name] = _LeftOut(stamp, str(error), is_certain=False)
+                if known is not None and (known[0].inode, known[0].uid) != (stamp.inode, stamp.uid):
+                    known = None  # another file took its place
             finally:
                 os.close(fd)
+            if known is not None:
+                yield name, known
+
+    def _decoded(self, fd: int, name: str, uid: int) -> LivingApplication:
+        """The application of this file. Raises: WireError; Conflict when the file does not count."""
+        path = f"{self._folder_name}/{name}"
+        # the size was checked when the file was opened, and may have grown since
+        entry = decode(os.pread(fd, FILE_LIMIT, 0), path, whole=self._whole)
+        found = LivingApplication(entry, uid, is_own=uid in self._node_users())
+        if name != paths.application_file(entry.name, entry.instance):
+            raise Conflict(f"{path}: states application {entry.id}; expected the one of the file's name")
+        if entry.name in reserved.APPLICATIONS and not found.is_own:
+            raise Conflict(f"{path}: of {found.user}; {entry.name} is a daemon of the node's user")
+        return found
+
+    def _node_users(self) -> frozenset[int]:
+        # once: the user of a node never changes, and its folder may be removed and made again by another one
+        if self._owners is None:
+            self._owners = node_users(self._run_dir)
+        return self._owners
+
+    @property
+    def misfits(self) -> tuple[str, ...]:
+        """What is wrong in the folder, a line each: files that are none, and claims that do not count."""
+        files = (refusal.reason for refusal in self._refused.values() if refusal.is_certain)
+        return (*files, *self._claims.refused)
+
+    @property
+    def endpoints(self) -> Mapping[int, str]:
+        """Sockets of the processes, by the ids of their applications."""
+        return self._claims.endpoints
+
+    @property
+    def serving_endpoints(self) -> Mapping[int, str]:
+        """Sockets of the processes that serve messages or requests, by data id."""
+        return self._claims.serving_endpoints
 
     def serving(self, data_id: int) -> AppEntry | None:
         """The application that serves messages or requests of this data id."""
-        found = self._served.get(data_id)
+        found = self._claims.of_data_id(data_id)
         return None if found is None else found[0]
 
     def path_of(self, data_id: int) -> str | None:
         """The local path of an address with this data id."""
-        found = self._served.get(data_id)
+        found = self._claims.of_data_id(data_id)
         return None if found is None else found[1].path
 
     def serving_path(self, path: str) -> tuple[AppEntry, Served] | None:
         """The application that serves messages or requests of any type at this local path."""
-        for entry in self:
-            for item in entry.serves:
-                if item.path == path:
-                    return entry, item
-        return None
+        return self._claims.of_path(path)
 
     def application(self, app_id: int) -> AppEntry | None:
         """The application of this id."""
-        return self._by_id.get(app_id)
+        return self._claims.application(app_id)
 
     def named(self, name: str) -> AppEntry | None:
         """The first instance of the application of this name."""
@@ -135,8 +198,8 @@ def populated(run_dir: Path) -> bool:
     """Whether an application runs on the node of this run directory; it reads only locks, no content."""
     for path in paths.applications(run_dir).glob(paths.APPLICATION_PATTERN):
         try:
-            fd = os.open(path, _FLAGS)
-        except OSError:
+            fd = open_shared(path, limit_bytes=FILE_LIMIT)
+        except (OSError, WireError):
             continue  # it has just left, or is not a file
         try:
             if held_by_other(fd):

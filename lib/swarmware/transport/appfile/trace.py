@@ -3,15 +3,17 @@
 The master moves the files of dead applications aside, which frees the name and keeps the trace.
 """
 
-import contextlib
 import os
 from pathlib import Path
 from typing import Final
 
 from swarmware.errors import WireError
 from swarmware.model import paths
-from swarmware.transport.appfile.entry import AppEntry, decode
+from swarmware.model.reserved import APPLICATIONS
+from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, decode
+from swarmware.transport.shm.access import node_users
 from swarmware.transport.shm.lock import lock_within
+from swarmware.transport.shm.shared_file import discard, open_shared
 
 DEAD_SUFFIX: Final = ".dead"
 MOMENT_S: Final = 0.02
@@ -19,14 +21,21 @@ MOMENT_S: Final = 0.02
 
 
 def forget(path: Path) -> None:
-    """Removes the trace of the application that had this file before."""
-    with contextlib.suppress(PermissionError):  # of another user; distinguished by its process
-        path.with_suffix(DEAD_SUFFIX).unlink(missing_ok=True)
+    """Removes the trace of the application that had this file before.
+
+    That of another user stays; it is distinguished by its process.
+    """
+    discard(path.with_suffix(DEAD_SUFFIX))
 
 
 def set_aside(path: Path) -> None:
     """Moves the file of a dead application away; the caller has its lock."""
-    path.replace(path.with_suffix(DEAD_SUFFIX))
+    aside = path.with_suffix(DEAD_SUFFIX)
+    try:
+        path.replace(aside)
+    except IsADirectoryError:
+        discard(aside)
+        path.replace(aside)
 
 
 def died(run_dir: Path, entry: AppEntry) -> bool:
@@ -45,16 +54,19 @@ def last_of(run_dir: Path, name: str) -> AppEntry | None:
 def _left(run_dir: Path, stem: str) -> list[AppEntry]:
     """Entries whose lock no process holds."""
     found = []
+    is_daemon = stem.partition("#")[0] in APPLICATIONS
     for suffix in (".toml", DEAD_SUFFIX):
         path = paths.applications(run_dir) / f"{stem}{suffix}"
         try:
-            fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-        except OSError:  # there is none with this suffix, or another user's
+            fd = open_shared(path, limit_bytes=FILE_LIMIT)
+        except (OSError, WireError):  # there is none with this suffix, or another user's
             continue
         try:
+            if is_daemon and os.fstat(fd).st_uid not in node_users(run_dir):
+                continue
             # the master may hold it while it moves the file aside
             if lock_within(fd, MOMENT_S):
-                found.append(decode(os.pread(fd, os.fstat(fd).st_size, 0), path.name))
+                found.append(decode(os.pread(fd, FILE_LIMIT, 0), path.name))
         except WireError:
             continue
         finally:

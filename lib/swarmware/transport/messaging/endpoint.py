@@ -347,13 +347,11 @@ class MessageEndpoint:
         if table.version == self._table_version:
             return
         self._table_version = table.version
-        by_application = {entry.app_id: entry.endpoint for entry in table}
-        by_data_id = {item.data_id: entry.endpoint for entry in table for item in entry.serves}
         broker = table.named(BROKER)
         self._driver.feed(
             self._router.on_applications(
-                by_application,
-                by_data_id,
+                table.endpoints,
+                table.serving_endpoints,
                 None if broker is None else broker.endpoint,
                 self._clock.now_ns(),
             )
@@ -426,6 +424,13 @@ class MessageEndpoint:
         if request is not None and not request.done():
             kind = "NotFound" if outcome.status is Status.REFUSED else "NoAnswer"
             request.set_exception(from_kind(kind, str(outcome)))
+
+    def tend(self) -> Path | None:
+        """Listen again if the file of the socket was removed; its path, or None if it stands.
+
+        Raises: OSError.
+        """
+        return self._transport.tend()
 
     def close(self) -> None:
         """Close the sockets; messages and requests without an outcome end as unreachable."""

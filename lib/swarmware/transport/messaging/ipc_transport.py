@@ -17,6 +17,7 @@ from swarmware.errors import InvalidInput, WireError
 from swarmware.runtime.backoff import pause_after
 from swarmware.transport.messaging.zmtp import DEALER, ROUTER, ZmtpConnection, message
 from swarmware.transport.shm.access import make_folder, share
+from swarmware.transport.shm.shared_file import discard
 
 IPC_PATH_LIMIT: Final = 107
 """Longest path of a Unix socket, without its final zero byte. Source: unix(7)."""
@@ -342,14 +343,42 @@ class IpcTransport:
         self._peers: dict[str, _IpcPeer] = {}
         self._accepted: dict[IpcConnection, asyncio.TimerHandle] = {}
         self._accept_again: asyncio.TimerHandle | None = None
-        make_folder(socket_path.parent, socket_path.parent.parent)
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._listener.setblocking(False)
-        socket_path.unlink(missing_ok=True)
-        self._listener.bind(str(socket_path))
-        share(socket_path, socket_path.parent, 0o660)
-        self._listener.listen(BACKLOG)
+        self._listener, self._inode = self._listen()
         self.loop.add_reader(self._listener.fileno(), self._accept)
+
+    def _listen(self) -> tuple[socket.socket, int]:
+        """A socket that listens at the path, and the inode of its file. Raises: OSError."""
+        path = self._path
+        make_folder(path.parent, path.parent.parent)
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            listener.setblocking(False)
+            discard(path)  # if it cannot be removed, `bind` says so
+            listener.bind(str(path))
+            share(path, path.parent, 0o660)
+            listener.listen(BACKLOG)
+            return listener, path.lstat().st_ino
+        except OSError:
+            listener.close()
+            raise
+
+    def tend(self) -> Path | None:
+        """Listen again if the file of the socket was removed or replaced; its path, or None if it stands.
+
+        Connections that stand are kept. Raises: OSError.
+        """
+        if self.is_closed:
+            return None
+        with contextlib.suppress(OSError):  # removed, or its folder
+            if self._path.lstat().st_ino == self._inode:
+                return None
+        listener, self._inode = self._listen()
+        if self._accept_again is None:
+            self.loop.remove_reader(self._listener.fileno())
+            self.loop.add_reader(listener.fileno(), self._accept)
+        self._listener.close()
+        self._listener = listener
+        return self._path
 
     def send(self, address: str, data: bytes, *, urgent: bool = False) -> bool:
         """Send to the process at this address; False when its queue is full."""
@@ -442,7 +471,8 @@ class IpcTransport:
         for peer in list(self._peers.values()):
             peer.close()
         with contextlib.suppress(FileNotFoundError):
-            self._path.unlink()
+            if self._path.lstat().st_ino == self._inode:
+                self._path.unlink()
 
     def _linger(self, connections: list[IpcConnection]) -> None:
         end_s = time.monotonic() + LINGER_S

@@ -7,8 +7,13 @@ set that makes files inherit the group: the hardened units may not set it.
 """
 
 import os
+import stat
 from pathlib import Path
 from typing import Final
+
+from swarmware.errors import Denied
+from swarmware.model.users import user_name
+from swarmware.transport.shm.shared_file import kind_at
 
 _GROUP_READS: Final = 0o050
 _SHARED_FOLDER: Final = 0o1770
@@ -52,6 +57,30 @@ def share(target: Path | int, folder: Path, mode: int) -> None:
             os.chmod(target, mode)  # noqa: PTH101 - of a descriptor, too
     except PermissionError:
         return  # not a member of that group: the file stays private
+
+
+def node_users(run_dir: Path) -> frozenset[int]:
+    """Users whose files a node trusts: that of its run directory, and root."""
+    return frozenset({0, run_dir.stat().st_uid})
+
+
+def check_folder(path: Path, users: frozenset[int]) -> None:
+    """Check that the folder, if it exists, belongs to one of the users, and not all users may write it.
+
+    Raises: Denied when it is another user's, or no folder.
+    """
+    try:
+        found = path.lstat()
+    except FileNotFoundError:
+        return
+    node_user = user_name(max(users))
+    expected = f"expected none, or a folder of {node_user} that only its group may write; remove it"
+    if not stat.S_ISDIR(found.st_mode):
+        raise Denied(f"{path}: {kind_at(path)}; {expected}")
+    if found.st_uid not in users:
+        raise Denied(f"{path}: a folder of {user_name(found.st_uid)}; {expected}")
+    if found.st_mode & stat.S_IWOTH:
+        raise Denied(f"{path}: a folder that all users may write; {expected}")
 
 
 def is_guest(run_dir: Path) -> bool:

@@ -18,7 +18,8 @@ from typing import Self
 
 from swarmware.errors import Conflict, Denied
 from swarmware.transport.shm.access import make_folder, share
-from swarmware.transport.shm.lock import lock_within
+from swarmware.transport.shm.lock import lock_within, stands_at
+from swarmware.transport.shm.shared_file import discard, kind_at
 
 NAME = re.compile(r"[A-Za-z0-9_-]{1,47}\Z")
 """Pattern of names, without dot and slash: a name cannot leave the folder."""
@@ -70,11 +71,43 @@ class Doorbell:
         self.folder = folder
         with folder_lock(folder):
             self.name = self._make()
-            self.fd = os.open(folder / self.name, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+            self.fd, self._capacity_bytes = self._open()
+
+    @property
+    def path(self) -> Path:
+        """Path of the FIFO."""
+        return self.folder / self.name
+
+    @property
+    def stands(self) -> bool:
+        """Whether the FIFO is at its path, or was closed."""
+        return self.fd < 0 or stands_at(self.fd, self.path)
+
+    def _open(self) -> tuple[int, int]:
+        fd = os.open(self.path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
         try:
-            self._capacity_bytes = fcntl.fcntl(self.fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+            return fd, fcntl.fcntl(fd, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         except OSError:
-            self._capacity_bytes = fcntl.fcntl(self.fd, fcntl.F_GETPIPE_SZ)
+            return fd, fcntl.fcntl(fd, fcntl.F_GETPIPE_SZ)
+
+    def tend(self) -> Path | None:
+        """Make the FIFO again if it was removed or replaced; its path, or None if it stands.
+
+        `fd` is another one then; those who ring the former FIFO notice with their next ring.
+        Raises: OSError, Conflict when another process keeps the folder or the path.
+        """
+        if self.stands:
+            return None
+        make_folder(self.folder, self.folder.parent)
+        with folder_lock(self.folder):
+            if not discard(self.path):
+                raise Conflict(f"{self.path}: {kind_at(self.path)} of another user; expected our doorbell")
+            os.mkfifo(self.path, 0o600)
+            share(self.path, self.folder, 0o660)
+            former = self.fd
+            self.fd, self._capacity_bytes = self._open()
+        os.close(former)
+        return self.path
 
     def _make(self) -> str:
         """Create a FIFO with an unused name: the pid and a number."""
@@ -86,10 +119,9 @@ class Doorbell:
                 os.mkfifo(path, 0o600)
             except FileExistsError:
                 owned = open_sender(path)
-                if owned is None:  # left by a dead process with the same pid
-                    with contextlib.suppress(PermissionError):  # of another user: the next name is free
-                        path.unlink()
-                        continue
+                if owned is None:  # left by a dead process with the same pid, or no FIFO
+                    if discard(path):
+                        continue  # else it is another user's: the next name is free
                 else:
                     os.close(owned)
                 ordinal += 1
@@ -115,7 +147,8 @@ class Doorbell:
         if self.fd < 0:
             return
         with contextlib.suppress(FileNotFoundError), folder_lock(self.folder):
-            (self.folder / self.name).unlink()
+            if stands_at(self.fd, self.path):
+                self.path.unlink()
         os.close(self.fd)
         self.fd = -1
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import stat
 import time
 
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
@@ -18,22 +17,22 @@ RETRY_S = 0.0005
 """Pause between two attempts. All holders but the owner of a ring keep a lock for some ten microseconds."""
 
 
-def try_lock(fd: int) -> bool:
-    """Take the exclusive lock if it is free; returns whether it was."""
+def try_lock(fd: int, *, shared: bool = False) -> bool:
+    """Take the exclusive or the shared lock if it is free; returns whether it was."""
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
     return True
 
 
-def lock_within(fd: int, timeout_s: float) -> bool:
-    """Take the exclusive lock, waiting for short holders, at most for the time-out.
+def lock_within(fd: int, timeout_s: float, *, shared: bool = False) -> bool:
+    """Take the exclusive or the shared lock, waiting for short holders, at most for the time-out.
 
     A blocking `flock` would wait without limit for a stopped holder (SIGSTOP, debugger).
     """
     deadline_s = time.monotonic() + timeout_s
-    while not try_lock(fd):
+    while not try_lock(fd, shared=shared):
         if time.monotonic() >= deadline_s:
             return False
         time.sleep(RETRY_S)
@@ -50,16 +49,11 @@ def held_by_other(fd: int) -> bool:
     return False
 
 
-def stands_at(fd: int, path: Path) -> bool:
+def stands_at(fd: int, path: Path | str) -> bool:
     """Whether the open file is still the one found at the path, not unlinked and not renamed over."""
     try:
-        found = path.lstat()
+        found = os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
         return False
     mine = os.fstat(fd)
     return (found.st_dev, found.st_ino) == (mine.st_dev, mine.st_ino)
-
-
-def is_regular(fd: int) -> bool:
-    """Whether it is a regular file; anything else at these paths is an error, or an attack."""
-    return stat.S_ISREG(os.fstat(fd).st_mode)

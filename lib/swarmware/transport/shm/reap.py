@@ -17,6 +17,7 @@ from swarmware.transport.shm.doorbell import folder_lock, open_sender
 from swarmware.transport.shm.lock import try_lock
 from swarmware.transport.shm.readers import remove_readers
 from swarmware.transport.shm.ringfile import unlink_ring
+from swarmware.transport.shm.shared_file import open_shared
 
 _UNFINISHED = layout.RING_SUFFIX + layout.UNFINISHED_SUFFIX
 _MARK = layout.MAGIC.to_bytes(8, "little")
@@ -115,12 +116,12 @@ def reap_ring(path: Path) -> bool:
     """Remove one ring without a living writer; returns whether it was removed."""
     try:
         return _remove_ring(path, even_used=False)
-    except (FileNotFoundError, PermissionError, Denied):
+    except (FileNotFoundError, PermissionError, Denied, WireError):
         return not path.exists()
 
 
 def _remove_ring(path: Path, *, even_used: bool) -> bool:
-    fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    fd = open_shared(path, os.O_RDWR)
     try:
         start = os.pread(fd, len(_MARK), 0)
         ours = start == _MARK or (path.name.endswith(_UNFINISHED) and not any(start))

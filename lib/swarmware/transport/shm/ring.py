@@ -19,6 +19,7 @@ from swarmware.transport.shm.fence import Fence
 from swarmware.transport.shm.layout import Geometry
 from swarmware.transport.shm.lock import held_by_other
 from swarmware.transport.shm.owner import Owner
+from swarmware.transport.shm.shared_file import open_shared
 from swarmware.transport.shm.view import View
 
 Bytes = bytes | bytearray | memoryview
@@ -211,8 +212,8 @@ class RingWriter:
         _close(self._map)
 
     def _unlink(self) -> None:
-        with contextlib.suppress(FileNotFoundError):
-            fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        with contextlib.suppress(FileNotFoundError, WireError):
+            fd = open_shared(self.path, os.O_RDWR)
             try:
                 # the nonce shows whether it is our file, whose lock we have; `unlink_ring` checks the inode
                 if os.pread(fd, 8, layout.W_NONCE * 8) == bytes(
@@ -318,8 +319,8 @@ class RingReader:
         if self.owner.alive():
             return True
         try:
-            fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
-        except OSError:  # removed, or not ours to open: no writer keeps it
+            fd = open_shared(self.path)
+        except (OSError, WireError):  # removed, or not ours to open: no writer keeps it
             return False
         try:
             return os.path.samestat(os.fstat(fd), self._file) and held_by_other(fd)

@@ -18,8 +18,9 @@ from swarmware.errors import Denied, NotFound, SwarmError, WireError
 from swarmware.transport.shm import layout
 from swarmware.transport.shm.access import make_folder, share
 from swarmware.transport.shm.layout import Geometry, RingBusy, RingFull
-from swarmware.transport.shm.lock import is_regular, lock_within, stands_at, try_lock
+from swarmware.transport.shm.lock import lock_within, stands_at, try_lock
 from swarmware.transport.shm.owner import Owner
+from swarmware.transport.shm.shared_file import discard, open_cleared, open_shared
 
 LOCK_WAIT_S = 0.25
 """Wait for a lock without a living owner in the header: others probe it for microseconds."""
@@ -58,7 +59,7 @@ def _usage(path: Path) -> str:
 def open_reading(path: Path) -> int:
     """Descriptor for reading; a FIFO or a link at the path is refused."""
     with file_errors(path):
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        return open_shared(path)
 
 
 def absent(path: str) -> bool:
@@ -111,12 +112,15 @@ def _lock_existing(path: Path) -> int | None:
     """Locked descriptor of the file at the path; None when there is none."""
     while True:
         try:
-            fd = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+            fd = open_shared(path, os.O_RDWR)
         except FileNotFoundError:
             return None
+        except (WireError, PermissionError):
+            # no file, or of a member of the node's group: the owner of the folder removes both
+            if not discard(path):
+                raise
+            continue
         try:
-            if not is_regular(fd):
-                raise WireError(f"{path}: not a regular file")
             if not try_lock(fd):
                 owner = _owner_of(fd)
                 if owner.alive() or not lock_within(fd, LOCK_WAIT_S):
@@ -194,10 +198,10 @@ def _make(
 ) -> mmap.mmap | None:
     """Create a ring at the path, or replace the locked old one; None: another process was faster."""
     unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
-    fd = os.open(unfinished, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, mode)
+    fd = _open_unfinished(unfinished, mode)
     try:
         # one that reaps holds the lock for a moment
-        if not (is_regular(fd) and (try_lock(fd) or lock_within(fd, LOCK_WAIT_S))):
+        if not (try_lock(fd) or lock_within(fd, LOCK_WAIT_S)):
             raise RingBusy(f"{unfinished}: another process is making this ring")
         if not stands_at(fd, unfinished):
             return None
@@ -219,6 +223,15 @@ def _make(
         return ring
     finally:
         os.close(fd)
+
+
+def _open_unfinished(path: Path, mode: int) -> int:
+    try:
+        return open_cleared(path, os.O_RDWR | os.O_CREAT, mode)
+    except PermissionError:  # of a member of the node's group
+        if not discard(path):
+            raise
+    return open_shared(path, os.O_RDWR | os.O_CREAT, mode)
 
 
 def _vacant(path: Path, old_fd: int | None) -> bool:
@@ -283,12 +296,7 @@ def map_reading(fd: int, path: Path) -> mmap.mmap:
     Raises: WireError when it cannot be a ring.
     """
     file_bytes = os.fstat(fd).st_size
-    if (
-        not is_regular(fd)
-        or file_bytes < layout.HEADER_BYTES
-        or file_bytes % 8
-        or file_bytes > layout.MAX_RING_BYTES
-    ):
+    if file_bytes < layout.HEADER_BYTES or file_bytes % 8 or file_bytes > layout.MAX_RING_BYTES:
         raise WireError(f"{path}: {file_bytes} bytes, expected a ring file")
     try:
         return mmap.mmap(fd, file_bytes, mmap.MAP_SHARED, mmap.PROT_READ)
