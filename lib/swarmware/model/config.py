@@ -37,6 +37,8 @@ class RealtimeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """SCHED_FIFO, or SCHED_RR, in which equal priorities share a core in turn."""
     services: dict[str, Annotated[int, msgspec.Meta(ge=1, le=99)]] = {}
     """Priorities by service: 99 is the highest, the threads of the kernel for devices have 50."""
+    required: bool = False
+    """Whether a service that does not get it is an error, so that arming is refused; else a warning."""
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

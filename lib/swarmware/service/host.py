@@ -274,7 +274,7 @@ class ServiceHost:
                 service.health.report(
                     "realtime",
                     "refused",
-                    level="warn",
+                    level="error" if self.node.config.realtime.required else "warn",
                     detail=self._no_realtime,
                     description="The service has the real-time scheduling that node.toml declares",
                 )

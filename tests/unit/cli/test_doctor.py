@@ -1,7 +1,10 @@
 """`swarmctl doctor` shows what the running node has found itself."""
 
 import asyncio
+import os
 from pathlib import Path
+
+import pytest
 
 from swarmctl.commands.doctor.checks import CheckResult, examine
 from swarmware.model.acl import FILE
@@ -143,3 +146,34 @@ async def test_members_without_a_route_are_named_with_what_to_do(tmp_path: Path)
         routes.append(RouteState("uav3", 1, "uav2", 512, 2, 1, 0))
         (found,) = await examined(config_dir, "members")
         assert (found.verdict, found.text) == ("ok", "all 2 other members are reached")
+
+
+async def test_a_flight_loop_without_real_time_scheduling_is_a_warning_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config_dir = make_node(tmp_path / "plain", airframe="quad_1k5")
+    assert await examined(config_dir, "flight loop") == [], "hal does not run"
+    async with Module("hal", config_dir=config_dir):
+        (found,) = await examined(config_dir, "flight loop")
+        assert found.verdict == "warning"
+        assert "other work delays the flight loop" in found.text
+        assert "[realtime] services = { hal = 50 } in node.toml" in found.advice
+        monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_FIFO | 0x40000000)
+        monkeypatch.setattr(os, "sched_getparam", lambda _: os.sched_param(50))
+        (found,) = await examined(config_dir, "flight loop")
+        assert (found.verdict, found.text) == ("ok", "hal: SCHED_FIFO 50")
+
+
+async def test_a_flight_loop_that_is_refused_its_scheduling_is_told_apart(tmp_path: Path) -> None:
+    config_dir = make_node(
+        tmp_path, airframe="quad_1k5", services={"hal": {}}, realtime={"services": {"hal": 50}}
+    )
+    async with Module("hal", config_dir=config_dir):
+        (found,) = await examined(config_dir, "flight loop")
+    assert found.text == "hal runs without the real-time scheduling that node.toml declares"
+
+
+async def test_a_vehicle_without_an_airframe_has_no_flight_loop(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("hal", config_dir=config_dir):
+        assert await examined(config_dir, "flight loop") == []

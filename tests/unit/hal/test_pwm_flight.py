@@ -1,6 +1,7 @@
 """The flight controller on motors behind pulses: arming, kill, lost samples, a hanging loop, settings."""
 
 import asyncio
+import os
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
@@ -13,7 +14,7 @@ from tests.unit.hal.test_servo import chip, number
 
 from swarmd.hal.config import Config, MotorPulse, PwmFlightDriver, ServoPulse
 from swarmd.hal.driver import DeviceGone, Site
-from swarmd.hal.drivers.pwm_flight import PwmFlight, make
+from swarmd.hal.drivers.pwm_flight import PwmFlight, make, scheduling
 from swarmware.errors import ConfigError, Denied
 from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.model.airframe_file import load_airframe
@@ -163,7 +164,7 @@ async def test_a_driver_that_is_opened_in_flight_holds_the_pulses_and_continues(
             await again.write(r.module.now_ns())
             assert min(r.widths_us) > IDLE[0]
             states = {one.name: one.state for one in again.conditions(r.module.now_ns())}
-            assert states.keys() == {"flight/loop", "flight/tilt", "flight/contact"}
+            assert states.keys() == {"flight/loop", "flight/tilt", "flight/contact", "flight/scheduling"}
         finally:
             await again.execute(ChassisAction.KILL)
             await again.close()
@@ -230,3 +231,19 @@ def test_the_widths_of_servos_are_about_their_centres_and_those_of_motors_above_
     assert [motor.width_us(value) for value in (-1.0, 0.0, 0.5, 3.0)] == [1100.0, 1100.0, 1500.0, 1900.0]
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"channel": 0, "stop_us": -1.0}, MotorPulse)
+
+
+@pytest.mark.parametrize(
+    ("policy", "state", "level"),
+    [
+        (os.SCHED_OTHER, "shared", "warn"),
+        (os.SCHED_BATCH, "shared", "warn"),
+        (os.SCHED_FIFO, "ok", "ok"),
+        (os.SCHED_RR | 0x40000000, "ok", "ok"),
+    ],
+)
+def test_a_loop_of_real_motors_without_real_time_scheduling_has_a_warning(
+    policy: int, state: str, level: str
+) -> None:
+    found = scheduling(policy)
+    assert (found.name, found.state, found.level) == ("flight/scheduling", state, level)

@@ -338,15 +338,19 @@ class Hal(Steady):
     name = "hal"
 
 
-async def test_a_service_without_its_real_time_scheduling_runs_and_has_a_fault(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("required", "level"), [(False, "warn"), (True, "error")])
+async def test_a_service_without_its_real_time_scheduling_runs_and_has_a_fault(
+    tmp_path: Path, required: bool, level: str
+) -> None:
+    realtime = {"services": {"hal": 50}, "required": required}
     async with (
-        tmp_node(tmp_path, services={"hal": {}}, realtime={"services": {"hal": 50}}) as node,
+        tmp_node(tmp_path, services={"hal": {}}, realtime=realtime) as node,
         Module("t", node=node) as m,
     ):
         host = ServiceHost(node, [PreparedService(Hal, NoSettings()), PreparedService(Other, NoSettings())])
         task = asyncio.create_task(host.run())
         reports = await m.reader("health/checks/hal", CheckReports).changed(20.0)
         (found,) = reports.reports
-        assert (found.check, found.state) == ("hal/realtime", "refused")
+        assert (found.check, found.state, found.level) == ("hal/realtime", "refused", level)
         task.cancel()
         await asyncio.wait([task])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
+from swarmctl.commands.doctor.flight_loop import check_flight_loop
 from swarmctl.commands.doctor.keys_check import check_keys
 from swarmctl.session import labs
 from swarmware.errors import ConfigError, SwarmError
@@ -227,6 +228,8 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
             "files of dead processes were removed" if fix else "no process of the node runs",
             fixed=fix,
         )
+    if (loop := check_flight_loop(node, table)) is not None:
+        yield CheckResult("flight loop", *loop)
     if "broker" in alive:
         yield processor(node.shm_path)
         yield from foreign(node.shm_path)

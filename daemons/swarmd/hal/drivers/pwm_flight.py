@@ -1,6 +1,7 @@
 """Driver of an airframe whose motors and servos follow pulses: the flight controller on its actuators."""
 
 import logging
+import os
 from collections.abc import Sequence
 from typing import Final
 
@@ -8,6 +9,7 @@ from swarmd.hal.blocking import DeviceThread
 from swarmd.hal.buses.end_writer import EndWriter
 from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.config import ChassisConfig, Config, MotorPulse, PwmFlightDriver, ServoPulse
+from swarmd.hal.core.condition import Condition
 from swarmd.hal.core.flight.control_law import HoverLaw
 from swarmd.hal.core.flight.flight_core import FlightTiming, flight_timing, hover_law
 from swarmd.hal.core.flight.motor_phase import FlightSample, MotorPhase, MotorSwitch
@@ -22,6 +24,9 @@ from swarmware.types.vehicle import Setpoint
 
 log = logging.getLogger("swarm.hal")
 
+REALTIME: Final = frozenset({os.SCHED_FIFO, os.SCHED_RR})
+_RESET_ON_FORK: Final = 0x40000000
+"""Flag that sched_getscheduler adds (SCHED_RESET_ON_FORK). Source: Linux, include/uapi/linux/sched.h."""
 _REPORT_NS: Final = 500_000_000
 """Period of the report without a change: a chassis that is silent for 3 s counts as lost."""
 _HELICOPTER: Final = (1, 4)
@@ -53,6 +58,7 @@ class PwmFlight(FlightController):
         self._end_writer: EndWriter | None = None
         self._widths_us: Sequence[float] = ()
         """What the channels have now."""
+        self._scheduling_stated = False
 
     async def open(self, module: Module) -> None:
         """Opens the channels; the motors stop and the vehicle is disarmed, unless it flies.
@@ -94,6 +100,15 @@ class PwmFlight(FlightController):
         if self._thread is not None:
             await self._thread.run(lambda: self._carry(widths))
         return stepped
+
+    def conditions(self, now_ns: int) -> Sequence[Condition]:
+        """Faults of the flight that changed; at first also how the loop is scheduled: real motors depend on
+        it."""
+        found = super().conditions(now_ns)
+        if self._scheduling_stated:
+            return found
+        self._scheduling_stated = True
+        return [*found, scheduling(os.sched_getscheduler(0))]
 
     def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
         """Takes the set-point that the cascade follows."""
@@ -175,6 +190,15 @@ class PwmFlight(FlightController):
         if self._thread is not None:
             self._thread.close(self._disconnect)
             self._thread = None
+
+
+def scheduling(policy: int) -> Condition:
+    """Whether the process of the loop has real-time scheduling."""
+    name, description = "flight/scheduling", "The loop of real motors has real-time scheduling"
+    if policy & ~_RESET_ON_FORK in REALTIME:
+        return Condition(name, description)
+    expected = "expected [realtime] services = { hal = 50 } in node.toml"
+    return Condition(name, description, "shared", "warn", f"other work delays the loop: {expected}")
 
 
 def make(config: Config, site: Site) -> list[Device]:
