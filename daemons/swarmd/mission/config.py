@@ -35,6 +35,25 @@ REACTIONS = (
         says="no valid position",
     ),
     ReactionRow(
+        name="loop_late",
+        when="health/state.faults['hal/flight/loop=away'] or health/state.faults['hal/flight/loop=starved']",
+        action="land",
+        says="the flight loop was late",
+    ),
+    ReactionRow(
+        name="tilted",
+        when="health/state.faults['hal/flight/tilt=beyond']",
+        action="land",
+        says="tilt beyond the limit",
+    ),
+    ReactionRow(
+        name="ground_touched",
+        when="health/state.faults['hal/flight/contact=touched']",
+        where="any",
+        action="land",
+        says="the ground was touched unexpectedly",
+    ),
+    ReactionRow(
         name="mission_restarted",
         when="mission/watch.restarted",
         where="any",

@@ -25,6 +25,8 @@ from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import CheckReport, CheckReports
+from swarmware.types.mission import ManoeuvreRequest, MissionStatus
+from swarmware.types.reaction import ReactionPhase, Reactions
 from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, NavStatus, Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -189,6 +191,35 @@ def test_a_flight_controller_that_is_killed_and_started_again_continues_the_flig
                     assert flown.tilt_rad < LEVEL_RAD
 
     with no_leaks(tmp_path):
+        asyncio.run(fly())
+
+
+def test_a_vehicle_whose_loop_was_away_lands_by_itself(tmp_path: Path) -> None:
+    async def fly() -> None:
+        services = {"sim": SimConfig(), "hal": HalConfig(), "mission": {}, "health": {}}
+        config_dir = make_node(tmp_path, "uav1", services=services, airframe="quad_1k5")
+        async with AsyncExitStack() as stack:
+            names = (*PARTS, "health", "mission")
+            parts = {part: await stack.enter_async_context(spawn(config_dir, part)) for part in names}
+            module = await stack.enter_async_context(Module("test", config_dir=config_dir))
+            pose, state = module.reader("nav/pose", Pose), module.reader("vehicle/state", VehicleState)
+            reactions = module.reader("mission/reactions", Reactions)
+            await pose.changed(timeout_s=PATIENCE_S)
+            takeoff = ManoeuvreRequest("takeoff", {"altitude_m": HEIGHT_M, "speed_m_s": 2.0}, "test")
+            await module.request("sys/mission/manoeuvre", takeoff, MissionStatus, timeout_s=PATIENCE_S)
+            await until(pose, lambda at: at.z_m > HEIGHT_M - 0.5)
+            os.kill(parts["hal"].pid, signal.SIGSTOP)
+            await asyncio.sleep(0.7)
+            os.kill(parts["hal"].pid, signal.SIGCONT)
+            await until(
+                reactions,
+                lambda table: any(
+                    r.row == "loop_late" and r.phase is ReactionPhase.ACTIVE for r in table.rows
+                ),
+            )
+            await until(state, lambda now: now.resting)
+
+    with no_leaks():  # the health monitor keeps its journal
         asyncio.run(fly())
 
 

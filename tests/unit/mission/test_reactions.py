@@ -10,8 +10,9 @@ from tests.unit.mission.test_executor import ARM, Member1, S, words
 from swarmd.mission.config import REACTIONS, Config
 from swarmd.mission.core.reactions import React, ReactionTable, RowChanged, Situation, link_loss_row
 from swarmware.errors import Conflict, InvalidInput
-from swarmware.mission.field_path import Scalar
+from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.mission.reaction import STRENGTH, ReactionRow, decode_rows, encode_rows
+from swarmware.types.health import HealthState
 from swarmware.types.reaction import ReactionPhase
 
 AIR = Situation(armed=True, airborne=True)
@@ -271,6 +272,28 @@ def shipped(battery: str = "ok", age_s: float = 0.1, **values: Scalar) -> World:
 def test_the_shipped_rows_watch_the_battery(world: World, expected: list[tuple[str, str]]) -> None:
     assert world.look() == expected
     assert world.look(GROUND) == []
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("loop=away", [("loop_late", "land")]),
+        ("loop=starved", [("loop_late", "land")]),
+        ("loop=late", []),
+        ("tilt=beyond", [("tilted", "land")]),
+        ("contact=touched", [("ground_touched", "land")]),
+    ],
+)
+def test_the_shipped_rows_land_after_faults_of_the_flight(
+    fault: str, expected: list[tuple[str, str]]
+) -> None:
+    world = shipped()
+    state = HealthState("error", "ok", faults=("guard/x=died", f"hal/flight/{fault}"))
+    world.value = lambda path, field: (  # type: ignore[method-assign]
+        scalar_of(state, field) if path == "health/state" else world.values.get(f"{path}.{field}")
+    )
+    assert world.look() == expected
+    assert world.look(GROUND, 0.0) == []
 
 
 def test_the_shipped_rows_land_without_a_position_and_after_a_restart_of_the_mission_daemon() -> None:

@@ -41,5 +41,5 @@ def check_flight_loop(node: NodeConfig, table: AppTable) -> LoopFinding | None:
     return LoopFinding(
         "warning",
         f"{SERVICE} has no real-time scheduling: other work delays the flight loop",
-        f"[realtime] services = {{ {SERVICE} = 50 }} in node.toml, with realtime.conf; a simulation needs none",
+        f"[realtime] services = {{ {SERVICE} = 50 }} in node.toml, with realtime.conf; simulations need none",
     )
