@@ -104,7 +104,7 @@ def check_folder(
     """Checks the mission of a whole ensemble: each role by itself, then all together."""
     budget = budget or Budget()
     manifest = ManifestPlaces(folder)
-    findings: list[Finding] = list(manifest.references())
+    findings: list[Finding] = [*manifest.references(), *manifest.reactions()]
     roles: list[EnsembleRole] = []
     used: set[str] = set()
     for role in folder.manifest.roles:

@@ -6,6 +6,8 @@ from typing import Any, Final
 
 import msgspec
 
+from swarmware.mission import vocabulary
+from swarmware.mission.condition import parse as parse_condition
 from swarmware.mission.finding import Finding, Severity
 from swarmware.mission.folder import Folder
 from swarmware.mission.manifest import MANIFEST, ROLE_REFERENCE, RoleSpec, parameter_places
@@ -47,6 +49,14 @@ class ManifestPlaces:
                     f"{value!r}: without a platform for this role it has no value; expected required = true"
                 )
                 yield self._finding(path, "role-optional", message, "warning")
+
+    def reactions(self) -> Iterator[Finding]:
+        """Findings of the conditions of reactions: fields and values that their resources never have."""
+        for number, row in enumerate(self._folder.manifest.reaction):
+            for key, text in (("when", row.when), ("possible", row.possible)):
+                for problem in vocabulary.shipped().examine(parse_condition(text)) if text else ():
+                    message = f"column {problem.at + 1} of {problem.message}"
+                    yield self._finding(("reaction", number, key), "condition", message, problem.severity)
 
     def unused(self, used: Iterable[str]) -> Iterator[Finding]:
         """Findings of the parameters that no role declares."""

@@ -22,6 +22,7 @@ from swarmware.types.mission import (
     MissionTask,
     TaskAnswer,
 )
+from swarmware.types.reaction import ReactionPhase, ReactionState
 
 
 def state(
@@ -135,6 +136,23 @@ async def test_the_status_names_who_ordered_the_mission() -> None:
     await print_status(session)
     assert "uav1: ordered by ann@gcs" in session.stderr.getvalue()
     assert "formation" in session.stdout.getvalue()
+
+
+async def test_the_status_shows_reactions_that_are_not_idle_and_rows_that_can_never_act() -> None:
+    rows = (
+        ReactionState("battery_low", ReactionPhase.ACTIVE, "return", 0, "battery low"),
+        ReactionState("position_lost", ReactionPhase.IDLE, "land", 0),
+        ReactionState("motor_hot", ReactionPhase.IDLE, "land", 0, note="no field 'temp'"),
+    )
+    found = MissionStatus("uav1", state(), "leader", 0, reactions=rows)
+    session = ScriptedSession({"sys/mission/status": found}, node="uav1")
+    await print_status(session)
+    shown = [line.split() for line in session.stdout.getvalue().splitlines()]
+    assert shown[-3:] == [
+        ["REACTION", "PHASE", "ACTION", "REASON"],
+        ["battery_low", "active", "return", "battery", "low"],
+        ["motor_hot", "idle", "land", "no", "field", "'temp'"],
+    ]
 
 
 async def test_who_watches_a_mission_sees_who_ordered_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,6 +123,12 @@ def test_roles_that_fit_together_have_no_findings() -> None:
     }
 
 
+def reaction(**keys: str) -> str:
+    """A row of a manifest."""
+    row = {"name": "hot", "when": "battery < 10 %", "action": "hold"} | keys
+    return "[[reaction]]\n" + "".join(f"{key} = {value!r}\n" for key, value in row.items())
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
@@ -134,6 +140,16 @@ def test_roles_that_fit_together_have_no_findings() -> None:
         ("leader.json", part({"type": "Takeoff", "alt": 1}, MEET), "can be a ugv, which cannot Takeoff"),
         ("leader.json", part({"type": "Fly"}, MEET), "'Fly': unknown"),
         ("mission.toml", MANIFEST + "tail = 3\n", "key params.tail: no role declares it"),
+        (
+            "mission.toml",
+            MANIFEST + reaction(when="battery < 2 % or power/battery.remaining < 1"),
+            "key reaction[0].when: column 18 of condition 'battery < 2 % or power/battery.remaining < 1'",
+        ),
+        (
+            "mission.toml",
+            MANIFEST + reaction(possible="nav/pose.xm < 1", otherwise="land"),
+            "key reaction[0].possible: column 1 of condition 'nav/pose.xm < 1': Pose has no field 'xm'",
+        ),
     ],
 )
 def test_roles_that_do_not_fit_are_named(name: str, text: str, words: str) -> None:
@@ -152,6 +168,13 @@ def test_roles_that_do_not_fit_are_named(name: str, text: str, words: str) -> No
         (MANIFEST.replace('["uav"]', '["plane"]'), "key roles[1].kinds[0]: unknown kind 'plane'"),
         (MANIFEST.replace('"air"', '"leader"'), "unique names"),
         (MANIFEST + "[more]\n", "key more: unknown"),
+        (
+            MANIFEST + reaction(when="battery <"),
+            "key reaction[0]: reaction hot, key when: condition",
+        ),
+        (MANIFEST + reaction(action="fly"), "key reaction[0].action: invalid enum value 'fly'"),
+        (MANIFEST + 2 * reaction(), "key reaction[1].name: 'hot' is a row already; expected unique names"),
+        (MANIFEST + reaction(name="link_loss"), "key reaction[0].name: row 'link_loss' is set by the keys"),
     ],
 )
 def test_a_manifest_that_does_not_fit_is_refused(manifest: str, words: str) -> None:

@@ -1,0 +1,98 @@
+"""Reactions of the mission daemon over real nodes: orders that they end and refuse, rows of a mission."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.integration.mission.swarm import FAST, on_uvloop, swarm
+from tests.integration.mission.test_swarm import TASK, hover
+
+from swarmware.errors import Conflict
+from swarmware.mission.reaction import ReactionRow
+from swarmware.types.health import HealthState
+from swarmware.types.mission import (
+    AbortAnswer,
+    ManoeuvreRequest,
+    MissionAbort,
+    MissionFile,
+    MissionStatus,
+    MissionTask,
+    TaskAnswer,
+)
+from swarmware.types.reaction import ReactionPhase, Reactions
+from swarmware.types.rpc import Empty
+
+CRITICAL = HealthState("error", "critical", 0.1)
+LOW = HealthState("warn", "low", 0.25)
+
+
+def manifest(*rows: str) -> MissionFile:
+    role = '[[roles]]\nname = "all"\nfile = "hover.json"\nkinds = ["uav"]\n'
+    return MissionFile(
+        "mission.toml", 'name = "hover"\n' + role + "".join(f"[[reaction]]\n{r}\n" for r in rows)
+    )
+
+
+@on_uvloop
+async def test_a_lasting_reaction_ends_the_mission_and_refuses_weaker_orders(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1") as s:
+        member = s["uav1"]
+        member.vehicle.landed = False
+        member.vehicle.answers["land"] = "moving"
+        await s.ask(TASK, MissionTask("hover", files=(hover(60.0),)), TaskAnswer)
+        await s.until(lambda: "a" in member.passed)
+        member.vehicle.health.write(CRITICAL)
+        await s.until(lambda: member.history[-1] == "recovering")
+        found = await s.ask("sys/mission/status", Empty(), MissionStatus)
+        active = {one.row: one.action for one in found.reactions if one.phase is ReactionPhase.ACTIVE}
+        # without a charge and a pose over time the way home is not known
+        assert active == {"battery_low": "land", "battery_critical": "land"}
+        assert (found.state.mission, member.kinds) == ("land", ["land"])
+        with pytest.raises(
+            Conflict, match=r"goto: reaction battery_critical is active \(land: battery critical"
+        ):
+            away = ManoeuvreRequest("goto", {"x_m": 1.0, "y_m": 1.0}, "test")
+            await s.ask("sys/mission/manoeuvre", away, MissionStatus)
+        refused = await s.ask(TASK, MissionTask("hover", files=(hover(1.0),)), TaskAnswer)
+        assert "reaction battery_critical is active" in refused.orders[0].reasons[0]
+        await s.ask("sys/mission/abort", MissionAbort("test", "hold"), AbortAnswer)
+        member.vehicle.health.write(HealthState("ok"))
+        reactions = s.operator.reader("mission/reactions", Reactions)
+        while any(one.phase is not ReactionPhase.IDLE for one in (reactions.value or Reactions()).rows):
+            await reactions.changed()
+        assert member.kinds == ["land"], "the abort was refused, and a landing is not ended when it heals"
+        await s.ask("sys/mission/abort", MissionAbort("test", "hold"), AbortAnswer)
+        await s.until(lambda: "hold" in member.kinds)
+
+
+@on_uvloop
+async def test_rows_of_a_mission_precede_those_of_the_platform(tmp_path: Path) -> None:
+    low = "health/state.battery == 'low'"
+    own = f'name = "battery_low"\nwhen = "{low}"\naction = "hold"\nsays = "its own row"'
+    async with swarm(tmp_path, "uav1") as s:
+        member = s["uav1"]
+        member.vehicle.landed = False
+        files = (manifest(own), hover(60.0))
+        answer = await s.ask(TASK, MissionTask("hover", files=files), TaskAnswer)
+        assert answer.accepted
+        await s.until(lambda: "a" in member.passed)
+        member.vehicle.health.write(LOW)
+        await s.until(lambda: member.history[-1] == "aborted")
+        found = await s.ask("sys/mission/status", Empty(), MissionStatus)
+        assert (member.kinds, found.state.text) == (["hold"], "its own row")
+
+
+@on_uvloop
+async def test_a_row_whose_field_does_not_exist_is_named_and_others_act(tmp_path: Path) -> None:
+    wrong = msgspec.convert(
+        {"name": "wrong", "when": "power/battery.remaining < 2", "action": "hold"}, ReactionRow
+    )
+    config = msgspec.structs.replace(FAST, reaction=(wrong, *FAST.reaction))
+    async with swarm(tmp_path, "uav1", config=config) as s:
+        reactions = s.operator.reader("mission/reactions", Reactions)
+        while not any(one.note for one in (reactions.value or Reactions()).rows):
+            await reactions.changed()
+        assert reactions.value is not None
+        notes = {one.row: one.note for one in reactions.value.rows if one.note}
+        assert list(notes) == ["wrong"]
+        assert "BatteryState has no field 'remaining'; did you mean 'remaining_ratio'?" in notes["wrong"]
