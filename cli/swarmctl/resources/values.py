@@ -1,5 +1,6 @@
 """Conversion of values between wire format and text."""
 
+import re
 from typing import Any
 
 import msgspec
@@ -31,11 +32,12 @@ def single(value: msgspec.Struct) -> Any:
 
 
 def field(value: Any, path: str, fields: str) -> Any:
-    """One field of a value, by its dotted name; `ranges_m.0` is the first of a list.
+    """One field of a value, by its dotted name, or as in conditions.
 
+    `ranges_m.0` and `ranges_m[0]` are the first of a list, `sensors["sensor/gnss"]` is an element of a map.
     Raises: InvalidInput naming the existing fields.
     """
-    for name in filter(None, fields.split(".")):
+    for name in _names(fields):
         if isinstance(value, dict) and name in value:
             value = value[name]
         elif isinstance(value, list) and name.isdigit() and int(name) < len(value):
@@ -43,6 +45,16 @@ def field(value: Any, path: str, fields: str) -> Any:
         else:
             raise InvalidInput(f"{path}: no field {name!r}; expected {_fields(value)}")
     return value
+
+
+def _names(fields: str) -> list[str]:
+    if "[" not in fields:
+        return [name for name in fields.split(".") if name]
+    from swarmware.mission.field_path import STEPS_PATTERN, steps  # not for plain names
+
+    if not re.fullmatch(rf"[A-Za-z0-9_]*{STEPS_PATTERN}", fields):
+        raise InvalidInput(f'field {fields!r}: expected indices such as [0], or keys such as ["sensor/gnss"]')
+    return [str(step.key) for step in steps(fields)]
 
 
 def select(value: Any, path: str, fields: str, names: tuple[str, ...] = ()) -> Any:

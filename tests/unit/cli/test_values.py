@@ -15,12 +15,28 @@ from swarmware.types.net import NeighbourState, Routes, RouteState
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import BatteryState
 
-VALUE: dict[str, Any] = {"x_m": 1.5, "at": {"lat_deg": 48.0}, "ranges_m": [1.0, 2.0], "none": []}
+VALUE: dict[str, Any] = {
+    "x_m": 1.5,
+    "at": {"lat_deg": 48.0},
+    "ranges_m": [1.0, 2.0],
+    "none": [],
+    "ok": {"sensor/gnss": True},
+}
 
 
 @pytest.mark.parametrize(
     ("fields", "value"),
-    [("", VALUE), ("x_m", 1.5), ("at.lat_deg", 48.0), ("ranges_m.1", 2.0), ("ranges_m", [1.0, 2.0])],
+    [
+        ("", VALUE),
+        ("x_m", 1.5),
+        ("at.lat_deg", 48.0),
+        ("ranges_m.1", 2.0),
+        ("ranges_m", [1.0, 2.0]),
+        ("ranges_m[1]", 2.0),
+        ("ok['sensor/gnss']", True),
+        ('ok["sensor/gnss"]', True),
+        ("at['lat_deg']", 48.0),
+    ],
 )
 def test_a_field_is_found_by_its_dotted_name(fields: str, value: Any) -> None:
     assert field(VALUE, "/uav1/x", fields) == value
@@ -35,12 +51,20 @@ def test_a_field_is_found_by_its_dotted_name(fields: str, value: Any) -> None:
         ("ranges_m.-1", "0 to 1"),
         ("none.0", "the list is empty"),
         ("x_m.y", "it is the value 1.5"),
+        ("ok['sensor/sonar']", "one of sensor/gnss"),
+        ("ranges_m[7]", "0 to 1"),
     ],
 )
 def test_a_field_that_is_not_there_names_those_that_are(fields: str, said: str) -> None:
     with pytest.raises(InvalidInput, match="no field") as caught:
         field(VALUE, "/uav1/x", fields)
     assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("fields", ["ok[", "ok[sensor/gnss]", "ranges_m[-1]", "ok['a'"])
+def test_brackets_have_an_index_or_a_key_in_quotes(fields: str) -> None:
+    with pytest.raises(InvalidInput, match=r"expected indices such as \[0\], or keys such as"):
+        field(VALUE, "/uav1/x", fields)
 
 
 @pytest.mark.parametrize(

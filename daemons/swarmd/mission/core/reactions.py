@@ -79,6 +79,9 @@ class _Entry:
         """Number of orders when the action was taken."""
         self._when: ConditionExpression = parse(row.when)
         self._possible = parse(row.possible) if row.possible is not None else None
+        self.resources = self._when.resources()
+        if self._possible is not None:
+            self.resources |= self._possible.resources()
 
     def applies(self, situation: Situation) -> bool:
         """Whether the row applies where the vehicle is."""
@@ -140,8 +143,7 @@ class ReactionTable:
 
     def resources(self) -> frozenset[str]:
         """Paths of the resources in the conditions."""
-        texts = (text for one in self._entries.values() for text in (one.row.when, one.row.possible) if text)
-        return frozenset(path for text in texts for path in parse(text).resources())
+        return frozenset(path for entry in self._entries.values() for path in entry.resources)
 
     def states(self) -> tuple[ReactionState, ...]:
         """State of each row."""
