@@ -47,7 +47,16 @@ READER_HEAVY: Final = {
 }
 """A command that reads a running node uses none of these: each takes milliseconds."""
 
-OVERVIEWS: Final = ("node ls", "link ls", "topo", "health ls", "health faults", "time ls", "traffic ls")
+OVERVIEWS: Final = (
+    "node ls",
+    "link ls",
+    "topo",
+    "health ls",
+    "health ready",
+    "health faults",
+    "time ls",
+    "traffic ls",
+)
 OVERVIEW_HEAVY: Final = {
     *("json", "swarmctl.resources.classes", "swarmware.recorder", "swarmware.types.description"),
 }

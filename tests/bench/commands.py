@@ -53,6 +53,7 @@ COMMANDS: Final = (
     "hal ls",
     "time ls",
     "health ls",
+    "health ready",
     "health faults",
     "health info uav1",
     "log query /uav1/nav/pose --limit 5",

@@ -86,6 +86,7 @@ DOCUMENTS: Final = {
     "hal calibrate": "swarmctl.commands.hal.calibration:CalibrationStarted",
     "time ls": "swarmware.types.time:TimeFunctions",
     "health ls": "swarmctl.commands.health.report:HealthStates",
+    "health ready": "swarmctl.commands.health.readiness:ReadinessList",
     "health info": "swarmware.types.health:HealthReport",
     "health faults": "swarmware.types.health:FaultList",
     "health clear": "swarmware.types.health:FaultList",

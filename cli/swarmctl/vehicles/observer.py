@@ -313,8 +313,10 @@ class ManoeuvreProgress:
             return True
         if self._ended_ns is None:
             self._ended_ns, self._end_stamp_ns = now_ns, snapshot.mission_ns
-        # boards that a rate limit delays still have the states from before the end
-        over = now_ns - self._ended_ns > GRACE_S * 1e9 and snapshot.states_ns >= self._end_stamp_ns
+        # boards that a rate limit delays still have the states from before the end; after a failure nothing
+        # is waited for: a vehicle that was refused its arming does not change its state
+        settled = mission.state is MissionPhase.FAILED or snapshot.states_ns >= self._end_stamp_ns
+        over = settled and now_ns - self._ended_ns > GRACE_S * 1e9
         # an earlier failed mission is reported until the command was received
         return self._done(snapshot) if over else None
 

@@ -10,6 +10,9 @@ from swarmctl.commandline.parameters import nodes_argument
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 REASON: Final = click.option("--reason", default="operator", help="Reason, recorded in all logs.")
+FORCE: Final = click.option(
+    "--force", is_flag=True, help="Arm although `health ready` names reasons; recorded with --reason."
+)
 PLATFORMS: Final = nodes_argument("PLATFORM…")
 
 

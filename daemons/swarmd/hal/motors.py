@@ -4,6 +4,7 @@ import logging
 
 import msgspec
 
+from swarmd.hal.arming_gate import ArmingGate
 from swarmd.hal.chassis import Chassis
 from swarmware.errors import Denied, SwarmError
 from swarmware.module.meta import Meta
@@ -26,6 +27,9 @@ class Motors:
     def __init__(self, module: Module, chassis: Chassis) -> None:
         self._module = module
         self._chassis = chassis
+        self._gate = ArmingGate(module)
+        self._stops = 0
+        """Requests to disarm or kill so far: an arming that waits at the gate is overtaken by them."""
         self._pose = module.reader("nav/pose", Pose)
         self._orders = module.stream_writer(
             "vehicle/orders",
@@ -43,7 +47,7 @@ class Motors:
             ArmRequest,
             self._arm,
             reply=VehicleState,
-            description="Arm or disarm the motors",
+            description="Arm or disarm the motors; arming is refused while the vehicle is not ready",
         )
         serve(
             "sys/vehicle/kill",
@@ -76,11 +80,27 @@ class Motors:
         )
 
     async def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
-        if request.armed:
-            return await self._done(MotorAction.ARM, ChassisAction.ARM, "", meta)
-        return await self._done(MotorAction.DISARM, ChassisAction.DISARM, "", meta)
+        if not request.armed:
+            self._stops += 1
+            return await self._done(MotorAction.DISARM, ChassisAction.DISARM, request.reason, meta)
+        refusal = overridden = ""
+        if request.force:
+            overridden = self._gate.reasons()
+        elif not self._flies():  # one in the air is armed
+            stops = self._stops
+            refusal = await self._gate.refusal()
+            if stops != self._stops:
+                refusal = "arm: a later order replaced it"
+        return await self._done(
+            MotorAction.ARM, ChassisAction.ARM, request.reason, meta, refusal, overridden=overridden
+        )
+
+    def _flies(self) -> bool:
+        state = self._chassis.state
+        return state is not None and not state.landed
 
     async def _kill(self, request: KillRequest, meta: Meta) -> VehicleState:
+        self._stops += 1
         return await self._done(
             MotorAction.KILL,
             ChassisAction.KILL,
@@ -118,10 +138,13 @@ class Motors:
         refusal: str = "",
         *,
         gains: dict[str, float] | None = None,
+        overridden: str = "",
     ) -> VehicleState:
         by = requester(self._module, meta)
         pose = self._pose.value
-        order = MotorOrder(what, by, 0.0 if pose is None else round(pose.z_m, 2), reason)
+        order = MotorOrder(
+            what, by, 0.0 if pose is None else round(pose.z_m, 2), reason, overridden=overridden
+        )
         try:
             if refusal:
                 raise Denied(refusal)
@@ -131,6 +154,7 @@ class Motors:
             self._module.log.warning("%s by %s: refused: %s", what, by, error)
             raise
         self._orders.write(order)
-        level = logging.WARNING if what is MotorAction.KILL else logging.INFO
-        self._module.log.log(level, "%s by %s %s", what, by, reason)
+        level = logging.WARNING if what is MotorAction.KILL or overridden else logging.INFO
+        forced = f"; forced although not ready: {overridden}" if overridden else ""
+        self._module.log.log(level, "%s by %s %s%s", what, by, reason, forced)
         return state

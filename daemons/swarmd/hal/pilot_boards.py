@@ -1,11 +1,11 @@
-"""Boards of the safety pilot: position of the switch, and the sticks while it is at manual."""
+"""Boards of the safety pilot: position of the switch, sticks while it is at manual, state of the link."""
 
 from swarmd.hal.config import PilotSettings
 from swarmd.hal.core.safety_pilot import SafetyPilot
 from swarmware.devices.crsf import RcChannels
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.types.control import SafetySwitch
+from swarmware.types.control import RemoteLink, SafetySwitch
 from swarmware.types.vehicle import Setpoint, VehicleMode
 
 
@@ -25,15 +25,25 @@ class PilotBoards:
             "vehicle/sticks", Setpoint, description="Set-point of the safety pilot's sticks"
         )
 
+        self._remote: BoardWriter[RemoteLink] = module.writer(
+            "vehicle/remote", RemoteLink, description="Whether the safety pilot's transmitter is received"
+        )
+        self._linked: bool | None = None
+        """As published last; None: not published yet."""
+        self._set_linked(False, module.now_ns())
+
     def on_link(self, quality_ratio: float) -> None:
         """Takes the quality of the radio link."""
         self._pilot.on_link(quality_ratio)
+        if quality_ratio <= 0:
+            self._set_linked(False, self._module.now_ns())
 
     def on_channels(self, channels: RcChannels, now_ns: int) -> bool:
         """Writes what a frame changes; False while the transmitter is lost."""
         found = self._pilot.on_channels(channels)
         if found is None:
             return False
+        self._set_linked(True, now_ns)
         if found.switch is not None and found.switch is not self._position:
             self._position = found.switch
             self._switch.write(SafetySwitch(found.switch), now_ns)
@@ -42,7 +52,13 @@ class PilotBoards:
             self._sticks.write(found.sticks, now_ns)
         return True
 
+    def _set_linked(self, linked: bool, now_ns: int) -> None:
+        """Writes a change of the link."""
+        if linked is not self._linked:
+            self._linked = linked
+            self._remote.write(RemoteLink(linked), now_ns)
+
     def close(self) -> None:
-        """Closes the boards of switch and sticks."""
-        for writer in (self._switch, self._sticks):
+        """Closes the boards of switch, sticks and link."""
+        for writer in (self._switch, self._sticks, self._remote):
             self._module.close_writer(writer)

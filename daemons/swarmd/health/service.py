@@ -19,11 +19,12 @@ from swarmd.health.core.monitor import (
     RunningApp,
 )
 from swarmd.health.journal import JournalFile
+from swarmd.health.readiness_board import ReadinessBoard
 from swarmware.errors import NotFound, SwarmError
 from swarmware.health.monitor import ADDRESS
 from swarmware.model import paths, template
 from swarmware.model.names import Pattern
-from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.platform_kind import VEHICLES, PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
@@ -89,6 +90,7 @@ class Health(Service):
         self._required_platforms = [Pattern(text) for text in patterns]
         self._routes = module.reader("net/routes", Routes) if self._required_platforms else None
         """None: no platform is required, so none is looked for."""
+        self._readiness = ReadinessBoard(module, self._core) if node.config.kind in VEHICLES else None
         self._published: HealthState | None = None
         self._board = module.writer(
             "health/state", HealthState, link="notify", log="all", description="Logical system state"
@@ -199,6 +201,8 @@ class Health(Service):
             actions += self._read_reports(now_ns)
             actions += self._read_routes(now_ns)
             self._driver.feed(actions + self._core.on_inputs_read(now_ns))
+            if self._readiness is not None:
+                self._readiness.update(now_ns)
 
     def _open_boards(self) -> None:
         """Open one reader for each resource that is monitored, when these may have changed."""

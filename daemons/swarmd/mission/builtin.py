@@ -5,6 +5,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.mission.blocks.motions import ForcedArm
 from swarmware.errors import InvalidInput
 from swarmware.mission.binding import Binding
 from swarmware.mission.loader import load
@@ -60,9 +61,12 @@ MANOEUVRES: Final[dict[str, tuple[frozenset[str], frozenset[str]]]] = {
 """Manoeuvres that an operator orders, with the parameters that each needs, and those that it may have."""
 
 
-def manoeuvre(name: str, params: Mapping[str, float], platform: str, kind: PlatformKind) -> MissionDefinition:
+def manoeuvre(
+    name: str, params: Mapping[str, float], platform: str, kind: PlatformKind, *, force: str = ""
+) -> MissionDefinition:
     """The mission of a manoeuvre with its parameters.
 
+    `force`: who forces the take-off of a vehicle that is not ready, and why; empty: it is refused.
     Raises: InvalidInput for an unknown one, a vehicle that cannot do it, or other parameters; MissionError.
     """
     if name not in MANOEUVRES:
@@ -86,4 +90,8 @@ def manoeuvre(name: str, params: Mapping[str, float], platform: str, kind: Platf
             "goto": {"type": "Goto", "next": "end", **params},
         }
     text = msgspec.json.encode({"mission": blocks | end}).decode()
-    return load(text, f"built-in {name}", Binding(platform, kind))
+    mission = load(text, f"built-in {name}", Binding(platform, kind))
+    if force and name == "takeoff":
+        arm = msgspec.structs.replace(mission.blocks["arm"], params=ForcedArm(reason=force))
+        mission = msgspec.structs.replace(mission, blocks={**mission.blocks, "arm": arm})
+    return mission

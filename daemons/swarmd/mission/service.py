@@ -304,15 +304,16 @@ class Mission(Service):
         vehicle = self._vehicle
         if vehicle is None:
             raise InvalidInput(f"{request.name}: {self.module.platform} is not a vehicle")
-        mission = manoeuvre(request.name, request.params, self.module.platform, self._kind)
+        by = requester(self.module, meta)
+        reason = f"{request.name} by {by}: {request.reason}"
+        force = reason if request.force else ""
+        mission = manoeuvre(request.name, request.params, self.module.platform, self._kind, force=force)
         if request.name == "goto" and not vehicle.armed:
             raise Conflict(f"goto: {self.module.platform} is disarmed; arm it, or `takeoff`, first")
         if request.name == "goto" and vehicle.flies and vehicle.landed:
             raise Conflict(f"goto: {self.module.platform} is on the ground; `takeoff` first")
         self._check_reactions(request.name)
-        by = requester(self.module, meta)
-        log.warning("%s by %s: %s", request.name, by, request.reason)
-        reason = f"{request.name} by {by}: {request.reason}"
+        log.warning("%s%s", reason, " (forced)" if force else "")
         now_ns = self.module.now_ns()
         self._driver.defer(self._core.on_manoeuvre(request.name, mission, reason, now_ns))
         return self._on_status(Empty(), meta)

@@ -1,6 +1,8 @@
 """The blocks' interface to the vehicle: motors, one goal at a time, status of the navigator."""
 
+import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from swarmd.mission.config import Config
@@ -30,6 +32,8 @@ Progress = Callable[[NavStatus], None]
 ARM_PATH = "sys/vehicle/arm"
 CONTROL_PATH = "control/state"
 DRIVE_PATH = "sys/vehicle/drive"
+ARM_S = 6.0
+"""Time-out of arming: the vehicle waits up to 3 s until it is ready, its chassis 1 s for its answer."""
 
 
 class VehicleClient:
@@ -138,21 +142,33 @@ class VehicleClient:
         event = DriveEvent.ORDER if ordered else DriveEvent.RECOVERY
         await self._module.request(DRIVE_PATH, DriveRequest(event), ControlState)
 
-    async def arm(self, armed: bool) -> None:
+    async def arm(self, armed: bool, *, force: str = "") -> None:
         """Arms or disarms the motors, and waits until the vehicle reports it.
 
+        `force`: who forces the arming of a vehicle that is not ready, and why; empty: it is refused.
         Raises: BlockError refused or no_vehicle.
         """
+        order, was_armed = ArmRequest(armed, bool(force), force), self.armed
         try:
-            state = await self._module.request(ARM_PATH, ArmRequest(armed), VehicleState)
+            state = await self._module.request(ARM_PATH, order, VehicleState, timeout_s=ARM_S)
             while state.armed != armed:
                 state = await self._state.changed()
+        except asyncio.CancelledError:
+            if armed and not was_armed:
+                # the order may still wait until the vehicle is ready, and would arm it for no mission
+                self._module.start(self._withdraw_arming(), "withdraw an arming")
+            raise
         except (NotFound, NoAnswer) as error:
             raise BlockError("no_vehicle", str(error)) from error
         except Denied as error:
             raise BlockError("refused", str(error)) from error
         except SwarmError as error:
             raise BlockError("refused", f"{type(error).__name__}: {error}") from error
+
+    async def _withdraw_arming(self) -> None:
+        reason = "the arming was cancelled"
+        with suppress(SwarmError):
+            await self._module.request(ARM_PATH, ArmRequest(False, reason=reason), VehicleState)
 
     def command(self, kind: GoalKind, **fields: Any) -> int:
         """Sends the navigator a new goal; returns its number."""

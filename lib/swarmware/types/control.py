@@ -86,6 +86,14 @@ class DriveRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class RemoteLink(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Radio link from the safety pilot's transmitter to its receiver (board `vehicle/remote`)."""
+
+    linked: bool
+    """Whether valid frames of the transmitter arrive."""
+
+
+@register
 class SafetySwitch(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Position of the safety pilot's switch (board `vehicle/switch`)."""
 

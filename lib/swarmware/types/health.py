@@ -143,6 +143,32 @@ class HealthState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class NotReady(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """One item for which a vehicle is not ready to be armed."""
+
+    item: str
+    """estimator, fix, battery, link, remote, fence or faults."""
+    reason: str
+    """Text for operators: `charge 0.12, warned of below 0.3`."""
+
+
+@register
+class Readiness(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Whether a vehicle is ready to be armed (board `health/ready`, on change and once a second)."""
+
+    ready: bool
+    not_ready: tuple[NotReady, ...] = ()
+    """Items that are not ready, each with its reason; empty: the vehicle may be armed."""
+    items: tuple[str, ...] = ()
+    """Items that apply to this vehicle."""
+
+    @property
+    def reasons(self) -> str:
+        """The items that are not ready in one line; empty: none."""
+        return "; ".join(f"{one.item}: {one.reason}" for one in self.not_ready)
+
+
+@register
 class CheckState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One check and its present result."""
 

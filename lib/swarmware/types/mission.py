@@ -200,6 +200,8 @@ class ManoeuvreRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     params: dict[str, float]
     """takeoff: altitude_m, speed_m_s; goto: x_m, y_m, z_m, speed_m_s; z_m left out: its present height."""
     reason: str = ""
+    force: bool = False
+    """takeoff: whether to arm although `health/ready` names items that are not ready."""
 
 
 @register

@@ -297,9 +297,13 @@ class VehicleState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class ArmRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Arm or disarm the motors (`sys/vehicle/arm`)."""
+    """Arm or disarm the motors (`sys/vehicle/arm`); arming is refused while the vehicle is not ready."""
 
     armed: bool
+    force: bool = False
+    """Whether to arm although `health/ready` names items that are not ready; recorded in `vehicle/orders`."""
+    reason: str = ""
+    """Why it is done, for the records."""
 
 
 @register
@@ -333,6 +337,8 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     reason: str = ""
     refused: str = ""
     """Reason of a refusal; empty when it was executed."""
+    overridden: str = ""
+    """Items that were not ready when the arming was forced; empty: it was not forced, or all were ready."""
 
 
 class GoalKind(OpenEnum):

@@ -109,6 +109,56 @@ def test_arming_asks_shows_and_is_audited(ctl: Ctl) -> None:
     assert all(order["by"].endswith("gcs") and order["refused"] == "" for order in orders)
 
 
+ARM_MISSION = """{"mission": {
+    "start": {"type": "Start", "next": "arm"},
+    "arm": {"type": "Arm", "next": "end"},
+    "end": {"type": "End"}
+}}"""
+
+
+def test_a_vehicle_of_unknown_readiness_arms_only_by_force_which_is_recorded(
+    ctl: Ctl, tmp_path: Path
+) -> None:
+    assert ctl("health ready uav2").out.split()[4:6] == ["uav2", "yes"]
+    assert ctl("app stop health --node uav2 --yes").code == 0
+    refused = ctl("arm uav2 --yes")
+    assert refused.code == 5
+    assert "not ready: health: no health/ready" in refused.err
+    failed = ctl("takeoff uav2 --timeout 20")
+    assert failed.code == 1
+    assert "not ready: health: no health/ready" in failed.err
+    file = tmp_path / "motors.json"
+    file.write_text(ARM_MISSION)
+    started = ctl(f"mission start {file} --member uav2 --yes")
+    assert started.code == 0, started.err
+    while ctl("mission status --node uav2 --json").document["state"]["state"] != "failed":
+        pass
+    assert "not ready: health" in ctl("mission status --node uav2 --json").document["state"]["text"]
+    assert node(ctl, "uav2")["armed"] is False
+
+    unknown = ctl("health ready uav2 --json")
+    assert unknown.code == 1
+    (row,) = unknown.document["vehicles"]
+    assert (row["ready"], row["not_ready"][0]["item"]) == (None, "health")
+
+    forced = ctl("arm uav2 --yes --force --reason 'bench test'")
+    assert forced.code == 0, forced.err
+    assert ctl("disarm uav2").code == 0
+    order: dict[str, Any] = {}
+    while order.get("reason") != "bench test":
+        found = ctl("log query /uav2/vehicle/orders --node uav2 --json").lines
+        order = next((line["value"] for line in found if line["value"]["overridden"]), {})
+    assert (order["what"], order["refused"]) == ("arm", "")
+    assert order["by"].endswith("gcs")
+    assert "no health/ready" in order["overridden"]
+
+    assert ctl("app start health --node uav2").code == 0
+    while ctl("health ready uav2").code:
+        pass
+    assert ctl("arm uav2 --yes").code == 0
+    assert ctl("disarm uav2").code == 0
+
+
 class Hand:
     """`swarmctl drive` at a terminal of its own."""
 

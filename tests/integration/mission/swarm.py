@@ -79,6 +79,10 @@ class FakeVehicle:
         self.answers: dict[str, str] = {}
         """State by goal kind, where it is not the usual one; after colons the error, and a note."""
         self.refuses_to_arm = False
+        self.ready = asyncio.Event()
+        """Arming waits for it at the gate."""
+        self.ready.set()
+        self.orders: asyncio.Queue[ArmRequest] = asyncio.Queue()
         self.landed = True
         self.took_s = 0.05
 
@@ -97,7 +101,10 @@ class FakeVehicle:
         m.start(self._navigate(), "navigate")
         m.start(self._live(pose), "live")
 
-    def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
+    async def _arm(self, request: ArmRequest, meta: Meta) -> VehicleState:
+        self.orders.put_nowait(request)
+        if request.armed:
+            await self.ready.wait()
         if self.refuses_to_arm:
             raise Denied("safety switch: expected it off")
         self.armed = request.armed

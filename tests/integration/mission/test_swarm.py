@@ -11,6 +11,7 @@ from tests.patience import PATIENCE_S
 from swarmware.errors import MissionError, NotFound
 from swarmware.types.mission import (
     AbortAnswer,
+    ManoeuvreRequest,
     MissionAbort,
     MissionFile,
     MissionList,
@@ -20,6 +21,7 @@ from swarmware.types.mission import (
     TaskAnswer,
 )
 from swarmware.types.rpc import Empty
+from swarmware.types.vehicle import ArmRequest
 
 TASK = "sys/mission/task"
 SILENT_S = 1.0
@@ -208,6 +210,34 @@ async def test_a_vehicle_that_does_not_arm_fails_the_mission(tmp_path: Path) -> 
         await s.until(lambda: s.all_in("failed"))
         status = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
         assert "error:refused: safety switch" in status.state.text
+
+
+@on_uvloop
+async def test_a_forced_take_off_is_armed_by_force_in_the_name_of_its_operator(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1") as s:
+        up = ManoeuvreRequest("takeoff", {"altitude_m": 3.0}, "wind is low", force=True)
+        await s.ask("sys/mission/manoeuvre", up, MissionStatus)
+        await s.until(lambda: s["uav1"].kinds == ["takeoff"])
+        forced = ArmRequest(True, True, "takeoff by operator#1@uav1: wind is low")
+        assert s["uav1"].vehicle.orders.get_nowait() == forced
+        usual = ManoeuvreRequest("takeoff", {"altitude_m": 3.0}, "again")
+        await s.ask("sys/mission/manoeuvre", usual, MissionStatus)
+        await s.until(lambda: s["uav1"].kinds == ["takeoff", "takeoff"])
+        assert s["uav1"].vehicle.orders.get_nowait() == ArmRequest(True)
+
+
+@on_uvloop
+async def test_an_arming_that_waits_is_withdrawn_with_its_mission(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "uav1") as s:
+        vehicle = s["uav1"].vehicle
+        vehicle.ready.clear()
+        up = ManoeuvreRequest("takeoff", {"altitude_m": 3.0})
+        await s.ask("sys/mission/manoeuvre", up, MissionStatus)
+        async with asyncio.timeout(PATIENCE_S):
+            assert await vehicle.orders.get() == ArmRequest(True)
+            await s.ask("sys/mission/abort", MissionAbort("not now", "hold"), AbortAnswer)
+            assert await vehicle.orders.get() == ArmRequest(False, reason="the arming was cancelled")
+        vehicle.ready.set()
 
 
 @on_uvloop

@@ -126,6 +126,13 @@ def test_states_from_before_the_end_of_its_mission_are_no_failure() -> None:
     assert course.verdict(sight("aborted", vehicle=UP), 7, 5 * S) is True
 
 
+def test_a_refused_vehicle_has_failed_although_its_state_never_changed() -> None:
+    course = ManoeuvreProgress(5, risen_to(5.0))
+    refused = msgspec.structs.replace(sight("failed"), mission_ns=70 * S, states_ns=9 * S)
+    assert course.verdict(refused, 6, 0) is None
+    assert course.verdict(refused, 7, 4 * S) is False
+
+
 def test_a_ground_station_has_only_to_stop() -> None:
     course = ManoeuvreProgress(5, BUILT_IN["land"])
     assert course.verdict(sight("running", vehicle=None, kind="gcs"), 6, 0) is None

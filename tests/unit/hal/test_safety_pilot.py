@@ -14,7 +14,7 @@ from swarmd.hal.core.safety_pilot import CONFIRMATIONS, SafetyPilot
 from swarmd.hal.drivers.crsf import CrsfReceiver
 from swarmware.devices.crsf import RcChannels, channels_frame, link_frame
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
-from swarmware.types.control import SafetySwitch
+from swarmware.types.control import RemoteLink, SafetySwitch
 from swarmware.types.vehicle import DriverTable, Setpoint, VehicleMode
 
 AUTO, MANUAL = VehicleMode.AUTO, VehicleMode.MANUAL
@@ -91,6 +91,8 @@ async def test_switch_and_sticks_are_published_and_garbage_or_silence_is_named(t
         switch = other.reader("vehicle/switch", SafetySwitch)
         sticks = other.reader("vehicle/sticks", Setpoint)
         await status(board, "crsf", state="running")
+        remote = other.reader("vehicle/remote", RemoteLink)
+        assert remote.value == RemoteLink(False), "no frame of the transmitter yet"
 
         async def send_until(position: float, wanted: VehicleMode, noise: bytes = b"") -> None:
             async with asyncio.timeout(20.0):
@@ -100,6 +102,11 @@ async def test_switch_and_sticks_are_published_and_garbage_or_silence_is_named(t
 
         await send_until(-1.0, AUTO)
         assert sticks.sequence == 0, "the navigator drives"
+        assert remote.value == RemoteLink(True)
+        line.write(link_frame(0.0))
+        async with asyncio.timeout(20.0):
+            while remote.value != RemoteLink(False):
+                await board.changed()
         await send_until(1.0, MANUAL, noise=b"\x00\xc8")
         async with asyncio.timeout(20.0):
             while (found := sticks.value) is None:

@@ -8,6 +8,7 @@ from tests.unit.mission.nets import net
 from tests.unit.mission.results import result
 from tests.unit.mission.test_executor import ARM, HOLD, A, Member1, S, words
 
+from swarmd.mission.blocks.motions import ForcedArm
 from swarmd.mission.builtin import MANOEUVRES, manoeuvre
 from swarmd.mission.core.nav_fault import NavFaultTimeouts
 from swarmd.mission.core.run import Action, Announce, ProgressStep, Run, TakeVehicle
@@ -149,6 +150,19 @@ def test_a_manoeuvre_with_other_parameters_is_refused(
 def test_a_manoeuvre_out_of_range_is_refused_by_its_block() -> None:
     with pytest.raises(MissionError, match="altitude_m"):
         manoeuvre("takeoff", {"altitude_m": -3.0}, "a", PlatformKind.UAV)
+
+
+def test_only_an_operator_forces_a_take_off() -> None:
+    forced = manoeuvre("takeoff", {"altitude_m": 4.0}, "a", PlatformKind.UAV, force="anna: test")
+    assert forced.blocks["arm"].params == ForcedArm(reason="anna: test")
+    assert not isinstance(
+        manoeuvre("takeoff", {"altitude_m": 4.0}, "a", PlatformKind.UAV).blocks["arm"].params, ForcedArm
+    )
+    for key in ("force", "reason"):
+        arm = {"type": "Arm", "next": "e", key: "anna"}
+        blocks = {"s": {"type": "Start", "next": "arm"}, "arm": arm, "e": {"type": "End"}}
+        with pytest.raises(MissionError, match=key):
+            load(msgspec.json.encode({"mission": blocks}).decode(), "m.json", Binding("a", PlatformKind.UAV))
 
 
 def test_every_manoeuvre_loads_with_all_its_parameters() -> None:

@@ -43,6 +43,22 @@ def info(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 
 
 @cmd.command()
+@nodes_argument()
+@click.pass_context
+def ready(ctx: click.Context, platforms: tuple[str, ...]) -> None:
+    """Show whether vehicles may be armed, and what is not ready; without names of all vehicles.
+
+    It ends with 1 if no vehicle is ready, 3 if some are not.
+
+    Example: swarmctl health ready uav1
+    """
+    from swarmctl.commands.health.readiness import show_readiness
+    from swarmctl.session.session import run
+
+    run(at_nodes(ctx, platforms), show_readiness)
+
+
+@cmd.command()
 @click.option("--cleared", is_flag=True, help="Also cleared faults.")
 @click.pass_context
 def faults(ctx: click.Context, cleared: bool) -> None:

@@ -8,7 +8,7 @@ import click
 
 from swarmctl.commandline.lazy import Command
 from swarmctl.commandline.settings import settings
-from swarmctl.vehicles.options import PLATFORMS, REASON, Decorator, timeout_option
+from swarmctl.vehicles.options import FORCE, PLATFORMS, REASON, Decorator, timeout_option
 
 _NEVER_ASKS = click.option(
     "--yes", is_flag=True, expose_value=False, help="Accepted as by takeoff; this command never asks."
@@ -113,6 +113,7 @@ _SPEED = click.option(
 )
 @_SPEED
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation where several take off.")
+@FORCE
 @_options(60.0)
 def takeoff(
     ctx: click.Context,
@@ -120,19 +121,21 @@ def takeoff(
     altitude_m: float,
     speed_m_s: float,
     yes: bool,
+    force: bool,
     reason: str,
     wait_s: float,
 ) -> None:
     """Arm vehicles and let them climb to an altitude, where they hold. This ends their missions.
 
     Several are taken off after a confirmation that names them. Names may be patterns: 'uav*'.
+    A vehicle that is not ready refuses, with what is not: see `swarmctl health ready`.
 
     Example: swarmctl takeoff uav1
     """
     from swarmctl.commands.manoeuvre.requests import take_off
     from swarmctl.session.session import run
 
-    run(settings(ctx), take_off, platforms, altitude_m, speed_m_s, reason, wait_s, yes=yes)
+    run(settings(ctx), take_off, platforms, altitude_m, speed_m_s, reason, wait_s, yes=yes, force=force)
 
 
 @click.command(cls=Command)

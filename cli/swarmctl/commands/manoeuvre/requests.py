@@ -29,8 +29,9 @@ async def take_off(
     wait_s: float,
     *,
     yes: bool,
+    force: bool = False,
 ) -> None:
-    """`swarmctl takeoff`: of the chosen vehicles those that fly.
+    """`swarmctl takeoff`: of the chosen vehicles those that fly; `force`: also those not ready.
 
     Raises: as `choose` and `request`; InvalidInput when none of them flies, UsageError without confirmation.
     """
@@ -41,7 +42,7 @@ async def take_off(
     if len(flying) > 1:
         confirm(yes, f"take off {', '.join(flying)}: motors turn")
     params = {"altitude_m": altitude_m, "speed_m_s": speed_m_s}
-    orders = dict.fromkeys(flying, ManoeuvreRequest("takeoff", params, reason))
+    orders = dict.fromkeys(flying, ManoeuvreRequest("takeoff", params, reason, force))
     await request(session, orders, flying, dict.fromkeys(flying, risen_to(altitude_m)), wait_s)
 
 

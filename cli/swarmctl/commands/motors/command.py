@@ -5,7 +5,7 @@ import click
 from swarmctl.commandline.lazy import Command
 from swarmctl.commandline.parameters import PLATFORM
 from swarmctl.commandline.settings import Nodes, settings
-from swarmctl.vehicles.options import PLATFORMS, REASON, timeout_option
+from swarmctl.vehicles.options import FORCE, PLATFORMS, REASON, timeout_option
 
 _WAIT_S = 10.0
 
@@ -13,17 +13,23 @@ _WAIT_S = 10.0
 @click.command(cls=Command)
 @PLATFORMS
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation; motors may turn.")
+@FORCE
+@REASON
 @timeout_option(_WAIT_S)
 @click.pass_context
-def arm(ctx: click.Context, platforms: tuple[str, ...], yes: bool, wait_s: float) -> None:
+def arm(
+    ctx: click.Context, platforms: tuple[str, ...], yes: bool, force: bool, reason: str, wait_s: float
+) -> None:
     """Arm vehicles on the ground, after a confirmation that names them. Names may be patterns: 'uav*'.
+
+    A vehicle that is not ready refuses, with what is not: see `swarmctl health ready`.
 
     Example: swarmctl arm uav1 --yes
     """
     from swarmctl.commands.motors import requests
     from swarmctl.session.session import run
 
-    run(settings(ctx), requests.arm, platforms, wait_s, yes=yes)
+    run(settings(ctx), requests.arm, platforms, wait_s, reason, yes=yes, force=force)
 
 
 @click.command(cls=Command)

@@ -79,14 +79,17 @@ class MotorRequests:
         return seen
 
 
-async def arm(session: Session, wanted: tuple[str, ...], wait_s: float, *, yes: bool) -> None:
-    """Arms vehicles on the ground, after a confirmation that names them.
+async def arm(
+    session: Session, wanted: tuple[str, ...], wait_s: float, reason: str, *, yes: bool, force: bool
+) -> None:
+    """Arms vehicles on the ground, after a confirmation that names them; `force`: also those not ready.
 
     Raises: as `choose`, `confirm` and `MotorRequests.run`.
     """
     chosen = await choose(session, wanted)
-    confirm(yes, f"arm {', '.join(chosen)}: motors may turn")
-    await _request(session, "arm", ARM, ArmRequest(True), chosen, wait_s)
+    unready = ", also if not ready" if force else ""
+    confirm(yes, f"arm {', '.join(chosen)}{unready}: motors may turn")
+    await _request(session, "arm", ARM, ArmRequest(True, force, reason), chosen, wait_s)
 
 
 async def disarm(session: Session, wanted: tuple[str, ...], wait_s: float) -> None:

@@ -27,7 +27,7 @@ class AgeRule:
         self._critical = critical
         self.check = f"age/{resource.path}"
         self.rate_hz = resource.rate_hz
-        stale_s = resource.stale_after_s
+        self.stale_s = stale_s = resource.stale_after_s
         self._stale_ns = round(stale_s * 1e9)
         self._lost_ns = round(max(stale_s / STALE_PERIODS * LOST_PERIODS, LOST_MIN_S) * 1e9)
         self._debouncer = Debouncer(
@@ -107,6 +107,8 @@ class LimitRule:
         self._criterion = criterion
         self._debouncer = Debouncer(confirm_n=confirm[0], confirm_m=confirm[1], grace_until_ns=grace_until_ns)
         self.value: float | None = None
+        self.present = OK_STATE
+        """State of the last sample, also during the grace time."""
         self.since_ns = 0
 
     @property
@@ -116,13 +118,14 @@ class LimitRule:
 
     @property
     def raw(self) -> str:
-        """The state of the last sample."""
+        """The state of the last sample; `ok` during the grace time."""
         return self._debouncer.raw
 
     def on_value(self, value: float, now_ns: int) -> bool:
         """Sample the newest value; True if another state is confirmed."""
         self.value = value
-        changed = self._debouncer.on_sample(self._criterion(value), now_ns)
+        self.present = self._criterion(value)
+        changed = self._debouncer.on_sample(self.present, now_ns)
         if changed:
             self.since_ns = now_ns
         return changed

@@ -13,14 +13,22 @@ from swarmware.types.vehicle import GoalKind, NavState
 AT_REST: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
 
 
+class ForcedArm(catalogue.Nothing, frozen=True):
+    """Parameters of an arming that an operator forces; no mission file can have them."""
+
+    reason: str
+    """Operator that forces it, and the reason."""
+
+
 class ArmBlock:
-    """Arms the motors of the vehicle."""
+    """Arms the motors of a vehicle that is ready, or whose arming is forced."""
 
     spec = spec("Arm")
 
     async def run(self, context: Context) -> None:
         """Ends when the vehicle reports that it is armed."""
-        await context.vehicle.arm(True)
+        forced = context.params if isinstance(context.params, ForcedArm) else None
+        await context.vehicle.arm(True, force="" if forced is None else forced.reason)
 
 
 class DisarmBlock:

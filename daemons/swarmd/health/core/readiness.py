@@ -1,0 +1,173 @@
+"""Readiness of a vehicle to be armed: one table of items, each of which applies or not, and may refuse."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import msgspec
+
+from swarmd.health.core.rules import AgeRule, LimitRule
+from swarmware.types.health import OK_STATE, Fault, NotReady, Readiness
+
+POSE_S: Final = 1.5
+"""Age above which the pose is not present: at rest it comes five times a second."""
+STATION_S: Final = 3.0
+"""Time without a route to any ground station after which the link counts as lost, as for a platform."""
+REPEAT_NS: Final = 1_000_000_000
+"""Period of `health/ready` without a change: its readers see that the monitor runs."""
+NAMED: Final = 4
+"""Faults that a reason names."""
+GNSS: Final = "sensor/gnss"
+BATTERY: Final = "power/battery"
+
+
+class ReadinessInputs(msgspec.Struct, frozen=True, kw_only=True):
+    """What the shell reads for readiness, beside what the monitor knows."""
+
+    estimates: bool
+    """Whether a service of this node estimates the pose."""
+    pose_age_s: float | None = None
+    """Age of `nav/pose`; None: no value."""
+    station_s: float | None = None
+    """Time since a ground station was in reach; None: none ever was."""
+    remote_linked: bool | None = None
+    """Whether the safety pilot's transmitter is received; None: there is no receiver."""
+
+
+class Picture(msgspec.Struct, frozen=True):
+    """Everything that the items check, at one instant."""
+
+    now_ns: int
+    around: ReadinessInputs
+    ages: Mapping[str, AgeRule]
+    """Rules of ages by the path of the resource: what applications of this node provide."""
+    limits: Sequence[LimitRule]
+    faults: Sequence[Fault]
+    """Confirmed faults, worst first."""
+
+
+Item = Callable[[Picture], str | None]
+"""Reason for which the vehicle is not ready; empty: it is ready; None: the item does not apply to it."""
+
+
+def estimator(picture: Picture) -> str | None:
+    """The pose is estimated, and recent."""
+    around = picture.around
+    if around.pose_age_s is None:
+        return "no pose (nav/pose) yet" if around.estimates else None
+    if around.pose_age_s > POSE_S:
+        return f"no pose (nav/pose) for {around.pose_age_s:.1f} s"
+    return ""
+
+
+def fix(picture: Picture) -> str | None:
+    """The receiver of satellite navigation has a position that is accurate enough."""
+    return _measured(picture, GNSS)
+
+
+def battery(picture: Picture) -> str | None:
+    """The battery is above its warning."""
+    return _measured(picture, BATTERY)
+
+
+def _measured(picture: Picture, path: str) -> str | None:
+    """A resource is provided, fresh, and within the warnings of its limits."""
+    age = picture.ages.get(path)
+    if age is None:
+        return None
+    age_s = age.age_s(picture.now_ns)
+    if age_s == float("inf"):
+        return f"no value of {path} yet"
+    if age_s > max(age.stale_s, POSE_S):
+        return f"no value of {path} for {age_s:.1f} s"
+    reasons = [
+        f"{limit.field} {limit.value:g} ({limit.check}: {state})"
+        for limit in picture.limits
+        if limit.path == path and limit.value is not None and (state := _bad(limit)) != OK_STATE
+    ]
+    return ", ".join(reasons)
+
+
+def _bad(limit: LimitRule) -> str:
+    """The present state, or the confirmed one while the present one passes."""
+    return limit.present if limit.present != OK_STATE else limit.state
+
+
+def link(picture: Picture) -> str | None:
+    """A ground station is in reach, where one ever was."""
+    station_s = picture.around.station_s
+    if station_s is None:
+        return None
+    return f"no ground station in reach for {station_s:.0f} s" if station_s > STATION_S else ""
+
+
+def remote(picture: Picture) -> str | None:
+    """The safety pilot's transmitter is received, where the vehicle has a receiver."""
+    linked = picture.around.remote_linked
+    if linked is None:
+        return None
+    return "" if linked else "the safety pilot's transmitter is not received (vehicle/remote)"
+
+
+def faults(picture: Picture) -> str | None:
+    """No confirmed fault is an error, beside those of the other items."""
+    others = {f"age/{path}" for path in ("nav/pose", GNSS, BATTERY)}
+    others |= {limit.check for limit in picture.limits if limit.path in {GNSS, BATTERY}}
+    errors = [
+        f"{fault.check}={fault.state}"
+        for fault in picture.faults
+        if fault.level == "error" and fault.check not in others
+    ]
+    more = f" and {len(errors) - NAMED} more" if len(errors) > NAMED else ""
+    return ", ".join(errors[:NAMED]) + more
+
+
+ITEMS: Final[Mapping[str, Item]] = {
+    "estimator": estimator,
+    "fix": fix,
+    "battery": battery,
+    "link": link,
+    "remote": remote,
+    "faults": faults,
+}
+"""What must be right before a vehicle is armed, in the order of display. A further item is one more line."""
+
+
+def assess(picture: Picture) -> Readiness:
+    """Readiness by all items that apply."""
+    found = {name: reason for name, item in ITEMS.items() if (reason := item(picture)) is not None}
+    not_ready = tuple(NotReady(name, reason) for name, reason in found.items() if reason)
+    return Readiness(not not_ready, not_ready, tuple(found))
+
+
+class StationLink:
+    """When a ground station was in reach last."""
+
+    def __init__(self) -> None:
+        self._reached_ns: int | None = None
+
+    def on_reached(self, now_ns: int) -> None:
+        """A ground station is in reach."""
+        self._reached_ns = now_ns
+
+    def silent_s(self, now_ns: int) -> float | None:
+        """Time since then; None: none ever was in reach."""
+        return None if self._reached_ns is None else (now_ns - self._reached_ns) / 1e9
+
+
+class ReadinessRepeater:
+    """Decides when a readiness is published: on change of an item, else once a period."""
+
+    def __init__(self) -> None:
+        self._published: Readiness | None = None
+        self._due_ns = 0
+
+    def due(self, found: Readiness, now_ns: int) -> bool:
+        """Whether it is to be published now; another number in a reason is not a change."""
+        before = self._published
+        same = before is not None and [one.item for one in before.not_ready] == [
+            one.item for one in found.not_ready
+        ]
+        if same and now_ns < self._due_ns:
+            return False
+        self._published, self._due_ns = found, now_ns + REPEAT_NS - REPEAT_NS // 10
+        return True
