@@ -25,6 +25,7 @@ CALLS: Final = {
             "lib/swarmware/transport/appfile/trace.py": "sets the file of a dead application aside",
             "lib/swarmware/recorder/growing_file.py": "a segment gets its name when it has its end",
             "lib/swarmware/recorder/ring.py": "sets a damaged segment aside",
+            "cli/swarmctl/commands/log/tables.py": "a table gets its name at its end",
         },
     ),
     "map memory": (
@@ -51,6 +52,7 @@ CALLS: Final = {
         {"tempfile.*"},
         {
             "lib/swarmware/testing/process.py": "the stderr of a test",
+            "cli/swarmctl/commands/log/tables.py": "rows whose columns are known at the end",
             "lib/swarmware/testing/forked.py": "the socket and the stderr of the fork server of tests",
         },
     ),

@@ -116,9 +116,17 @@ class FolderSource:
         except OSError as error:
             self._damage[path] = f"cannot be read: {error.strerror}"
             return
+        found = []
         if reader.damaged:
             places = "1 place" if reader.damaged == 1 else f"{reader.damaged} places"
-            self._damage[path] = f"{places} damaged, {reader.damaged_bytes} bytes skipped"
+            found.append(f"{places} damaged, {reader.damaged_bytes} bytes skipped")
+        if not (reader.ended or reader.growing):
+            lost = (
+                f", its last {reader.lost_end_bytes} bytes have no entries" if reader.lost_end_bytes else ""
+            )
+            found.append(f"its end is missing{lost}")
+        if found:
+            self._damage[path] = "; ".join(found)
 
 
 class Filter:

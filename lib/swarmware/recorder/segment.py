@@ -225,6 +225,9 @@ class SegmentReader:
         self.damaged = 0
         """Number of damaged places."""
         self.damaged_bytes = 0
+        self.lost_end_bytes = 0
+        """Bytes at the end of the file, at the last read, that are neither records nor the room of a writer.
+        They do not count as damaged: a copy of the file may still grow."""
         self.read_bytes = 0
         """Bytes read from the file so far."""
         self._offset_ns: int | None = None
@@ -243,6 +246,7 @@ class SegmentReader:
             size = os.fstat(file.fileno()).st_size
             if self.offset == len(MAGIC) and not self.damaged and file.read(len(MAGIC)) != MAGIC[:size]:
                 self._count(len(MAGIC))
+            self.lost_end_bytes = 0
             scan = Scan(file, size, self.offset)
             passed = 0
             for record in scan:
@@ -266,6 +270,7 @@ class SegmentReader:
                 self._count(scan.damaged_bytes - passed)
                 self.offset = scan.at
             self.growing = scan.room
+            self.lost_end_bytes = 0 if scan.room else size - scan.at
             self.read_bytes += scan.read_bytes
 
     def _count(self, length: int) -> None:
@@ -282,8 +287,7 @@ class SegmentReader:
         if channel is None or utc_ns >= _I64:
             self._count(record.end - record.start)
             return None
-        if sent_ns >= _I64:
-            sent_ns -= _U64
+        sent_ns = _signed(sent_ns)
         known = self._offset_ns is not None
         return LogEntry(
             channel.queue,
@@ -292,7 +296,7 @@ class SegmentReader:
             channel.path,
             channel.kind,
             channel.type,
-            sent_ns - (self._offset_ns or 0),
+            _signed(sent_ns - (self._offset_ns or 0)),
             utc_ns,
             record.body[MESSAGE.size :],
             channel.sender,
@@ -355,6 +359,11 @@ class SegmentReader:
         self.stamps = found.get(FINAL + STAMPS, {})
         self.sound = True
         return True
+
+
+def _signed(number: int) -> int:
+    """The integer of 64 bits with sign that has the same bits."""
+    return (number + _I64) % _U64 - _I64
 
 
 def ended(path: Path) -> bool:

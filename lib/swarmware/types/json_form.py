@@ -1,13 +1,16 @@
 """The JSON form of values: fields by name, 64-bit integers as text; and the JSON Schema of that form."""
 
+import binascii
 import enum
 from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import msgspec
 
 from swarmware.model.open_enum import OpenEnum
 
+Buffer: TypeAlias = bytes | bytearray | memoryview
+"""Types of bytes."""
 EXACT: Final = 1 << 53
 """Largest magnitude of an integer that every JSON reader keeps exactly (IEEE 754 double)."""
 
@@ -30,38 +33,88 @@ def json_form(value: Any, name: str = "") -> Any:
 
     Integers of wide fields and those beyond 2^53 are text; bytes are their number.
     """
-    return _named(value, name, _inexact)
+    return _named(value, name, _JSON)
+
+
+def exported_form(value: Any) -> Any:
+    """As `json_form`, with bytes as base64: for files, which keep everything."""
+    return _named(value, "", _EXPORTED)
 
 
 def plottable_form(value: Any) -> Any:
-    """As `json_form`, with all integers but identities as numbers: viewers plot no text."""
-    return _named(value, "", lambda name, _: is_identity(name))
+    """As `exported_form`, with all integers but identities as numbers: viewers plot no text."""
+    return _named(value, "", _PLOTTABLE)
 
 
 def plain(value: Any) -> Any:
-    """A value as plain data with all integers as numbers: for databases, exports and calculation."""
-    return _named(value, "", None)
+    """A value as plain data with all integers as numbers, bytes as their number: for output and databases."""
+    return _named(value, "", _PLAIN)
+
+
+def text_form(value: Any) -> Any:
+    """As `plain`, with bytes as base64: for tables and calculation."""
+    return _named(value, "", _TEXT_FORM)
 
 
 def _inexact(name: str, number: int) -> bool:
     return is_wide(name) or abs(number) > EXACT
 
 
-def _named(value: Any, name: str, is_text: Callable[[str, int], bool] | None) -> Any:
+def _size(data: Buffer) -> str:
+    return f"{len(memoryview(data).cast('B'))} bytes"
+
+
+def _base64(data: Buffer) -> str:
+    return binascii.b2a_base64(data, newline=False).decode()
+
+
+class _Style(NamedTuple):
+    """How values become plain data."""
+
+    is_text: Callable[[str, int], bool] | None
+    """Whether an integer of a field is text; None if none is."""
+    data: Callable[[Buffer], str]
+    """Text of bytes."""
+
+
+_JSON: Final = _Style(_inexact, _size)
+_EXPORTED: Final = _Style(_inexact, _base64)
+_PLOTTABLE: Final = _Style(lambda name, _: is_identity(name), _base64)
+_PLAIN: Final = _Style(None, _size)
+_TEXT_FORM: Final = _Style(None, _base64)
+
+
+def _named(value: Any, name: str, style: _Style) -> Any:
     if isinstance(value, msgspec.Struct):
-        keys = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
-        return {key: _named(getattr(value, field), key, is_text) for key, field in keys}
+        fields = zip(value.__struct_encode_fields__, value.__struct_fields__, strict=True)
+        return {key: _named(getattr(value, field), key, style) for key, field in fields}
     if isinstance(value, Mapping):
-        return {str(key): _named(item, str(key), is_text) for key, item in value.items()}
+        keys = _keys(value)
+        return {key: _named(item, key, style) for key, item in zip(keys, value.values(), strict=True)}
     if isinstance(value, list | tuple | set | frozenset):
-        return [_named(item, name, is_text) for item in value]
+        return [_named(item, name, style) for item in value]
     if isinstance(value, bytes | bytearray | memoryview):
-        return f"{len(value)} bytes"
+        return style.data(value)
     if isinstance(value, msgspec.msgpack.Ext):
-        return f"{len(bytes(value.data))} bytes"
-    if is_text is None or not isinstance(value, int) or isinstance(value, bool | enum.Enum):
+        return style.data(bytes(value.data))
+    if style.is_text is None or not isinstance(value, int) or isinstance(value, bool | enum.Enum):
         return value
-    return str(value) if is_text(name, value) else value
+    return str(value) if style.is_text(name, value) else value
+
+
+def _keys(value: Mapping[Any, Any]) -> list[str]:
+    """Keys of a map as different texts: 1 and "1" are two keys in MessagePack."""
+    keys = [str(key) for key in value]
+    if len(set(keys)) == len(keys):
+        return keys
+    taken = {key for key in value if isinstance(key, str)}
+    for place, key in enumerate(value):
+        number = 1
+        while not isinstance(key, str) and keys[place] in taken:
+            number += 1
+            keys[place] = f"{key}_{number}"
+        taken.add(keys[place])
+    return keys
 
 
 class _Form(NamedTuple):
@@ -69,6 +122,8 @@ class _Form(NamedTuple):
     """Whether the integers of a field are text."""
     packed: bool = False
     """As in MessagePack: a Struct that is encoded as an array is one, bytes are bytes."""
+    encoded: bool = False
+    """Whether bytes are base64."""
 
 
 def json_schema(cls: Any) -> dict[str, Any]:
@@ -78,7 +133,7 @@ def json_schema(cls: Any) -> dict[str, Any]:
 
 def plottable_schema(cls: Any) -> dict[str, Any]:
     """JSON Schema of a type's `plottable_form`; Structs are below `$defs`."""
-    return _document(cls, _Form(is_identity))
+    return _document(cls, _Form(is_identity, encoded=True))
 
 
 def packed_schema(cls: Any) -> dict[str, Any]:
@@ -111,6 +166,8 @@ def _schema(info: msgspec.inspect.Type, name: str, defs: dict[str, Any], form: _
             return {"type": "number" if form.packed else ["number", "null"]}  # in JSON NaN is null
         case kinds.BytesType() | kinds.ByteArrayType() | kinds.MemoryViewType() if form.packed:
             return {"description": "Bytes."}  # not a type of JSON
+        case kinds.BytesType() | kinds.ByteArrayType() | kinds.MemoryViewType() if form.encoded:
+            return {"type": "string", "contentEncoding": "base64"}
         case kinds.StrType() | kinds.BytesType() | kinds.ByteArrayType() | kinds.MemoryViewType():
             return {"type": "string"}
         case kinds.EnumType():

@@ -85,7 +85,13 @@ def find(name: str) -> type[msgspec.Struct]:
     try:
         return _TYPES[name]
     except KeyError:
-        raise NotFound(f"type {name!r}: unknown here; expected one of {', '.join(sorted(_TYPES))}") from None
+        raise NotFound(f"type {name!r}: unknown here; expected one of {_names(len(_TYPES))}") from None
+
+
+@lru_cache(maxsize=1)
+def _names(_count: int) -> str:
+    """Names of the registered types, for messages: sorted again only when their number has changed."""
+    return ", ".join(sorted(_TYPES))
 
 
 @cache

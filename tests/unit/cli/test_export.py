@@ -5,6 +5,8 @@ import csv
 import json
 import math
 import struct
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -195,6 +197,34 @@ def test_a_recording_has_the_fields_of_each_type_and_both_times_in_utc(tmp_path:
         "current_a": {"type": "number"},
         "remaining_ratio": {"type": "number"},
     }
+
+
+def test_bytes_are_base64_in_a_recording_and_its_schema_says_so(tmp_path: Path) -> None:
+    export(iter([entry("sensor/raw", Blob(b"\x00\xff"), 1)]), "mcap", f"{tmp_path}/x.mcap")
+    ((_, _, content, _),) = messages(tmp_path / "x.mcap")
+    assert base64.b64decode(content["value"]) == b"\x00\xff"
+    encoded = viewer_schema("Blob")["properties"]["value"]
+    assert encoded == {"type": "string", "contentEncoding": "base64"}
+    export(iter([entry("sensor/raw", Blob(b"\x00\xff"), 1)]), "jsonl", f"{tmp_path}/x.jsonl")
+    assert json.loads((tmp_path / "x.jsonl").read_text())["value"] == {"value": "AP8="}
+
+
+WRITE = """
+from swarmctl.commands.log.export import export
+from tests.unit.cli.test_export import flight
+export(flight(), "mcap", "-")
+"""
+
+
+def test_a_recording_is_written_to_a_pipe_and_to_a_redirected_file(tmp_path: Path) -> None:
+    export(flight(), "mcap", f"{tmp_path}/x.mcap")
+    expected = (tmp_path / "x.mcap").read_bytes()
+    piped = subprocess.run([sys.executable, "-c", WRITE], check=True, capture_output=True)
+    assert piped.stdout == expected
+    with (tmp_path / "redirected.mcap").open("wb") as file:
+        done = subprocess.run([sys.executable, "-c", WRITE], check=True, stdout=file, stderr=subprocess.PIPE)
+    assert done.stderr == b"" and (tmp_path / "redirected.mcap").read_bytes() == expected
+    assert len(messages(tmp_path / "redirected.mcap")) == len(messages(tmp_path / "x.mcap")) > 9
 
 
 def test_panels_of_foxglove_get_poses_fixes_points_images_and_log_lines(tmp_path: Path) -> None:

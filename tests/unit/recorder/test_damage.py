@@ -3,6 +3,7 @@
 import errno
 import os
 import random
+import re
 from pathlib import Path
 
 import pytest
@@ -134,6 +135,34 @@ def test_a_damaged_segment_is_counted_by_the_query_and_never_cut(tmp_path: Path)
     assert poses == [number for number in range(1, COUNT + 1) if number != 31]
     (loss,) = source.losses()
     assert str(path) in loss and "1 place damaged" in loss
+
+
+@pytest.mark.parametrize("end", [True, False], ids=["ended", "left by a crash"])
+@pytest.mark.parametrize("kept", [0, 2000, 4000])
+def test_a_zeroed_end_is_reported_with_its_size(tmp_path: Path, end: bool, kept: int) -> None:
+    path = write(tmp_path, end=end)
+    data = path.read_bytes()
+    path.write_bytes(data[:kept] + bytes(len(data) - kept))
+    source = FolderSource([tmp_path])
+    assert len(list(source.entries(Query()))) < COUNT
+    (loss,) = source.losses()
+    assert "its end is missing" in loss
+    lost = re.search(r"its last (\d+) bytes", loss)
+    assert lost is not None
+    # from the last record, of which the zeros met a part
+    assert len(data) - kept - 200 <= int(lost[1]) <= len(data) - kept + 200
+
+
+def test_a_sound_segment_has_an_end_also_while_it_grows_and_a_cut_one_has_not(tmp_path: Path) -> None:
+    for end in (True, False):
+        directory = tmp_path / str(end)
+        path = write(directory, end=end)
+        source = FolderSource([directory])
+        assert len(list(source.entries(Query()))) == COUNT + COUNT // 10 and source.losses() == []
+        path.write_bytes(path.read_bytes()[:2000])
+        list(source.entries(Query()))
+        (loss,) = source.losses()
+        assert "its end is missing" in loss
 
 
 def test_a_damaged_channel_is_read_from_its_second_copy(tmp_path: Path) -> None:

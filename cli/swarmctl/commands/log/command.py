@@ -100,7 +100,8 @@ def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
     "target",
     required=True,
     metavar="FILE",
-    help="File to write; `-` for stdout; `NAME/` for a folder, with a file for each type.",
+    help="File to write; `-` for stdout, a pipe, too (not Parquet); `NAME/` for a folder, with a file for"
+    " each type.",
 )
 @click.pass_context
 def export(ctx: click.Context, /, form: str, target: str, **options: Any) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.log import export, sources, tail
+from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.commands.log.origins import origins as map_origins
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
@@ -61,13 +62,16 @@ def follow_entries(pattern: str, count: int | None, out: Output) -> None:
 def export_entries(options: Mapping[str, Any], form: str, target: str, out: Output) -> None:
     """Writes the entries that the options name to a file.
 
-    Raises: NotFound when no entry matches; Partial when a part could not be read; as `sources.source`.
+    Raises: NotFound when no entry matches; Partial when a part could not be read, or the format cannot hold
+    a value; as `sources.source`.
     """
+    lost = LostValues()
     with sources.source(out.settings, options) as found:
         origins = map_origins(options, out) if form == "mcap" else {}
-        count = export.export(_selected(found, options, out), form, target, origins)
+        count = export.export(_selected(found, options, out), form, target, origins, lost)
     out.say(f"{count} entries to {target}")
     sources.refuse_losses(found)
+    lost.refuse()
 
 
 def count_entries(options: Mapping[str, Any], out: Output, *, strict: bool) -> None:

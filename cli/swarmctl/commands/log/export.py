@@ -9,17 +9,24 @@ from typing import BinaryIO
 
 import msgspec
 
+from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.geometry.geodesy import Origin
 from swarmware.recorder.entry import LogEntry
-from swarmware.types.json_form import json_form
+from swarmware.types.json_form import exported_form
 
 
 def export(
-    entries: Iterator[LogEntry], form: str, target: str, origins: Mapping[str, Origin] | None = None
+    entries: Iterator[LogEntry],
+    form: str,
+    target: str,
+    origins: Mapping[str, Origin] | None = None,
+    lost: LostValues | None = None,
 ) -> int:
     """Writes the entries; their number. `origins`: of the maps of the platforms, those that are known.
+
+    `lost` counts values that the format cannot hold.
 
     Raises: NotFound when there are none, before a file is written; InvalidInput for an unsuitable target.
     """
@@ -27,22 +34,23 @@ def export(
     if first is None:
         raise NotFound("no entry matches: nothing is written; expected entries of that path, type and time")
     found = chain((first,), entries)
+    lost = LostValues() if lost is None else lost
     if form in ("csv", "parquet"):
         from swarmctl.commands.log.tables import write_tables
 
-        return write_tables(found, form, target)
+        return write_tables(found, form, target, lost)
     with _binary(target) as file:
         match form:
             case "mcap":
                 from swarmctl.commands.log.mcap_export import write_mcap
 
-                return write_mcap(found, file, origins or {})
+                return write_mcap(found, file, origins or {}, lost)
             case "msgpack":
                 # `log query --spool` reads it again
                 from swarmware.recorder.spool import write
 
                 return write(found, file)
-        return _write_lines(found, file)
+        return _write_lines(found, file, lost)
 
 
 @contextmanager
@@ -56,20 +64,24 @@ def _binary(target: str) -> Iterator[BinaryIO]:
         yield file
 
 
-def _write_lines(entries: Iterable[LogEntry], file: BinaryIO) -> int:
-    """One JSON object a line; 64-bit integers are text, as in `log query --json`."""
+def _write_lines(entries: Iterable[LogEntry], file: BinaryIO, lost: LostValues) -> int:
+    """One JSON object a line; 64-bit integers are text, as in `log query --json`, and bytes are base64."""
     count = 0
     for entry in entries:
-        value = entry.value()
+        try:
+            value = exported_form(entry.content())
+        except RecursionError:
+            lost.add(f"{entry.type or 'value'}, nested too deep")
+            value = None
         line = {
             "utc": utc_text(entry.utc_ns),
-            "utc_ns": entry.utc_ns,
-            "stamp_ns": entry.stamp_ns,
+            "utc_ns": str(entry.utc_ns),
+            "stamp_ns": str(entry.stamp_ns),
             "path": entry.topic,
             "type": entry.type,
             **({"sender": entry.sender} if entry.sender else {}),
-            "value": value if value is not None else entry.plain(),
+            "value": value,
         }
-        file.write(msgspec.json.encode(json_form(line)) + b"\n")
+        file.write(msgspec.json.encode(line) + b"\n")
         count += 1
     return count

@@ -1,36 +1,73 @@
 """Entries as an MCAP file for viewers: JSON messages with schemas, chunks and an index."""
 
 from collections.abc import Iterable, Mapping
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Final
 
 import msgspec
 
+from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.commands.log.panels import panel_messages
 from swarmctl.commands.log.viewer_form import viewer_schema, viewer_value
 from swarmware import __version__
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.config import share_dir
 from swarmware.model.file_name import is_file_name
-from swarmware.recorder.entry import LogEntry, list_or_none
+from swarmware.recorder.entry import LogEntry
+
+_TIME_LIMIT: Final = (1 << 64) - 1
+"""Newest time of a message. Source: MCAP specification, Timestamp."""
 
 
-def write_mcap(entries: Iterable[LogEntry], file: BinaryIO, origins: Mapping[str, Origin]) -> int:
+class ByteStream:
+    """What the library writes to: it asks for the position, which a pipe does not know."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._written = 0
+
+    def write(self, data: bytes | bytearray | memoryview, /) -> int:
+        """Write the data, and count its bytes."""
+        self._file.write(data)
+        self._written += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Bytes written so far."""
+        return self._written
+
+    def flush(self) -> None:
+        """Pass on what is buffered."""
+        self._file.flush()
+
+
+def write_mcap(
+    entries: Iterable[LogEntry], file: BinaryIO, origins: Mapping[str, Origin], lost: LostValues | None = None
+) -> int:
     """Writes each entry on its topic, and what panels show below `/foxglove`; the number of entries.
 
     `origins`: of the maps of the platforms; poses of others are not on the map panel.
+    MCAP has no times before 1970: they are 0.
     """
     from mcap.writer import Writer
 
-    writer: Any = Writer(file)
+    lost = LostValues() if lost is None else lost
+    stream: Any = ByteStream(file)  # the library uses no other method
+    writer: Any = Writer(stream)
     writer.start(profile="", library=f"swarmware {__version__}")
     topics = _Topics(writer)
     maps = {platform: LocalMap(origin) for platform, origin in origins.items()}
     count = 0
     for entry in entries:
-        sent_ns = max(0, entry.sent_utc_ns or entry.utc_ns)
-        value = entry.value()
-        content = viewer_value(value if value is not None else list_or_none(entry.payload))
-        sent = {"log_time": entry.utc_ns, "publish_time": sent_ns, "sequence": entry.sequence & 0xFFFFFFFF}
+        try:
+            content = viewer_value(entry.content())
+        except RecursionError:
+            lost.add(f"{entry.type or 'value'}, nested too deep")
+            content = {}
+        sent = {
+            "log_time": _time(entry.utc_ns),
+            "publish_time": _time(entry.sent_utc_ns or entry.utc_ns),
+            "sequence": entry.sequence & 0xFFFFFFFF,
+        }
         channel = topics.channel(entry.topic, entry.type, entry.description)
         writer.add_message(channel, data=msgspec.json.encode(content), **sent)
         for message in panel_messages(entry, maps.get(entry.platform)):
@@ -39,6 +76,10 @@ def write_mcap(entries: Iterable[LogEntry], file: BinaryIO, origins: Mapping[str
         count += 1
     writer.finish()
     return count
+
+
+def _time(utc_ns: int) -> int:
+    return min(max(0, utc_ns), _TIME_LIMIT)
 
 
 class _Topics:

@@ -33,6 +33,8 @@ _LEVELS: Final = {"ok": _INFO, "warn": _WARNING, "error": _ERROR}
 _UNKNOWN, _APPROXIMATED = 0, 1
 _FLOAT32: Final = 7
 _IMAGES: Final = ((b"\xff\xd8\xff", "jpeg"), (b"\x89PNG", "png"))
+_LAST_SEC: Final = (1 << 32) - 1
+"""Seconds of a stamp have 32 bits. Source: foxglove.Time."""
 _REPORTED: Final = frozenset({"event", "command"})
 
 _PACKET_BYTES: Final = 1206
@@ -85,7 +87,7 @@ def panel_messages(entry: LogEntry, local: LocalMap | None = None) -> Iterator[P
 
 def _time(utc_ns: int) -> dict[str, int]:
     sec, nsec = divmod(max(0, utc_ns), 1_000_000_000)
-    return {"sec": sec, "nsec": nsec}
+    return {"sec": min(sec, _LAST_SEC), "nsec": nsec}
 
 
 def _pose(entry: LogEntry, pose: Pose, stamp: dict[str, int]) -> Iterator[PanelMessage]:

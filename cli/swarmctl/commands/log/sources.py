@@ -25,6 +25,7 @@ from swarmware.model.names import Pattern
 from swarmware.recorder.address import database_in
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, LogSource, Query
+from swarmware.types.json_form import text_form
 
 
 class PrintedEntry(msgspec.Struct, frozen=True):
@@ -175,7 +176,7 @@ def show(out: Output, entry: LogEntry) -> None:
                 entry.queue,
                 entry.sequence,
                 entry.sender,
-                entry.plain(),
+                _value(entry),
             )
         )
         return
@@ -186,6 +187,14 @@ def show(out: Output, entry: LogEntry) -> None:
         out.now(f"{head} {value}")
     else:
         out.now("\n    ".join([head.rstrip(), *wrapped(value, out.width - 4)]))
+
+
+def _value(entry: LogEntry) -> Any:
+    """The value for programs, with bytes as base64; None if it is nested too deep for the interpreter."""
+    try:
+        return text_form(entry.content())
+    except RecursionError:
+        return None
 
 
 def refuse_losses(found: LogSource) -> None:

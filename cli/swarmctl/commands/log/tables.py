@@ -1,123 +1,247 @@
 """Entries as tables, one a type: CSV or Parquet."""
 
-import csv
+import re
 import sys
-from collections.abc import Iterable, Iterator
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final, TextIO, cast
 
-import msgspec
-
-from swarmctl.terminal.quantities import utc_text
-from swarmware.errors import InvalidInput, missing_extra
+from swarmctl.commands.log.columns import TableColumn, cells_of, columns_of
+from swarmctl.commands.log.found_columns import FoundColumns
+from swarmctl.commands.log.lost_values import LostValues
+from swarmctl.commands.log.table_writers import CsvWriter, ParquetWriter, TableWriter, check_parquet
+from swarmware.errors import InvalidInput, NotFound
+from swarmware.recorder import spool
 from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.query import Query
+from swarmware.runtime.filewriter import naming
 
-_HEAD: Final = ("utc", "utc_ns", "stamp_ns", "path", "sender")
-
-
-class Table:
-    """Rows of one type: its columns are the fields, nested ones with dots."""
-
-    def __init__(self) -> None:
-        self._entries: list[tuple[LogEntry, dict[str, Any]]] = []
-        self._fields: dict[str, None] = {}
-
-    def add(self, entry: LogEntry) -> None:
-        """Append the row of an entry."""
-        fields = dict(_flat("", entry.plain()))
-        self._fields |= dict.fromkeys(fields)
-        self._entries.append((entry, fields))
-
-    def write_csv(self, target: str) -> None:
-        """Write the table to a file, or `-` for stdout."""
-        if target == "-":
-            self._write_rows(sys.stdout)
-            return
-        with Path(target).open("w", encoding="utf-8", newline="") as file:
-            self._write_rows(file)
-
-    def _write_rows(self, file: Any) -> None:
-        writer = csv.writer(file)
-        writer.writerow([*_HEAD, *map(_column, self._fields)])
-        for entry, fields in self._entries:
-            head = [utc_text(entry.utc_ns), entry.utc_ns, entry.stamp_ns, entry.topic, entry.sender]
-            writer.writerow([*head, *(fields.get(field, "") for field in self._fields)])
-
-    def write_parquet(self, target: str) -> None:
-        """Write the table to a file.
-
-        Raises: ConfigError when pyarrow is not installed.
-        """
-        try:
-            import pyarrow
-            from pyarrow import parquet
-        except ImportError as error:
-            raise missing_extra("log export --format parquet", error, "parquet") from error
-        entries = [entry for entry, _ in self._entries]
-        columns: dict[str, Any] = {
-            "utc": pyarrow.array([entry.utc_ns for entry in entries], pyarrow.timestamp("ns", "UTC")),
-            "utc_ns": pyarrow.array([entry.utc_ns for entry in entries], pyarrow.int64()),
-            "stamp_ns": pyarrow.array([entry.stamp_ns for entry in entries], pyarrow.int64()),
-            "path": pyarrow.array([entry.topic for entry in entries], pyarrow.string()),
-            "sender": pyarrow.array([entry.sender for entry in entries], pyarrow.string()),
-        }
-        for field in self._fields:
-            columns[_column(field)] = _typed(pyarrow, [fields.get(field) for _, fields in self._entries])
-        parquet.write_table(pyarrow.table(columns), target)
+TABLES_LIMIT: Final = 200
+"""Tables of one export: each is an open file."""
+PENDING_BYTES: Final = 16 << 20
+"""Payload of the rows in memory, of all tables: about 100 MB as Python objects."""
+_ROW_BYTES: Final = 64
+"""What a row costs besides its payload."""
+_PART: Final = ".part"
+"""Suffix of a file that is not complete."""
+_NAME: Final = re.compile(r"\w[\w-]*(?:\.[\w-]+)*", re.ASCII)
+_NAME_BYTES: Final = 100
+_RESERVED: Final = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\.|\Z)", re.IGNORECASE)
+"""Names of devices. Source: Microsoft, "Naming Files, Paths, and Namespaces"."""
 
 
-def _typed(pyarrow: Any, values: list[Any]) -> Any:
-    """A column; as text when its values have several types, or are beyond 64 bits."""
-    try:
-        return pyarrow.array(values)
-    except (pyarrow.ArrowException, OverflowError):
-        return pyarrow.array([None if value is None else str(value) for value in values], pyarrow.string())
-
-
-def _column(field: str) -> str:
-    """Name of a field's column; a field with the name of a column of every table has a prefix."""
-    return f"value.{field}" if field in _HEAD else field
-
-
-def _flat(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, dict):
-        for key, item in value.items():
-            yield from _flat(f"{prefix}.{key}" if prefix else key, item)
-    elif isinstance(value, list):
-        yield prefix or "value", msgspec.json.encode(value).decode()
-    else:
-        yield prefix or "value", value
-
-
-def write_tables(entries: Iterable[LogEntry], form: str, target: str) -> int:
+def write_tables(entries: Iterable[LogEntry], form: str, target: str, lost: LostValues | None = None) -> int:
     """Writes one type to a file, several to a folder with one file each; the number of entries.
 
-    Raises: InvalidInput for several types and the name of a file; ConfigError when an extra is missing.
+    Raises: InvalidInput for several types and the name of a file; NotFound without the folder of the file;
+    ConfigError when an extra is missing.
     """
-    tables: dict[str, Table] = {}
+    if form == "parquet":
+        if target == "-":
+            raise InvalidInput("--out -: Parquet is not written to a stream; expected a file or a folder")
+        check_parquet()
     count = 0
-    for entry in entries:
-        tables.setdefault(entry.type or "unknown", Table()).add(entry)
-        count += 1
-    targets = _targets(sorted(tables), form, target)
-    for name, path in targets.items():
-        if form == "csv":
-            tables[name].write_csv(path)
-        else:
-            tables[name].write_parquet(path)
+    with naming(target), ExitStack() as stack:
+        tables = Tables(form, target, LostValues() if lost is None else lost, stack)
+        for entry in entries:
+            tables.add(entry)
+            count += 1
+        tables.finish()
     return count
 
 
-def _targets(types: list[str], form: str, target: str) -> dict[str, str]:
-    folder = Path(target)
-    if form == "parquet" and target == "-":
-        raise InvalidInput("--out -: Parquet is not written to a stream; expected a file or a folder")
-    if target != "-" and (folder.is_dir() or target.endswith("/")):
-        folder.mkdir(parents=True, exist_ok=True)
-        return {name: str(folder / f"{name}.{form}") for name in types}
-    if len(types) > 1:
-        raise InvalidInput(
-            f"--out {target}: {len(types)} tables of a type each ({', '.join(types)}); expected --type TYPE,"
-            " or a folder: --out FOLDER/"
+class KnownTable:
+    """Rows of one type whose fields are known: written as they come."""
+
+    def __init__(self, name: str, columns: list[TableColumn], writer: TableWriter, path: Path) -> None:
+        self.name = name
+        self.path = path
+        self._cells = cells_of(columns)
+        self._writer = writer
+
+    def add(self, entry: LogEntry, value: Any) -> None:
+        """Append the row of an entry."""
+        self._writer.add(entry, self._cells(value))
+
+    def flush(self) -> None:
+        """Write the rows that are held in memory."""
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write the end of the file."""
+        self._writer.close()
+
+
+class KeptTable:
+    """Rows in a temporary file: their columns, or whether they are written at all, is known at the end."""
+
+    def __init__(self, name: str, columns: list[TableColumn] | None, file: BinaryIO) -> None:
+        """`columns`: None for a type that is unknown here."""
+        self.name = name
+        self._columns = columns
+        self._found = FoundColumns()
+        self._file = file
+
+    def add(self, entry: LogEntry, value: Any) -> None:
+        """Keep an entry for the end."""
+        spool.write((entry,), self._file)
+        if self._columns is None:
+            self._found.add(value)
+
+    def flush(self) -> None:
+        """Nothing is held in memory."""
+
+    @property
+    def columns(self) -> list[TableColumn]:
+        """Columns of the table, when all entries are kept."""
+        return self._found.columns() if self._columns is None else self._columns
+
+    def rows(self) -> Iterator[tuple[LogEntry, Sequence[Any]]]:
+        """The entries and their cells."""
+        cells = self._found.cells if self._columns is None else cells_of(self._columns)
+        self._file.seek(0)
+        for entry in spool.SpoolSource(self._file, self.name).entries(Query()):
+            yield entry, cells(entry.content())
+
+
+class Tables:
+    """The tables of one export, in a folder or in one file."""
+
+    def __init__(self, form: str, target: str, lost: LostValues, stack: ExitStack) -> None:
+        """`stack`: closes and removes what is not complete."""
+        self._form = form
+        self._target = target
+        self._lost = lost
+        self._stack = stack
+        self._tables: dict[tuple[str, type | None], KnownTable | KeptTable] = {}
+        self._pending = 0
+        path = Path(target)
+        self._folder = path if target != "-" and (path.is_dir() or target.endswith("/")) else None
+        if self._folder is not None:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        elif target != "-" and not path.parent.is_dir():
+            raise NotFound(f"--out {target}: no folder {path.parent}; expected an existing one")
+        self._direct = target == "-" or (path.exists() and not path.is_file())
+        """Whether the target is a stream or a device, which no complete file can replace."""
+
+    def add(self, entry: LogEntry) -> None:
+        """Append the row of an entry to the table of its type."""
+        value = entry.value()
+        key = entry.type or "unknown", None if value is None else type(value)
+        table = self._tables.get(key)
+        if table is None:
+            table = self._tables[key] = self._made(*key)
+        if len(self._tables) > 1 and self._folder is None:
+            return  # refused at the end, with the names of all types
+        table.add(entry, entry.content() if value is None else value)
+        self._pending += _ROW_BYTES + len(entry.payload)
+        if self._pending >= PENDING_BYTES:
+            self._pending = 0
+            for one in self._tables.values():
+                one.flush()
+
+    def _made(self, name: str, cls: type | None) -> KnownTable | KeptTable:
+        if len(self._tables) >= TABLES_LIMIT:
+            raise InvalidInput(f"--out {self._target}: more than {TABLES_LIMIT} types; expected --type TYPE")
+        columns = None if cls is None else columns_of(cls)
+        if columns is None or (self._direct and self._folder is None) or self._refused():
+            return KeptTable(
+                name, columns, cast(BinaryIO, self._stack.enter_context(tempfile.TemporaryFile()))
+            )
+        path = self._part(name)
+        writer = self._writer(str(path), name, columns)
+        return KnownTable(name, columns, writer, path)
+
+    def _refused(self) -> bool:
+        return self._folder is None and bool(self._tables)
+
+    def _part(self, name: str) -> Path:
+        """A new file for an incomplete table; removed if it stays so."""
+        wanted = (
+            Path(self._target) if self._folder is None else self._folder / f"{safe_name(name)}.{self._form}"
         )
-    return dict.fromkeys(types, target)
+        path, number = Path(f"{wanted}{_PART}"), 1
+        taken = {one.path for one in self._tables.values() if isinstance(one, KnownTable)}
+        while path in taken:
+            number += 1
+            path = Path(f"{wanted}_{number}{_PART}")
+        self._stack.callback(path.unlink, missing_ok=True)
+        return path
+
+    def _writer(self, path: str, name: str, columns: list[TableColumn]) -> TableWriter:
+        writer: TableWriter
+        if self._form == "parquet":
+            # opened here: the library's error does not name the file
+            binary = self._stack.enter_context(_binary_file(path))
+            writer = ParquetWriter(binary, columns, name, self._lost)
+        else:
+            stdout = path == "-"
+            file = sys.stdout if stdout else self._stack.enter_context(_text_file(path))
+            writer = CsvWriter(file, columns, name, self._lost)
+        self._stack.callback(writer.close)
+        return writer
+
+    def finish(self) -> None:
+        """End the files, and give them their names.
+
+        Raises: InvalidInput for several types and the name of a file.
+        """
+        if self._folder is None and len(self._tables) > 1:
+            names = sorted(name for name, _ in self._tables)
+            shown = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+            raise InvalidInput(
+                f"--out {self._target}: {len(names)} tables of a type each ({shown}); expected --type TYPE,"
+                " or a folder: --out FOLDER/"
+            )
+        for table, target in self._named():
+            if isinstance(table, KeptTable):
+                path = Path(target) if self._direct and self._folder is None else self._part(table.name)
+                self._write_kept(table, target if target == "-" else str(path))
+            else:
+                table.close()
+                path = table.path
+            if target != "-" and str(path) != target:
+                path.replace(target)
+
+    def _write_kept(self, table: KeptTable, path: str) -> None:
+        writer = self._writer(path, table.name, table.columns)
+        pending = 0
+        for entry, cells in table.rows():
+            writer.add(entry, cells)
+            pending += _ROW_BYTES + len(entry.payload)
+            if pending >= PENDING_BYTES:
+                writer.flush()
+                pending = 0
+        writer.close()
+
+    def _named(self) -> Iterator[tuple[KnownTable | KeptTable, str]]:
+        """The tables and the names of their files; types whose names are file names keep these."""
+        keys = sorted(self._tables, key=lambda key: (safe_name(key[0]) != key[0], key[0], key[1] is None))
+        taken: set[str] = set()
+        for key in keys:
+            if self._folder is None:
+                yield self._tables[key], self._target
+                continue
+            wanted = name = safe_name(key[0])
+            number = 1
+            while name.casefold() in taken:
+                number += 1
+                name = f"{wanted}_{number}"
+            taken.add(name.casefold())
+            yield self._tables[key], str(self._folder / f"{name}.{self._form}")
+
+
+def _binary_file(path: str) -> BinaryIO:
+    return Path(path).open("wb")
+
+
+def _text_file(path: str) -> TextIO:
+    return Path(path).open("w", encoding="utf-8", newline="")
+
+
+def safe_name(type_name: str) -> str:
+    """Name of a file for a type, which comes from the log: never a path, a device or a hidden file."""
+    name = "_".join(_NAME.findall(type_name))[:_NAME_BYTES].rstrip(".-") or "unknown"
+    return f"_{name}" if _RESERVED.match(name) else name
