@@ -236,5 +236,6 @@ def _shortened(text: str) -> str:
 
 def _print_error(text: str) -> None:
     from swarmctl.terminal.wrapping import fitted_text, terminal_width
+    from swarmware.model.visible import visible_lines
 
-    print(fitted_text(_shortened(text), terminal_width(sys.stderr)), file=sys.stderr)
+    print(fitted_text(visible_lines(_shortened(text)), terminal_width(sys.stderr)), file=sys.stderr)

@@ -77,6 +77,10 @@ each command, also of the lines on stderr (`message.schema.json`): with a struct
 and messages are JSON, too. Instants and durations in nanoseconds (`…_ns`) and 64-bit identities are text, and
 so is every other integer beyond 2^53, which a reader with double precision would change.
 
+Control characters of values, names and reasons, also invisible ones and those that change the direction of
+text, are shown as escape sequences, `\\x1b`, `\\n` or `\\u202e`; JSON and YAML have them as `\\u009b`. Result
+files (`--out`, `tree dump`) have them as they are, except on a terminal.
+
 A command joins the node that `--config DIR` names, else the
 ground station of the lab that `--lab NAME` names, else the node of `SWARM_CONFIG` (which daemons and modules
 read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` selects the

@@ -29,6 +29,6 @@ class LiveView:
             if text and out.redraws:
                 out.redraw(text, last=drawn == count)
             elif text:
-                out.now(text)
+                out.now(*text.split("\n"))
             if drawn == count:
                 return

@@ -7,6 +7,7 @@ import msgspec
 
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.model.frame import Codec
+from swarmware.model.visible import visible
 from swarmware.recorder.entry import list_or_none
 from swarmware.types import registry
 from swarmware.types.json_form import plain
@@ -79,7 +80,7 @@ def _fields(value: Any) -> str:
 def brief(value: Any) -> str:
     """A value on one line."""
     if isinstance(value, str):
-        return value
+        return visible(value)
     if isinstance(value, float):
         return f"{value:.9g}"
     return msgspec.json.encode(rounded(value)).decode()

@@ -8,6 +8,7 @@ from typing import Final
 import click
 
 from swarmctl.terminal.wrapping import fitted_text, terminal_width
+from swarmware.model.visible import visible_lines
 
 ANSWER: Final = 12
 """Columns for ` [y/N]: ` or `: `, and for the answer."""
@@ -41,7 +42,7 @@ def confirm_by_name(name: str, given: str, what: str) -> None:
 def _question(text: str) -> str:
     """A question with its answer on the same line, within the width of the terminal."""
     width = terminal_width(sys.stderr)
-    return fitted_text(text, None if width is None else width - ANSWER)
+    return fitted_text(visible_lines(text), None if width is None else width - ANSWER)
 
 
 class JointConfirmation:

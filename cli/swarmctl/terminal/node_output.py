@@ -8,6 +8,7 @@ import msgspec
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import Partial, SwarmError
+from swarmware.model.visible import visible
 
 NODE: Final = Column("NODE")
 ERROR: Final = Column("ERROR")
@@ -73,17 +74,17 @@ class NodeOutput(Output):
         """Print a warning of this node."""
         self._shown.warn(self.named(text))
 
-    def now(self, text: str) -> None:
-        """Print one line of a continuous result."""
-        self._shown.now(self.named(text))
+    def now(self, *lines: str) -> None:
+        """Print lines of a continuous result."""
+        self._shown.now(*map(self.named, lines))
 
     def line(self, value: msgspec.Struct) -> None:
         """Print one item of a continuous result, which names its platform."""
         self._shown.line(value)
 
-    def text(self, text: str) -> None:
-        """Keep a result that is text."""
-        self.results.append(text)
+    def text(self, *lines: str) -> None:
+        """Keep lines of a result that is text."""
+        self.results.append("\n".join(map(visible, lines)))
 
     def verbatim(self, text: str) -> None:
         """Keep a result that is copied or read by programs."""
@@ -136,9 +137,9 @@ def print_results(out: Output, outputs: Mapping[str, NodeOutput], errors: Mappin
             one.say(text)
         for result in one.results:
             if isinstance(result, str) and result:
-                out.text("\n".join(one.named(line) for line in result.splitlines()))
+                out.text(*map(one.named, result.splitlines()))
         if name in failed:
-            out.text(one.named(f"error: {failed[name]}"))
+            out.text(*one.named(f"error: {failed[name]}").split("\n"))
 
 
 def _print_table(

@@ -10,6 +10,7 @@ import msgspec
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmctl.terminal.wrapping import clipped, fitted_text, terminal_columns, terminal_lines, terminal_width
+from swarmware.model.visible import json_escaped, visible, visible_lines
 from swarmware.types.json_form import json_form
 
 SCHEMA_VERSION: Final = 2
@@ -79,7 +80,7 @@ class Output:
     def _talk(self, kind: str, text: str) -> None:
         self._redrawn = 0  # this line stays above the next redrawn text
         self._out.flush()  # where both go to one file, messages and results stay in their order
-        line = text if kind == "message" else f"{kind}: {text}"
+        line = visible_lines(text if kind == "message" else f"{kind}: {text}")
         shown = json_line({kind: text}) if self.settings.structured else self._fitted(line, self._err)
         print(shown, file=self._err, flush=True)
 
@@ -87,17 +88,21 @@ class Output:
     def _fitted(text: str, stream: TextIO) -> str:
         return fitted_text(text, terminal_width(stream))
 
-    def text(self, text: str) -> None:
-        """Print a result that is text, its long lines wrapped on a terminal."""
-        print(self._fitted(text, self._out), file=self._out)
+    def text(self, *lines: str) -> None:
+        """Print lines of a result that is text, the long ones wrapped on a terminal."""
+        print(self._fitted("\n".join(map(visible, lines)), self._out), file=self._out)
 
     def verbatim(self, text: str) -> None:
-        """Print a result that is copied or read by programs, at once: a path, a shell command, a file."""
-        print(text, file=self._out, flush=True)
+        """Print a result that is copied or read by programs, at once: a path, a shell command, a file.
 
-    def now(self, text: str) -> None:
-        """Print one line of a continuous result, flushed because a reader may follow it."""
-        print(self._fitted(text, self._out), file=self._out, flush=True)
+        Only a terminal, which would obey them, gets its control characters as escape sequences.
+        """
+        print(visible_lines(text) if self._out.isatty() else text, file=self._out, flush=True)
+
+    def now(self, *lines: str) -> None:
+        """Print lines of a continuous result, flushed because a reader may follow it."""
+        self.text(*lines)
+        self._out.flush()
 
     def redraw(self, text: str, *, last: bool = False) -> None:
         """Print lines in the place of those of the last call, each cut at the width of the terminal.
@@ -106,7 +111,7 @@ class Output:
         away; `last`: all lines, they are not drawn again.
         """
         width = terminal_columns()
-        whole = text.splitlines()
+        whole = visible_lines(text).split("\n")
         # the cursor is on the line below the last one
         lines = [line[:width] for line in (whole if last else clipped(whole, terminal_lines() - 1))]
         back = f"\x1b[{self._redrawn}F\x1b[J" if self._redrawn else ""
@@ -132,8 +137,8 @@ class Output:
         cells = [[show(cell) for cell in row] for row in rows]
         table = fitted_table(columns, cells, None if self.settings.output == "wide" else self.width)
         header = [f"\x1b[1m{line}\x1b[0m" for line in table.header] if self.fancy else table.header
-        titled = [self._fitted(title, self._out)] if title else []
-        self.verbatim("\n".join([*titled, *header, *table.rows]))
+        titled = [self._fitted(visible(title), self._out)] if title else []
+        print("\n".join([*titled, *header, *table.rows]), file=self._out, flush=True)
         if table.hidden:
             self.say(f"-o wide also shows {', '.join(table.hidden)}")
 
@@ -158,7 +163,7 @@ class Output:
             self._yaml(json_form(value))
             return
         data = msgspec.json.format(msgspec.json.encode(json_form(value)), indent=2)
-        self.verbatim(data.decode())
+        self.verbatim(json_escaped(data.decode()))
 
     def line(self, value: msgspec.Struct) -> None:
         """Print one item of a continuous result, flushed because a reader may follow it."""
@@ -172,12 +177,11 @@ class Output:
         print(json_line(form), file=self._out, flush=True)
 
     def _yaml(self, form: Any) -> None:
-        import yaml
+        from swarmctl.terminal.yaml_form import yaml_text
 
-        yaml.safe_dump(form, self._out, sort_keys=False, allow_unicode=True, explicit_start=True)
-        self._out.flush()
+        print(yaml_text(form), end="", file=self._out, flush=True)
 
 
 def json_line(form: dict[str, Any]) -> str:
     """A document on one line."""
-    return msgspec.json.encode({"schema_version": SCHEMA_VERSION, **form}).decode()
+    return json_escaped(msgspec.json.encode({"schema_version": SCHEMA_VERSION, **form}).decode())

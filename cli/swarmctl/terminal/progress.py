@@ -4,6 +4,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from swarmctl.terminal.output import Output
+from swarmware.model.visible import visible
 
 
 class Progress:
@@ -40,14 +41,14 @@ class Progress:
     def advance(self, note: str = "") -> None:
         """Count one more step as done."""
         if self._bar is not None:
-            self._bar.update(self._task, advance=1, note=note)
+            self._bar.update(self._task, advance=1, note=visible(note))
         elif note:
             self._out.detail(f"  {note}")
 
     def at(self, done: float, note: str = "") -> None:
         """Set the number of done steps; a new note is a new line without a terminal."""
         if self._bar is not None:
-            self._bar.update(self._task, completed=done, note=note)
+            self._bar.update(self._task, completed=done, note=visible(note))
         elif note:
             self._out.say(f"  {note}")
 

@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 
 from swarmctl.terminal.wrapping import atoms, words, wrapped
+from swarmware.model.visible import visible
 
 Cell = str | int | float | bool | None
 
@@ -64,8 +65,10 @@ def fitted_table(
 
     What is too wide gives way in this order: headers are wrapped, columns are hidden by their `drop`,
     cells are wrapped between words, cells are wrapped after the punctuation of paths and lists. A table
-    that is too wide even then is a record per row, if that helps. A word is never broken.
+    that is too wide even then is a record per row, if that helps. A word is never broken. Control characters
+    of cells are shown as escape sequences.
     """
+    cells = [[visible(text) for text in row] for row in cells]
     places = list(range(len(columns)))
     widths = _unwrapped(columns, cells, places, width)
     while (

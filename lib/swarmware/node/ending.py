@@ -53,5 +53,10 @@ class Ending:
 
     def _on_signal(self, number: signal.Signals) -> None:
         self._number = number
-        for task in self._tasks:
+        running = [task for task in self._tasks if not task.done()]
+        for task in running:
             task.cancel()
+        if not running:
+            # the modules were entered in tasks that are over: nothing waits for a cancellation
+            signal.signal(number, _DEFAULTS[number])
+            signal.raise_signal(number)

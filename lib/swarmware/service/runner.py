@@ -14,6 +14,7 @@ import uvloop
 
 from swarmware.errors import SwarmError
 from swarmware.model import config
+from swarmware.model.visible import visible_lines
 from swarmware.node.node import Node
 from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import until
@@ -165,7 +166,7 @@ class _Lines(logging.Formatter):
         self._journal = journal
 
     def format(self, record: logging.LogRecord) -> str:
-        text = super().format(record)
+        text = visible_lines(super().format(record))  # of values and names from outside
         mark = f"<{self._PRIORITY.get(record.levelname, 6)}>" if self._journal else ""
         return mark + text.replace("\n", f"\n{mark}  ")  # a traceback stays with its record
 

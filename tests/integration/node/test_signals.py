@@ -34,6 +34,30 @@ async def test_a_module_ended_by_a_signal_takes_its_resources_and_files_with_it(
                 assert (code, script.stderr()) == (143, "")
 
 
+TWO_TASKS = """
+import asyncio, sys
+from swarmware.module.module import Module
+
+with asyncio.Runner() as runner:
+    module = Module("thermometer", config_dir=sys.argv[1])
+    runner.run(module.__aenter__())
+    print("running", flush=True)
+    runner.run(asyncio.sleep(1000))
+"""
+
+
+async def test_a_program_whose_module_was_entered_in_a_task_that_is_over_ends_by_sigterm(
+    tmp_path: Path,
+) -> None:
+    config = make_node(tmp_path)
+    path = tmp_path / "two_tasks.py"
+    path.write_text(TWO_TASKS)
+    async with run_python(str(path), str(config)) as script:
+        assert await script.line() == "running"
+        script.signal(signal.SIGTERM)
+        assert await script.wait() in (-signal.SIGTERM, 128 + signal.SIGTERM)
+
+
 async def test_a_module_ended_by_sigterm_leaves_no_fault(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 20.0, "grace_s": 0.1}})
     async with Module("probe", config_dir=config) as probe, spawn(config, "health"):

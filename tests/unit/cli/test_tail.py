@@ -1,9 +1,14 @@
 """`log tail`: which entries it shows, and in which order, whatever the loggers' batches look like."""
 
 import asyncio
+import signal
+import subprocess
+import sys
 import threading
-from itertools import islice
 from pathlib import Path
+
+import pytest
+from tests.patience import PATIENCE_S
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.interleaving import PATIENCE_NS, Interleaving
@@ -100,12 +105,38 @@ def test_a_batch_of_the_last_half_second_shows_nothing_from_before_the_command(t
     try:
         assert written.wait(10)
         began_utc_ns = utc_ns()
-        shown = times(list(islice(follow(CliSettings(config=str(config_dir)), "/**"), 6)))
+        found: list[LogEntry] = []
+        asyncio.run(follow(CliSettings(config=str(config_dir)), "/**", found.append, 6))
     finally:
         ended.set()
         writing.join()
-    assert shown == sorted(shown)
+    shown = times(found)
+    assert len(shown) == 6 and shown == sorted(shown)
     assert shown[0] >= began_utc_ns
+
+
+@pytest.mark.parametrize("number, code", [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_ends_it(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    config_dir = make_node(tmp_path)
+    log_dir = tmp_path / "uav1" / "data" / "log"
+    log_dir.mkdir(parents=True)
+    written, ended = threading.Event(), threading.Event()
+    writing = threading.Thread(target=asyncio.run, args=(_log_late(config_dir, log_dir, written, ended),))
+    writing.start()
+    try:
+        assert written.wait(PATIENCE_S)
+        words = [sys.executable, "-m", "swarmctl", "--config", str(config_dir), "log", "tail"]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as tailing:
+            try:
+                assert tailing.stdout is not None
+                assert "/uav1/nav/pose" in tailing.stdout.readline()
+                tailing.send_signal(number)
+                assert tailing.wait(PATIENCE_S) == code
+            finally:
+                tailing.kill()
+    finally:
+        ended.set()
+        writing.join()
 
 
 async def _log_late(

@@ -55,7 +55,7 @@ async def call_resource(session: Session, path: str, words: tuple[str, ...], *, 
     elif answer.value == {}:
         session.out.text(f"{entry.path}: done")
     else:
-        session.out.text("\n".join(block(shown_fields(answer.value, ""), session.out.width)))
+        session.out.text(*block(shown_fields(answer.value, ""), session.out.width))
 
 
 async def _send(session: Session, path: str, value: msgspec.Struct) -> str:

@@ -296,11 +296,12 @@ async def describe(session: Session, patterns: tuple[str, ...]) -> None:
     if session.settings.structured:
         session.out.document(all_of_them)
         return
-    session.out.text("\n\n".join(_description(key, found[0].platform) for key in keys))
+    lines = [line for key in keys for line in (*_description(key, found[0].platform), "")]
+    session.out.text(*lines[:-1])
     _warn(session.out, all_of_them)
 
 
-def _description(key: ConfiguredKey, platform: str) -> str:
+def _description(key: ConfiguredKey, platform: str) -> list[str]:
     unit = unit_suffix(key.unit)
     lines = [
         ("value", f"{brief(key.value)}{unit}, {key.source}" + ("" if key.running else "; does not run")),
@@ -311,7 +312,7 @@ def _description(key: ConfiguredKey, platform: str) -> str:
         ("change", change_command(key, platform)),
     ]
     head = f"{key.key}: {key.meaning}" if key.meaning else key.key
-    return "\n".join([head, *(f"  {name:8}{text}" for name, text in lines if text)])
+    return [head, *(f"  {name:8}{text}" for name, text in lines if text)]
 
 
 def change_command(key: ConfiguredKey, platform: str) -> str:

@@ -12,6 +12,7 @@ from swarmctl.membership.hosts import FleetHost
 from swarmctl.terminal.node_output import raise_errors
 from swarmctl.terminal.output import Output
 from swarmware.errors import SwarmError
+from swarmware.model.visible import visible
 
 
 class FleetOutput(msgspec.Struct, frozen=True):
@@ -59,7 +60,7 @@ async def execute(
         if settings.structured:
             out.line(item)
         elif item.stream != "exit":
-            print(f"{item.host}: {item.line}", file=streams[item.stream], flush=True)
+            print(visible(f"{item.host}: {item.line}"), file=streams[item.stream], flush=True)
         elif item.error or item.exit_code:
             out.warn(f"{item.host}: {item.error or f'exit code {item.exit_code}'}")
 

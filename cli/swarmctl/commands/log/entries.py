@@ -1,7 +1,8 @@
 """Prints, exports and counts log entries."""
 
+import asyncio
 from collections.abc import Iterator, Mapping
-from itertools import islice
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -55,8 +56,7 @@ def follow_entries(pattern: str, count: int | None, out: Output) -> None:
 
     Raises: as `tail.follow`.
     """
-    for entry in islice(tail.follow(out.settings, pattern), count):
-        sources.show(out, entry)
+    asyncio.run(tail.follow(out.settings, pattern, partial(sources.show, out), count))
 
 
 def export_entries(options: Mapping[str, Any], form: str, target: str, out: Output) -> None:

@@ -13,6 +13,7 @@ from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.geometry.geodesy import Origin
+from swarmware.model.visible import json_escaped
 from swarmware.recorder.entry import LogEntry
 from swarmware.types.json_form import exported_form
 
@@ -82,6 +83,6 @@ def _write_lines(entries: Iterable[LogEntry], file: BinaryIO, lost: LostValues) 
             **({"sender": entry.sender} if entry.sender else {}),
             "value": value,
         }
-        file.write(msgspec.json.encode(line) + b"\n")
+        file.write(json_escaped(msgspec.json.encode(line).decode()).encode() + b"\n")
         count += 1
     return count

@@ -186,7 +186,7 @@ def show(out: Output, entry: LogEntry) -> None:
     if out.width is None or len(head) + 1 + len(value) <= out.width:
         out.now(f"{head} {value}")
     else:
-        out.now("\n    ".join([head.rstrip(), *wrapped(value, out.width - 4)]))
+        out.now(head.rstrip(), *wrapped(value, out.width, "    ", "    "))
 
 
 def _value(entry: LogEntry) -> Any:

@@ -8,6 +8,7 @@ from swarmctl.commands.log.columns import HEAD, ColumnKind, Content, TableColumn
 from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.terminal.quantities import utc_text
 from swarmware.errors import missing_extra
+from swarmware.model.visible import visible
 from swarmware.recorder.entry import LogEntry
 
 ROWS: Final = 1 << 14
@@ -45,13 +46,22 @@ def _converted(convert: Callable[..., Any], *value: Any, name: str, lost: LostVa
 class CsvWriter:
     """A table as CSV."""
 
-    def __init__(self, file: TextIO, columns: Sequence[TableColumn], name: str, lost: LostValues) -> None:
-        """`name`: of the type, for the reasons of lost values."""
+    def __init__(
+        self,
+        file: TextIO,
+        columns: Sequence[TableColumn],
+        name: str,
+        lost: LostValues,
+        *,
+        shown: bool = False,
+    ) -> None:
+        """`name`: of the type, for the reasons of lost values. `shown`: on a terminal."""
         self._file = file
+        self._shown = shown
         self._name = name
         self._lost = lost
-        self._rows = csv.writer(file)
-        self._rows.writerow([*HEAD, *(column.name for column in columns)])
+        self._rows = csv.writer(file, lineterminator="\n" if shown else "\r\n")
+        self._write([*HEAD, *(column.name for column in columns)])
         self._changed = [
             place
             for place, column in enumerate(columns, start=len(HEAD))
@@ -64,7 +74,13 @@ class CsvWriter:
         row = [*head, *cells]
         for place in self._changed:
             row[place] = _converted(text, row[place], name=self._name, lost=self._lost)
-        self._rows.writerow(row)
+        self._write(row)
+
+    def _write(self, row: Sequence[Any]) -> None:
+        # a terminal would obey control characters
+        self._rows.writerow(
+            [visible(one) if isinstance(one, str) else one for one in row] if self._shown else row
+        )
 
     def flush(self) -> None:
         """Write the rows that are held in memory."""

@@ -179,7 +179,8 @@ class Tables:
         else:
             stdout = path == "-"
             file = sys.stdout if stdout else self._stack.enter_context(_text_file(path))
-            writer = CsvWriter(file, columns, name, self._lost)
+            terminal = stdout and sys.stdout.isatty()
+            writer = CsvWriter(file, columns, name, self._lost, shown=terminal)
         self._stack.callback(writer.close)
         return writer
 

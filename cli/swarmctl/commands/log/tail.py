@@ -2,10 +2,13 @@
 
 import asyncio
 import contextlib
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.interleaving import Interleaving
@@ -25,20 +28,24 @@ from swarmware.recorder.segment import SegmentReader
 from swarmware.types.log import LogStats
 
 
-def follow(settings: CliSettings, pattern: str) -> Iterator[LogEntry]:
-    """New entries that match, in the order of the loggers' wall clock.
+async def follow(
+    settings: CliSettings, pattern: str, show: Callable[[LogEntry], None], count: int | None
+) -> None:
+    """Shows new entries that match, in the order of the loggers' wall clock; ends after `count`, when given.
 
     Raises: NotFound without a node whose log is on this machine.
     """
     matcher = Pattern(absolute(pattern, settings))
-    with asyncio.Runner() as runner:
-        tail = Tail(_folders(settings))
-        try:
-            runner.run(tail.open())
-            while True:
-                yield from (entry for entry in runner.run(tail.next()) if matcher.matches(entry.topic))
-        finally:
-            runner.run(tail.close())
+    left = math.inf if count is None else count
+    # in one task: a signal cancels the task that has joined the nodes
+    async with Tail(_folders(settings)) as tail:
+        while True:
+            for entry in await tail.next():
+                if matcher.matches(entry.topic):
+                    show(entry)
+                    left -= 1
+                    if left == 0:
+                        return
 
 
 def _folders(settings: CliSettings) -> list[Path]:
@@ -60,12 +67,15 @@ class Tail:
         self._stack = AsyncExitStack()
         self._news = asyncio.Event()
 
-    async def open(self) -> None:
+    async def __aenter__(self) -> Self:
         """Join the nodes whose logs are shown."""
-        for folder, growing in self._growing.items():
-            module = await self._stack.enter_async_context(Client("swarmctl", config_dir=folder))
-            stats = module.reader("log/stats", LogStats)
-            module.start(self._read(str(folder), stats, growing), "tail")
+        async with AsyncExitStack() as stack:
+            for folder, growing in self._growing.items():
+                module = await stack.enter_async_context(Client("swarmctl", config_dir=folder))
+                stats = module.reader("log/stats", LogStats)
+                module.start(self._read(str(folder), stats, growing), "tail")
+            self._stack = stack.pop_all()
+        return self
 
     async def _read(self, logger: str, stats: BoardReader[LogStats], growing: "SegmentFollower") -> None:
         async for report in stats:
@@ -83,9 +93,11 @@ class Tail:
                     await self._news.wait()
         return ready
 
-    async def close(self) -> None:
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Leave the nodes that were joined."""
-        await self._stack.aclose()
+        await self._stack.__aexit__(kind, error, trace)
 
 
 def _log_dir(folder: Path) -> Path:

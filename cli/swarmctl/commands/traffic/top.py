@@ -206,7 +206,7 @@ class TrafficTop:
         if out.redraws:
             out.redraw(text, last=last)
         else:
-            out.now(text)
+            out.now(*text.split("\n"))
 
 
 async def follow_rates(

@@ -54,7 +54,7 @@ async def draw_resources(session: Session, pattern: str) -> None:
     if session.settings.structured:
         session.out.document(found)
     else:
-        session.out.text("\n".join(tree(found.entries)))
+        session.out.text(*tree(found.entries))
 
 
 async def watch_resources(session: Session, pattern: str, count: int | None) -> None:

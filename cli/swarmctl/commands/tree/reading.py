@@ -81,7 +81,7 @@ def _print_block(session: Session, reading: ResourceReading) -> None:
     """A head with time, age and rate, then a line per field."""
     width = session.out.width
     lines = [*wrapped(_about(reading), width, "", "  "), *block(shown_fields(reading.value), width)]
-    session.out.text("\n".join(lines))
+    session.out.text(*lines)
 
 
 def _about(reading: ResourceReading) -> str:

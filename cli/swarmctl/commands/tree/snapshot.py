@@ -110,7 +110,7 @@ async def dump(session: Session, pattern: str, file: str) -> None:
     if session.settings.structured:
         session.out.document(found)
     elif not file:
-        session.out.text(snapshot_bytes(found).decode().rstrip())
+        session.out.verbatim(snapshot_bytes(found).decode().rstrip())
 
 
 def snapshot_bytes(found: TreeSnapshot, *, as_json: bool = False) -> bytes:

@@ -75,7 +75,7 @@ async def print_type(session: Session, name: str) -> None:
     lines = [] if entry is None else [*_resource_lines(entry, session.out.width), ""]
     for one in structs.values():
         lines += [*_struct_lines(_shown(one, entry), session.out.width), ""]
-    session.out.text("\n".join(lines[:-1]))
+    session.out.text(*lines[:-1])
 
 
 def _shown(one: StructDescription, entry: TreeEntry | None) -> ShownStruct:
