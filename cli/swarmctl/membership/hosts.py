@@ -11,6 +11,7 @@ import msgspec
 
 from swarmctl.commandline.nodes import NodeSelection
 from swarmware.errors import InvalidInput
+from swarmware.mission.folder import is_mission
 from swarmware.mission.manifest import MANIFEST
 from swarmware.model import document
 from swarmware.model.config import NodeConfig, convert
@@ -189,7 +190,7 @@ def files(host: FleetHost) -> dict[str, bytes]:
         found |= {f"{CONFIG}services/{path.name}": path.read_bytes() for path in paths}
     for name in keys.missions:
         mission = (host.folder / name).resolve()
-        if not (mission / MANIFEST).is_file():
+        if not is_mission(mission):
             raise InvalidInput(f"mission {mission}: no {MANIFEST} in it; expected the folder of a mission")
         found |= {
             f"{DATA}missions/{mission.name}/{path.relative_to(mission)}": path.read_bytes()

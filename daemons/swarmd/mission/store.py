@@ -5,8 +5,7 @@ from pathlib import Path
 from swarmd.mission.checking import Checker
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.finding import sound
-from swarmware.mission.folder import Folder, read_folder
-from swarmware.mission.manifest import MANIFEST
+from swarmware.mission.folder import Folder, is_mission, read_folder
 from swarmware.types.mission import StoredMission
 
 
@@ -62,6 +61,6 @@ class MissionStore:
         for place in self._places:
             if place.is_dir():
                 for path in sorted(place.iterdir()):
-                    if (path / MANIFEST).is_file():
+                    if path.is_dir() and is_mission(path):
                         found.setdefault(path.name, path)
         return found

@@ -50,13 +50,21 @@ def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, Param
         known = ", ".join(sorted(folder.param_names())) or "it has none"
         raise MissionError(f"parameter {unknown[0]!r}: unknown in {folder.manifest.name}; expected {known}")
     free = sorted(platforms, key=lambda platform: natural(platform.name))
+    named = {role.platform for role in folder.manifest.roles}
     filled: list[tuple[RoleSpec, list[Platform]]] = []
     for role in folder.manifest.roles:
-        fitting = [platform for platform in free if platform.kind in role.kinds]
+        fitting = [
+            platform
+            for platform in free
+            if platform.kind in role.kinds
+            and (platform.name == role.platform if role.platform else platform.name not in named)
+        ]
         taken = fitting[: role.take or None]
         if not taken and role.required:
-            kinds = " or ".join(role.kinds)
-            raise MissionError(f"role {role.name!r}: no {kinds} is available; expected at least one")
+            wanted = f"{role.platform!r}" if role.platform else f"no {' or '.join(role.kinds)}"
+            expected = "it" if role.platform else "at least one"
+            verb = "is not available" if role.platform else "is available"
+            raise MissionError(f"role {role.name!r}: {wanted} {verb}; expected {expected}")
         filled.append((role, taken))
         free = [platform for platform in free if platform not in taken]
     first = {role.name: taken[0].name for role, taken in filled if taken}

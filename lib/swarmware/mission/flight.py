@@ -2,14 +2,17 @@
 
 from collections.abc import Callable
 
+from swarmware.mission import plausible
 from swarmware.mission.catalogue import BlockName, End, Goto
 from swarmware.mission.finding import Remark, Severity
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import Bits, Firing, Marking
-from swarmware.mission.outcome import SUCCESS
+from swarmware.mission.outcome import SUCCESS, TIMED_OUT
 
 Trace = Callable[[], tuple[str, ...]]
 """Returns the counter-example of the current state; called only for a remark."""
+
+_ARMED = "vehicle/state.armed"
 
 RULES = frozenset({"below-ground", "not-in-the-air"})
 """Rules that apply only to flying vehicles."""
@@ -26,12 +29,13 @@ def below_ground(mission: MissionDefinition) -> list[Remark]:
             "expected above 0, or no `z_m` to keep the height",
         )
         for block in mission.blocks.values()
-        if isinstance(block.params, Goto) and block.params.z_m is not None and block.params.z_m <= 0
+        if isinstance(block.params, Goto) and block.params.z_m is not None
+        if -plausible.DEPTH_M <= block.params.z_m <= 0
     ]
 
 
 class FlightPhases:
-    """Adds a bit to each marking that is set while the vehicle is in the air."""
+    """Adds two bits to each marking: the vehicle is in the air, and its motors are armed."""
 
     def __init__(self, mission: MissionDefinition, bits: Bits, *, flies: bool) -> None:
         self._mission = mission
@@ -42,14 +46,36 @@ class FlightPhases:
             bits.of[block.id] for block in mission.blocks.values() if block.spec.airborne and flies
         )
         self._found: dict[tuple[str, str], Remark] = {}
+        takeoffs = [block.id for block in mission.blocks.values() if block.type == BlockName.TAKEOFF]
+        # a mission that requires the motors to be on does not arm them
+        required = any(_ARMED in condition.text for condition in mission.requires)
+        self._takeoffs: Marking = 0 if required or not flies else sum(bits.of[name] for name in takeoffs)
+        self._armed: Marking = 1 << (len(bits.places) + 1) if self._takeoffs else 0
+        self._ready: Marking = 0
+        """Takeoffs that begin with the motors on in some state."""
+        self._unready: dict[str, tuple[str, ...]] = {}
+        """Takeoffs that begin with the motors off in some state, and the way there."""
 
     def remarks(self) -> list[Remark]:
         """The remarks on all paths that were followed."""
-        return list(self._found.values())
+        return [*self._found.values(), *(self._unarmed(*found) for found in self._unready.items())]
+
+    def _unarmed(self, block: str, trace: tuple[str, ...]) -> Remark:
+        sometimes = bool(self._ready & self._bits.of[block])
+        severity: Severity = "warning" if sometimes else "error"
+        how = "can begin" if sometimes else "begins"
+        message = f"{block!r} {how} with the motors off, and fails: expected an Arm before it"
+        return Remark(block, severity, "not-armed", message, trace)
 
     def after(self, step: Firing, marking: Marking) -> tuple[Marking, ...]:
-        """The possible markings after a step, in the air or on the ground."""
+        """The possible markings after a step: in the air or on the ground, armed or not."""
         kind = self._mission.blocks[step.block].type
+        if self._armed and kind in {BlockName.ARM, BlockName.DISARM}:
+            there = marking | self._armed if kind == BlockName.ARM else marking & ~self._armed
+            if step.outcome == SUCCESS or there == marking:
+                return (there,)
+            # refused: it stays as it is; after a time-out either is possible
+            return (marking, there) if step.outcome == TIMED_OUT else (marking,)
         if not self._air or kind not in {BlockName.TAKEOFF, BlockName.LAND}:
             return (marking,)
         there = marking | self._air if kind == BlockName.TAKEOFF else marking & ~self._air
@@ -58,6 +84,13 @@ class FlightPhases:
 
     def look(self, marking: Marking, trace: Trace) -> None:
         """Check the blocks that are active in a state of the mission."""
+        rising = marking & self._takeoffs
+        if rising and marking & self._armed:
+            self._ready |= rising
+        elif rising:
+            for block in self._bits.blocks(rising):
+                if block not in self._unready:
+                    self._unready[block] = trace()
         moving = marking & self._motions
         if moving.bit_count() > 1:
             first, second, *_ = self._bits.blocks(moving)

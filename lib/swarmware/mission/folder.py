@@ -1,4 +1,8 @@
-"""A mission of an ensemble: a manifest (mission.toml) that assigns files to roles, and the files."""
+"""A mission of an ensemble: a manifest (mission.toml) that assigns files to roles, and the files.
+
+Without a manifest, a folder for each member has its file: `<id>/mission.json`. The id is the name of a
+platform, or a number; numbers are filled with platforms in natural order.
+"""
 
 import contextlib
 from collections.abc import Iterable
@@ -10,11 +14,21 @@ import msgspec
 from swarmware.errors import ConfigError, NotFound
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import Catalogue, built_in
-from swarmware.mission.manifest import MANIFEST, ROLE_REFERENCE, Manifest, RoleSpec, Series, read_manifest
+from swarmware.mission.manifest import (
+    MANIFEST,
+    MEMBER_FILE,
+    ROLE_REFERENCE,
+    Manifest,
+    RoleSpec,
+    Series,
+    read_manifest,
+)
 from swarmware.mission.model import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model import document
+from swarmware.model.file_name import is_file_name
+from swarmware.model.names import natural
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
 from swarmware.types.mission import MissionFile, ParamValue
 
@@ -86,7 +100,13 @@ def read_files(path: Path) -> list[MissionFile]:
         return [MissionFile(path.name, document.read(path))]
     folder = path if path.is_dir() else path.parent
     if not (folder / MANIFEST).is_file():
-        raise NotFound(f"{path}: no {MANIFEST} in it; expected a mission folder, or a BDL file")
+        names = _without_manifest(folder)
+        if not names:
+            raise NotFound(
+                f"{path}: no {MANIFEST} in it; expected a mission folder ({MANIFEST}, {MEMBER_FILE} or "
+                f"<id>/{MEMBER_FILE}), or a BDL file"
+            )
+        return [MissionFile(name, document.read(folder / name)) for name in names]
     text = document.read(folder / MANIFEST)
     manifest = read_manifest(text, str(folder / MANIFEST))
     names = sorted({role.file for role in manifest.roles})
@@ -95,8 +115,23 @@ def read_files(path: Path) -> list[MissionFile]:
     return [MissionFile(MANIFEST, text), *(MissionFile(file.name, document.read(file)) for file in there)]
 
 
+def is_mission(folder: Path) -> bool:
+    """Whether a folder has a mission: a manifest, or the files that it may have instead."""
+    return (folder / MANIFEST).is_file() or bool(_without_manifest(folder))
+
+
+def _without_manifest(folder: Path) -> list[str]:
+    """Names of the files of a mission that has no manifest: one, or one in the folder of each member."""
+    if (folder / MEMBER_FILE).is_file():
+        return [MEMBER_FILE]
+    if not folder.is_dir():
+        return []
+    names = [f"{member.name}/{MEMBER_FILE}" for member in folder.iterdir() if is_file_name(member.name)]
+    return sorted((name for name in names if (folder / name).is_file()), key=natural)
+
+
 def read_folder(path: Path, catalogue: Catalogue | None = None) -> Folder:
-    """The mission at this path: a folder with a mission.toml, or one BDL file.
+    """The mission at this path: a folder with a manifest or with a folder for each member, or one BDL file.
 
     Raises: NotFound when the path does not exist; ConfigError when it is invalid or a file is missing.
     """
@@ -128,11 +163,17 @@ def from_files(
     if MANIFEST in texts:
         manifest_text = texts.pop(MANIFEST)
         manifest = read_manifest(manifest_text, source)
+    elif all(name.endswith(f"/{MEMBER_FILE}") for name in texts):
+        roles = [_member_role(name, text, catalogue or built_in()) for name, text in texts.items()]
+        # a role that names its platform takes it before the others are filled
+        roles.sort(key=lambda role: (not role.platform, natural(role.name)))
+        manifest = Manifest(name=Path(where).name[:64] or "mission", roles=tuple(roles))
     elif len(texts) == 1:
         ((name, text),) = texts.items()
         kinds, params = _able(text, name, catalogue or built_in())
         role = RoleSpec(name="all", file=name, kinds=kinds)
-        manifest = Manifest(name=name.removesuffix(".json")[:64] or "mission", roles=(role,), params=params)
+        title = Path(where).name if name == MEMBER_FILE else name.removesuffix(".json")
+        manifest = Manifest(name=title[:64] or "mission", roles=(role,), params=params)
     else:
         raise ConfigError(f"{where}: {len(files)} files without {MANIFEST}; expected it, or a single file")
     for number, role in enumerate(manifest.roles):
@@ -143,28 +184,37 @@ def from_files(
     return Folder(where, manifest, dict(sorted(used.items())), digest, manifest_text)
 
 
+def _member_role(file: str, text: str, catalogue: Catalogue) -> RoleSpec:
+    """The role of the member whose id is the folder of its file: a platform's name, or a number."""
+    member = file.rpartition("/")[0]
+    platform = "" if member.isdecimal() else member
+    # a name may be that of the ground station, too
+    kinds, params = _able(text, file, catalogue, (*VEHICLES, PlatformKind.GCS) if platform else VEHICLES)
+    return RoleSpec(name=member, file=file, kinds=kinds, take=1, platform=platform, params={**params})
+
+
 def _able(
-    text: str, name: str, catalogue: Catalogue
+    text: str, name: str, catalogue: Catalogue, players: tuple[PlatformKind, ...] = VEHICLES
 ) -> tuple[tuple[PlatformKind, ...], dict[str, ParamValue]]:
-    """Kinds of vehicle that can execute every block, and the parameters; the check reports errors."""
+    """Kinds of these players that can execute every block, and the parameters; the check reports errors."""
     try:
         top = parse_source(text, name).value
     except SourceError:
-        return VEHICLES, {}
+        return players, {}
     blocks = top.get("mission") if isinstance(top, dict) else None
     if not isinstance(blocks, dict):
-        return VEHICLES, {}
+        return players, {}
     able = {spec.name: spec.kinds for spec in catalogue.types.values() if spec.kinds}
     types = {
         body["type"] for body in blocks.values() if isinstance(body, dict) and _is_text(body.get("type"))
     }
-    kinds = tuple(kind for kind in VEHICLES if all(kind in able.get(word, VEHICLES) for word in types))
+    kinds = tuple(kind for kind in players if all(kind in able.get(word, players) for word in types))
     declared = top.get("params")
     params: dict[str, ParamValue] = {}
     for key, default in declared.items() if isinstance(declared, dict) else ():
         with contextlib.suppress(msgspec.ValidationError):
             params[key] = msgspec.convert(default, ParamValue)
-    return kinds or VEHICLES, params
+    return kinds or players, params
 
 
 def _is_text(value: object) -> bool:

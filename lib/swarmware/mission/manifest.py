@@ -9,12 +9,14 @@ from swarmware.mission.catalogue import Name
 from swarmware.mission.reaction import ReactionRow, misnamed
 from swarmware.model import document
 from swarmware.model.config import convert
-from swarmware.model.file_name import FileName
+from swarmware.model.file_name import MemberFileName
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.toml_lines import KeyPath, key_text
 from swarmware.types.mission import ParamValue
 
 MANIFEST: Final = "mission.toml"
+MEMBER_FILE: Final = "mission.json"
+"""Name of the file in a mission folder, or in a member's folder of it, without a manifest."""
 ROLE_REFERENCE: Final = "$role."
 """Start of a parameter that means the first platform with a role."""
 
@@ -38,7 +40,7 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     name: Name
     """Name of the role, unique in the mission."""
     file: Annotated[
-        FileName,
+        MemberFileName,
         msgspec.Meta(description="the name of a file in the mission's folder, such as air.json"),
     ]
     """Name of the role's BDL file, beside the manifest."""
@@ -46,6 +48,8 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Kinds of platform that can have the role."""
     take: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
     """Number of platforms with the role; 0: all remaining ones of these kinds."""
+    platform: Annotated[str, msgspec.Meta(max_length=64)] = ""
+    """Name of the only platform that can have the role; empty: any one of these kinds."""
     required: bool = True
     """The mission does not start without a platform for this role."""
     params: dict[str, ParamValue | Series] = {}

@@ -8,7 +8,7 @@ from collections import deque
 from itertools import chain
 from typing import Final
 
-from swarmware.mission import flight, instants
+from swarmware.mission import flight, instants, plausible
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import BlockName, End
 from swarmware.mission.finding import TOO_LARGE, Remark
@@ -22,6 +22,8 @@ _STEP: Final = 80
 """Budget of a step from one state to the next, in bytes, with its time."""
 SHOWN_LIMIT: Final = 6
 """Maximum blocks that a message names as running at the same time."""
+
+_MOTORS: Final = frozenset({BlockName.ARM, BlockName.DISARM})
 
 Key = bytes
 """The marking as bytes, for dictionaries: integers whose bits are 61 apart have equal hashes (modulo 2**61 -
@@ -37,8 +39,9 @@ def check(mission: MissionDefinition, budget: Budget | None = None, *, flies: bo
     `flies`: an air vehicle may execute it.
     """
     budget = budget or Budget()
-    under = flight.below_ground(mission) if flies else []
-    return [*instants.check(mission), *under, *_states(mission, budget, flies=flies)]
+    found = [*instants.check(mission), *plausible.check(mission)]
+    found += flight.below_ground(mission) if flies else []
+    return [*found, *_states(mission, budget, flies=flies)]
 
 
 def _states(mission: MissionDefinition, budget: Budget, *, flies: bool) -> list[Remark]:
@@ -59,8 +62,10 @@ def reduced(mission: MissionDefinition, net: Net, budget: Budget) -> Net:
         params = mission.blocks[block].params
         return params.result if isinstance(params, End) else ""
 
-    motions = [block.id for block in mission.blocks.values() if block.spec.motion]
-    return reduce(net, motions, budget, result)
+    blocks = mission.blocks.values()
+    rises = any(block.type == BlockName.TAKEOFF for block in blocks)
+    kept = [block.id for block in blocks if block.spec.motion or (rises and block.type in _MOTORS)]
+    return reduce(net, kept, budget, result)
 
 
 def explore(mission: MissionDefinition, net: Net, budget: Budget, *, flies: bool) -> list[Remark]:
@@ -76,7 +81,7 @@ class _Exploration:
         self._bits = bits
         self._budget = budget
         self._size = len(bits.places) // PLACES_PER_BYTE
-        self._width = len(bits.places) // 8 + 1  # the bit for the air included
+        self._width = (len(bits.places) + 1) // 8 + 1  # with the two bits of the flight
         self._flight = flight.FlightPhases(mission, bits, flies=flies)
         self._motions = sum(bits.of[block.id] for block in mission.blocks.values() if block.spec.motion)
         first = self._key(bits.start)

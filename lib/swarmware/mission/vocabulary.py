@@ -1,6 +1,6 @@
 """Checks the operands of conditions: resources of the templates, fields of their types, ranges of values."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from functools import cache
 from typing import Any, Final, get_type_hints
 
@@ -87,8 +87,13 @@ class Vocabulary:
         self,
         resources: Iterable[Resource] = (),
         types: Callable[[str], type[msgspec.Struct]] = registry.find,
+        quantities: Callable[[], Collection[str]] = registry.quantities,
     ) -> None:
-        """`types`: finds a payload type by its name; raises NotFound for one that is not known."""
+        """`types`: finds a payload type by its name; raises NotFound for one that is not known.
+
+        `quantities`: names of the known types and of their fields.
+        """
+        self._quantities = quantities
         self._known: _Known = {}
         self._types = types
         self.add("", resources)
@@ -126,6 +131,12 @@ class Vocabulary:
         kinds: tuple[str, ...],
     ) -> Iterator[Problem]:
         """Warns of a sensor of no template; its condition must suit one of the sensors that are meant."""
+        if params.measures and params.measures not in self._quantities():
+            near = similar(params.measures, self._quantities())
+            hint = f"did you mean {near[0]!r}?" if near else "expected a type (Barometer) or a field of one"
+            message = f"{params.measures!r} is measured by no sensor that is known here; {hint}"
+            yield Problem(f"{pointer}/measures", params.measures, 0, "error", message)
+            return
         choice = SensorChoice(params)
         meant = [
             path

@@ -12,6 +12,8 @@ _WHOLE: Final = re.compile(rf"{_NAME}\Z")
 
 FileName = Annotated[str, msgspec.Meta(pattern=rf"^{_NAME}{_END}")]
 """Name of a file in a folder that the receiver knows: no folders, not hidden."""
+MemberFileName = Annotated[str, msgspec.Meta(pattern=rf"^{_NAME}(/mission\.json)?{_END}")]
+"""A file name, or `<id>/mission.json`: the file in the folder of a mission's member."""
 OptionalFileName = Annotated[str, msgspec.Meta(pattern=rf"^({_NAME})?{_END}")]
 """A file name, or an empty text where none is meant."""
 

@@ -94,6 +94,13 @@ def _names(_count: int) -> str:
     return ", ".join(sorted(_TYPES))
 
 
+def quantities() -> frozenset[str]:
+    """Names of all payload types, and of their fields, that loaded and common modules define."""
+    _import_all()
+    fields = (name for cls in list(_TYPES.values()) for name in cls.__struct_fields__)
+    return frozenset(_TYPES).union(fields)
+
+
 @cache
 def _import_all() -> None:
     """Import the modules of this package, which register their types: once, a log may have a million values

@@ -25,7 +25,7 @@ SWARM = [
     Platform("ugv1", PlatformKind.UGV),
     Platform("gcs", PlatformKind.GCS),
 ]
-HOP = net(s="Start>t", t={"type": "Takeoff", "alt": 3, "next": "l"}, l="Land>e", e="End")
+HOP = net(s="Start>a", a="Arm>t", t={"type": "Takeoff", "alt": 3, "next": "l"}, l="Land>e", e="End")
 
 
 def sent(path: Path, *params: str) -> Folder:

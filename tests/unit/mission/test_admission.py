@@ -21,7 +21,8 @@ from swarmware.types import registry
 from swarmware.types.mission import Arrival, BarrierResult, Member, MissionOrder, MissionPhase, MissionState
 
 TEXT = net(
-    s="Start>t",
+    s="Start>a",
+    a="Arm>t",
     t={"type": "Takeoff", "alt": "$param.height", "next": "e"},
     e="End",
 ).replace('{"mission"', '{"params": {"height": 5.0}, "mission"', 1)

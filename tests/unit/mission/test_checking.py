@@ -183,7 +183,13 @@ def test_a_check_whose_process_is_killed_refuses_the_mission(monkeypatch: pytest
 async def test_values_of_parameters_are_checked_with_the_text_of_each_role(
     height: ParamValue, accepted: bool
 ) -> None:
-    text = net(s="Start>t", t={"type": "Takeoff", "alt": "$param.height_m", "next": "l"}, l="Land>e", e="End")
+    text = net(
+        s="Start>a",
+        a="Arm>t",
+        t={"type": "Takeoff", "alt": "$param.height_m", "next": "l"},
+        l="Land>e",
+        e="End",
+    )
     document = json.loads(text) | {"params": {"height_m": 3.0}}
     checker = Checker(built_in())
     folder = alone(json.dumps(document))

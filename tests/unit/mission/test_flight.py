@@ -22,7 +22,7 @@ def go(after: str, **more: Any) -> dict[str, Any]:
 
 
 UP = {"type": "Takeoff", "alt": 5}
-HOP = net(s="Start>t", t={**UP, "next": "g"}, g=go("l"), l="Land>e", e="End")
+HOP = net(s="Start>q", q="Arm>t", t={**UP, "next": "g"}, g=go("l"), l="Land>e", e="End")
 
 
 def found(text: str, kind: str = "uav") -> list[Finding]:
@@ -54,9 +54,24 @@ def test_a_ground_vehicle_has_no_height() -> None:
     "text",
     [
         net(s="Start>g", g=go("l"), l="Land>e", e="End"),
-        net(s="Start>d", d=choice("t", "g"), t={**UP, "next": "g"}, g=go("l"), l="Land>e", e="End"),
-        net(s="Start>t", t={**UP, "next": "g", "nextError": "g"}, g=go("l"), l="Land>e", e="End"),
-        net(s="Start>t", t={**UP, "next": "k"}, k="Land>g", g=go("l"), l="Land>e", e="End"),
+        net(
+            s="Start>q",
+            q="Arm>d",
+            d=choice("t", "g"),
+            t={**UP, "next": "g"},
+            g=go("l"),
+            l="Land>e",
+            e="End",
+        ),
+        net(
+            s="Start>q",
+            q="Arm>t",
+            t={**UP, "next": "g", "nextError": "g"},
+            g=go("l"),
+            l="Land>e",
+            e="End",
+        ),
+        net(s="Start>q", q="Arm>t", t={**UP, "next": "k"}, k="Land>g", g=go("l"), l="Land>e", e="End"),
         net(s="Start>g", g={"type": "Formation", "leader": "ugv1", "next": "l"}, l="Land>e", e="End"),
     ],
     ids=["never", "perhaps not", "it failed", "landed again", "formation"],
@@ -67,21 +82,25 @@ def test_a_motion_that_can_begin_before_the_take_off_is_refused(text: str) -> No
 
 
 def test_an_end_in_the_air_is_a_warning_unless_the_mission_failed() -> None:
-    text = net(s="Start>t", t={**UP, "next": "e"}, e="End")
+    text = net(s="Start>q", q="Arm>t", t={**UP, "next": "e"}, e="End")
     assert rules(text) == [("warning", "ends-in-the-air", "e")]
-    failed = net(s="Start>t", t={**UP, "next": "e"}, e={"type": "End", "result": "failed"})
+    failed = net(s="Start>q", q="Arm>t", t={**UP, "next": "e"}, e={"type": "End", "result": "failed"})
     assert rules(failed) == []
     unsure = net(
-        s="Start>t", t={**UP, "next": "l"}, l={"type": "Land", "next": "e", "nextError": "e"}, e="End"
+        s="Start>q",
+        q="Arm>t",
+        t={**UP, "next": "l"},
+        l={"type": "Land", "next": "e", "nextError": "e"},
+        e="End",
     )
     assert rules(unsure) == [("warning", "ends-in-the-air", "e")]
 
 
 @pytest.mark.parametrize("kind", ["uav", "ugv"])
 def test_two_motions_at_once_are_one_too_many(kind: str) -> None:
-    before = {"t": {**UP, "next": "f"}} if kind == "uav" else {}
+    before = {"q": "Arm>t", "t": {**UP, "next": "f"}} if kind == "uav" else {}
     text = net(
-        s="Start>t" if before else "Start>f",
+        s="Start>q" if before else "Start>f",
         **before,
         f="Fork>a,b",
         a=go("j"),
@@ -112,6 +131,90 @@ def test_a_role_that_ground_vehicles_may_play_too_is_warned_of_those_that_fly(
     files = [MissionFile("mission.toml", manifest), MissionFile("a.json", text)]
     found = check_folder(from_files(files, ""))
     assert [f.severity for f in found if f.rule == "not-in-the-air"] == severities
+
+
+AFTER = {"t": {**UP, "next": "l"}, "l": "Land>e", "e": "End"}
+REFUSED = {"type": "Arm", "next": "t", "nextError": "t"}
+
+
+@pytest.mark.parametrize(
+    ("text", "severity"),
+    [
+        (net(s="Start>t", **AFTER), "error"),
+        (net(s="Start>w", w="Wait>t", **AFTER), "error"),
+        (net(s="Start>a", a="Arm>o", o="Disarm>t", **AFTER), "error"),
+        (net(s="Start>a", a="Arm>d", d=choice("o", "t"), o="Disarm>t", **AFTER), "warning"),
+        (net(s="Start>d", d=choice("a", "t"), a="Arm>t", **AFTER), "warning"),
+        (net(s="Start>a", a=REFUSED, **AFTER), "warning"),
+        (
+            net(s="Start>f", f="Fork>a,t", a="Arm>j", j="Join>l", **AFTER | {"t": {**UP, "next": "j"}}),
+            "warning",
+        ),
+        (net(s="Start>a", a="Arm>t", **AFTER), None),
+        (net(s="Start>d", d=choice("a", "b"), a="Arm>t", b="Arm>t", **AFTER), None),
+        (net(s="Start>f", f="Fork>a,w", a="Arm>j", w="Wait>j", j="Join>t", **AFTER), None),
+    ],
+)
+def test_a_takeoff_needs_an_arm_before_it(text: str, severity: str | None) -> None:
+    found_here = [finding for finding in found(text) if finding.rule == "not-armed"]
+    assert [finding.severity for finding in found_here] == ([severity] if severity else [])
+    for finding in found_here:
+        assert finding.pointer == "/mission/t"
+        assert finding.trace[0] == "s"
+        assert ("'t' begins with the motors off" in finding.message) == (severity == "error")
+
+
+def test_a_mission_that_requires_armed_motors_does_not_arm_them() -> None:
+    text = net(s="Start>t", **AFTER)
+    assert rules(text[:-1] + ', "requires": ["vehicle/state.armed"]}') == []
+
+
+@pytest.mark.parametrize(
+    ("block", "severity", "words"),
+    [
+        (go("l", z=5) | {"x": 63_640, "y": 63_640}, "error", "90001 m from the map's origin"),
+        (go("l", z=900), "error", "a height of 900 m"),
+        (go("l", z=-30), "error", "30 m below the map's origin"),
+        (go("l", z=5) | {"x": 9_000}, "warning", "9000 m from the map's origin, near the limit"),
+        (go("l", z=450), "warning", "a height of 450 m, near the limit"),
+        (go("l", z=5) | {"x": 10_001}, "error", "expected at most 10000 m"),
+        ({"type": "Takeoff", "alt": 800, "next": "l"}, "error", "a height of 800 m"),
+        (
+            {"type": "Formation", "leader": "ugv1", "course": [[0, 0], [90_000, 0]], "next": "l"},
+            "error",
+            "course[1]: 90000 m",
+        ),
+        (
+            {"type": "Formation", "leader": "ugv1", "offset_m": [0, 0, -40], "next": "l"},
+            "error",
+            "40 m below",
+        ),
+    ],
+)
+def test_a_position_that_no_mission_means_is_refused_and_one_near_the_limit_told(
+    block: dict[str, Any], severity: str, words: str
+) -> None:
+    text = net(s="Start>q", q="Arm>t", t={**UP, "next": "g"}, g=block, l="Land>e", e="End")
+    (finding,) = found(text)
+    assert (finding.severity, finding.rule, finding.pointer) == (severity, "implausible", "/mission/g")
+    assert words in finding.message
+
+
+@pytest.mark.parametrize(
+    "block", [go("l", z=5) | {"x": 7_900}, go("l", z=390), go("l", z=0.5), {**UP, "alt": 300, "next": "l"}]
+)
+def test_a_position_well_within_the_limits_is_not_told(block: dict[str, Any]) -> None:
+    text = net(s="Start>q", q="Arm>t", t={**UP, "next": "g"}, g=block, l="Land>e", e="End")
+    assert rules(text) == []
+
+
+def test_thirty_metres_below_the_ground_are_an_error_for_every_kind_of_vehicle() -> None:
+    text = net(s="Start>g", g=go("e", z=-30), e="End")
+    assert rules(text, "ugv") == [("error", "implausible", "g")]
+    (mixed,) = [
+        f for f in check_folder(from_files([MissionFile("m.json", text)], "")) if f.rule == "implausible"
+    ]
+    assert mixed.severity == "error"
 
 
 class Vehicle:

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,7 +15,7 @@ from swarmware.errors import ConfigError, MissionError, NotFound
 from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.check import check_files, check_folder
 from swarmware.mission.finding import sound
-from swarmware.mission.folder import from_files, read_folder
+from swarmware.mission.folder import Folder, from_files, read_folder
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile
 
@@ -42,6 +43,7 @@ def part(*blocks: dict[str, Any], **params: Any) -> str:
 MEET = {"type": "Barrier", "id": "up", "timeout_s": 9}
 LEADER = part(MEET)
 AIR = part(
+    {"type": "Arm"},
     {"type": "Takeoff", "alt": "$param.height"},
     MEET,
     {"type": "Formation", "leader": "$param.head"},
@@ -214,3 +216,50 @@ def test_any_content_is_a_folder_or_our_error(text: str, name: str) -> None:
     for manifest in (MANIFEST, text):
         with contextlib.suppress(ConfigError):
             check_folder(from_files([MissionFile("mission.toml", manifest), MissionFile(name, text)], ""))
+
+
+def lay(folder: Path, **texts: str) -> Path:
+    for member, text in texts.items():
+        (folder / member).mkdir(parents=True)
+        (folder / member / "mission.json").write_text(text)
+    return folder
+
+
+def test_a_folder_for_each_id_is_a_mission_whose_numbers_are_filled_in_order(tmp_path: Path) -> None:
+    once, twice = part(MEET), part({**MEET, "id": "up"}, {"type": "Barrier", "id": "up"})
+    folder = read_folder(lay(tmp_path / "duty", **{"2": once, "10": twice, "uav2": once, "gcs": once}))
+    assert folder.manifest.name == "duty"
+    assert sorted(folder.texts) == [f"{member}/mission.json" for member in ("10", "2", "gcs", "uav2")]
+    cast = assign(folder, SWARM, {})
+    roles = {member.role: member.platform for member in cast.members}
+    assert roles == {"gcs": "gcs", "uav2": "uav2", "2": "uav10", "10": "ugv1"}
+    with pytest.raises(MissionError, match="role 'uav2': 'uav2' is not available; expected it"):
+        assign(folder, [platform for platform in SWARM if platform.name != "uav2"], {})
+
+
+def test_a_finding_in_the_folder_of_an_id_names_its_file(tmp_path: Path) -> None:
+    once, twice = part({"type": "Barrier", "id": "x"}), part(*[{"type": "Barrier", "id": "x"}] * 2)
+    lay(tmp_path / "m", **{"1": twice, "2": once})
+    (finding,) = [found for found in check_files([tmp_path / "m"]) if found.severity == "error"]
+    assert finding.rule == "unequal-visits"
+    assert finding.file == str(tmp_path / "m" / "1" / "mission.json")
+    assert finding.pointer == "/mission/b2"
+    folder = read_folder(tmp_path / "m")
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(folder), type=Folder) == folder
+
+
+def test_a_folder_with_one_mission_is_read_without_a_manifest(tmp_path: Path) -> None:
+    (tmp_path / "hop").mkdir()
+    (tmp_path / "hop" / "mission.json").write_text(LEADER)
+    folder = read_folder(tmp_path / "hop")
+    assert (folder.manifest.name, [role.name for role in folder.manifest.roles]) == ("hop", ["all"])
+    (tmp_path / "empty" / "1").mkdir(parents=True)
+    with pytest.raises(NotFound, match=r"mission\.toml, mission\.json or <id>/mission\.json"):
+        read_folder(tmp_path / "empty")
+
+
+def test_a_role_may_name_its_platform() -> None:
+    manifest = MANIFEST.replace('name = "air"\n', 'name = "air"\nplatform = "uav10"\n')
+    cast = assign(from_files(files(**{"mission.toml": manifest}), ""), SWARM, {})
+    assert [member.platform for member in cast.members if member.role == "air"] == ["uav10"]
+    assert "uav2" in cast.left_out

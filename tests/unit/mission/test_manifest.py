@@ -46,7 +46,7 @@ HEAD = """{"params": {"speed_m_s": 1.0}, "mission": {
  "g": {"type": "Goto", "x": 1, "y": 2, "speed": "$param.speed_m_s", "next": "e"},
  "e": {"type": "End"}}}"""
 AIR = """{"params": {"height_m": 3.0, "leader": "ugv1"}, "mission": {
- "s": {"type": "Start", "next": "t"},
+ "s": {"type": "Start", "next": "a"}, "a": {"type": "Arm", "next": "t"},
  "t": {"type": "Takeoff", "alt": "$param.height_m", "next": "f"},
  "f": {"type": "Formation", "leader": "$param.leader", "next": "l"},
  "l": {"type": "Land", "next": "e"},

@@ -135,7 +135,8 @@ def nested(depth: int) -> str:
 def beside_a_flight(branches: int) -> str:
     pauses = {f"w{n}": f"Wait>v{n}" for n in range(branches)} | {f"v{n}": "Wait>j" for n in range(branches)}
     return net(
-        s="Start>t",
+        s="Start>arm",
+        arm="Arm>t",
         t={"type": "Takeoff", "alt": 5, "next": "f"},
         f="Fork>g," + ",".join(f"w{n}" for n in range(branches)),
         **pauses,

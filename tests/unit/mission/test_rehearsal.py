@@ -28,7 +28,8 @@ MANIFEST = f"""
 name = "climb"
 {AIR_AND_CONTROL}"""
 AIR = net(
-    s="Start>t",
+    s="Start>a",
+    a="Arm>t",
     t={"type": "Takeoff", "alt": "$param.height", "next": "l"},
     l="Land>e",
     e="End",

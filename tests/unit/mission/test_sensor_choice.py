@@ -78,7 +78,15 @@ def test_a_sensor_of_the_templates_is_sound_with_fields_of_its_type() -> None:
             {"sensor": "sensor/gns"},
             "warning: sensor sensor/gns is in no template; did you mean 'sensor/gnss'?",
         ),
-        ({"measures": "Hygrometer"}, "warning: sensor sensor/** that measures Hygrometer is in no template"),
+        ({"measures": "Hygrometer"}, "error: 'Hygrometer' is measured by no sensor that is known here"),
+        (
+            {"measures": "Baromter"},
+            "error: 'Baromter' is measured by no sensor that is known here; did you",
+        ),
+        (
+            {"measures": "MissionState"},
+            "warning: sensor sensor/** that measures MissionState is in no",
+        ),
         (
             {"sensor": "sensor/gnss", "until": "satelites > 5"},
             "error: condition 'satelites > 5': GnssFix has no",

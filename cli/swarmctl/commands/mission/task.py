@@ -69,7 +69,8 @@ def task(mission: str, members: Iterable[str], params: Iterable[str]) -> Mission
     """
     where = locate(mission)
     files = tuple(read_files(where))
-    name = "" if len(files) == 1 else (where if where.is_dir() else where.parent).resolve().name
+    single = where.is_file() and len(files) == 1
+    name = "" if single else (where if where.is_dir() else where.parent).resolve().name
     return MissionTask(name, files, dict(_param(text) for text in params), tuple(members))
 
 
