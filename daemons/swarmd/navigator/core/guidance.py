@@ -11,6 +11,7 @@ from swarmd.navigator.core.controller import Controller
 from swarmd.navigator.core.keeper import FormationKeeper
 from swarmd.navigator.core.pace import TURNS
 from swarmd.navigator.core.prediction import predicted
+from swarmd.navigator.core.route import Point, RouteSearch, SeenObstacles
 from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
 from swarmware.types.control import ControlState, DriveMode
@@ -36,6 +37,12 @@ _CIRCLING_HEIGHT_M: Final = 2.0
 """Error of the height within which a vehicle that circles has climbed to its altitude."""
 _BLIND_FINAL_M: Final = 2.0
 """Measured height below which a landing without a position descends at touch-down speed."""
+_STRAYS: Final = 4
+"""Times the time of a blocked vehicle after which one that moves, but comes no nearer, is in a dead end."""
+_CORNER_M: Final = 1.0
+"""Distance at which a corner of a route is passed."""
+_ROOM_M: Final = 0.1
+"""Clearance of a route beyond radius and margin of the vehicle, as of a detour."""
 _SCAN_AGE_S: Final = 0.5
 """Age up to which echoes are used; delays of the own steps are added."""
 _ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND, GoalKind.DESCEND})
@@ -91,6 +98,15 @@ class Guidance:
         self._setpoint = _STOP
         self._moved_ns = 0
         self._moved_from: tuple[float, float, float] | None = None
+        self._seen = SeenObstacles()
+        """Obstacles seen on the way to the goal."""
+        self._search: RouteSearch | None = None
+        self._route: list[Point] = []
+        """Corners that are left of the route around them."""
+        self._replanned = False
+        """Whether a route was searched for this goal: once, then the vehicle is blocked."""
+        self._nearest_m, self._nearest_ns = math.inf, 0
+        """The least distance to the goal, and when it was less than before."""
         self._status = NavStatus(0, NavState.IDLE)
         self._status_ns = -(1 << 62)
 
@@ -129,6 +145,9 @@ class Guidance:
         self._circled = self._goal if self._arrived and self._controller.circle_m > 0.0 else None
         self._goal, self._goal_ns, self._moved_ns = goal, now_ns, now_ns
         self._keeper, self._goal_error, self._anchor, self._arrived = None, "", None, False
+        self._search, self._route, self._replanned = None, [], False
+        self._nearest_m, self._nearest_ns = math.inf, now_ns
+        self._seen.clear()
         if not goal.kind.known:
             self._goal_error = f"goal {str(goal.kind)!r}: expected one of {', '.join(GoalKind)}"
         elif goal.kind is GoalKind.TAKEOFF and not self._controller.flies:
@@ -165,6 +184,8 @@ class Guidance:
         if pose is not None and self._scan is not None:
             self._points = self._echoes(pose, self._scan, now_ns, delay_ns)
             self._scan = None
+            if self._goal is not None and self._goal.kind is GoalKind.GOTO:
+                self._seen.add(self._points)
         plan = self._plan(pose, now_ns, height_m)
         if plan.sink_m_s > 0.0:
             setpoint = self._controller.sink(plan.sink_m_s)
@@ -288,6 +309,13 @@ class Guidance:
     def _go(self, goal: Goal, pose: Pose) -> _Plan:
         target = Target(goal.x_m, goal.y_m, goal.z_m, goal.yaw_rad, goal.speed_m_s, (goal.x_m, goal.y_m))
         distance, yaw = self._away_m(pose, target), goal.yaw_rad
+        while self._route and math.dist(self._route[0], (pose.x_m, pose.y_m)) < _CORNER_M:
+            del self._route[0]
+        if self._route:
+            x, y = self._route[0]
+            ahead = math.atan2(y - pose.y_m, x - pose.x_m) if self._controller.flies else None
+            target = Target(x, y, goal.z_m, ahead, goal.speed_m_s, (x, y))
+            return _Plan(NavState.MOVING, target, distance, note="detour", blockable=True)
         if yaw is None and self._controller.flies and distance > 2.0:
             ahead = math.atan2(goal.y_m - pose.y_m, goal.x_m - pose.x_m)
             target = msgspec.structs.replace(target, yaw_rad=ahead)
@@ -390,9 +418,39 @@ class Guidance:
         moves = here is not None and (self._moved_from is None or math.dist(here, self._moved_from) > min_m)
         if moves or not plan.blockable:
             self._moved_ns, self._moved_from = now_ns, here
+        if not plan.blockable or plan.distance_m < self._nearest_m - min_m:
+            self._nearest_m, self._nearest_ns = plan.distance_m, now_ns
+        strays = now_ns - self._nearest_ns > _STRAYS * self._config.blocked_s * 1e9
+        if strays and pose is not None and self._plans_again(pose, now_ns):
+            return msgspec.structs.replace(plan, note="plans a detour")
         if now_ns - self._moved_ns > self._config.blocked_s * 1e9:
+            if pose is not None and self._plans_again(pose, now_ns):
+                return msgspec.structs.replace(plan, note="plans a detour")
             return msgspec.structs.replace(plan, state=NavState.BLOCKED, error=NavError.NO_WAY)
         return plan
+
+    def _plans_again(self, pose: Pose, now_ns: int) -> bool:
+        """Searches a route around what was seen, once for a goal; False: there is none."""
+        goal = self._goal
+        if (
+            self._replanned
+            or goal is None
+            or goal.kind is not GoalKind.GOTO
+            or self._controller.circle_m > 0.0
+        ):
+            return False
+        if self._search is None:
+            width_m = self._config.dwa.radius_m + self._config.dwa.margin_m + _ROOM_M
+            occupied = self._seen.occupied(width_m)
+            self._search = RouteSearch((pose.x_m, pose.y_m), (goal.x_m, goal.y_m), occupied)
+        route = self._search.advance()
+        if route is None and not self._search.done:
+            return True
+        self._search, self._replanned = None, True
+        if route is None or len(route) < 2:
+            return False  # no way, or a free one: something else stops the vehicle
+        self._route, self._moved_ns = route, now_ns
+        return True
 
     def _report(self, plan: _Plan, now_ns: int) -> NavStatus | None:
         status = NavStatus(
