@@ -229,9 +229,7 @@ def mission_task(name: str) -> MissionTask:
     """
     folder = share_dir() / "missions" / name
     files = sorted(path for path in folder.glob("*") if path.name == MANIFEST or path.suffix == ".json")
-    return MissionTask(
-        name=name, files=tuple(MissionFile(path.name, path.read_text("utf-8")) for path in files)
-    )
+    return MissionTask(name=name, files=tuple(MissionFile(path.name, document.read(path)) for path in files))
 
 
 def _log_of(node: LabNode) -> Path:

@@ -1,5 +1,6 @@
 """Every kind of file that is read: whatever stands in it, it is taken or refused by name and line."""
 
+import codecs
 import contextlib
 import json
 import os
@@ -249,3 +250,18 @@ def test_a_setting_that_is_infinite_is_kept_over_a_restart(tmp_path: Path) -> No
     kept = SettingsStore(tmp_path / "settings.toml").get("config/limit")
     assert kept is not None
     assert kept.value == float("inf")
+
+
+@pytest.mark.parametrize("content", ["a = 1\n", "[a]\nb = 'ü'\n", ""])
+def test_a_byte_order_mark_is_skipped(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(codecs.BOM_UTF8 + content.encode())
+    assert document.read(path) == content
+    assert document.toml(document.read(path), "a.toml") == document.toml(content, "a.toml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-32", "utf-32-be"])
+def test_another_encoding_is_named_with_what_to_do(encoding: str) -> None:
+    marked = {"utf-32-be": codecs.BOM_UTF32_BE}.get(encoding, b"")
+    with pytest.raises(ConfigError, match=r"^f: cannot be read: UTF-16 or UTF-32; save as UTF-8$"):
+        document.text(marked + "platform = 'uav1'".encode(encoding), "f")

@@ -69,13 +69,13 @@ def host_node(shipped: Path, config_dir: Path, choice: NodeChoice) -> HostNode:
     if NODE_FILE in files:
         keys = _node_keys(files[NODE_FILE], choice)
         files[NODE_FILE] = with_keys(files[NODE_FILE], keys, NODE_FILE)
-        node = parse(files[NODE_FILE].decode(), NodeConfig, NODE_FILE)
+        node = parse(document.text(files[NODE_FILE], NODE_FILE), NodeConfig, NODE_FILE)
     else:
         node = load_node(config_dir)
         _check(choice, node, config_dir / NODE_FILE)
     single = _single_unit(files, config_dir, choice, node)
     if HAL_FILE in files and SIMULATION not in node.services:
-        drivers = document.toml(files[HAL_FILE].decode(), HAL_FILE)["drivers"]
+        drivers = document.toml(document.text(files[HAL_FILE], HAL_FILE), HAL_FILE)["drivers"]
         kept = [name for name in drivers if name != SIMULATION]
         files[HAL_FILE] = with_keys(files[HAL_FILE], {"drivers": kept}, HAL_FILE)
     return HostNode(node.platform, tuple(node.services), node.data_dir, single, files)
@@ -86,7 +86,7 @@ def with_keys(text: bytes, keys: dict[str, Any], source: str) -> bytes:
 
     Raises: ConfigError for a key that the file does not have on one line.
     """
-    found = text.decode()
+    found = document.text(text, source)
     for key, value in keys.items():
         line = f"{key} = {json.dumps(value)}"
         found = re.sub(rf"(?m)^{key} = .*$", lambda _match, line=line: line, found, count=1)  # type: ignore[misc]
@@ -109,7 +109,7 @@ def _node_keys(shipped: bytes, choice: NodeChoice) -> dict[str, Any]:
             f"--kind: not given, and the name {choice.platform!r} does not begin with one; expected one of"
             f" {', '.join(TEMPLATES)}"
         )
-    services = parse(shipped.decode(), NodeConfig, NODE_FILE).services
+    services = parse(document.text(shipped, NODE_FILE), NodeConfig, NODE_FILE).services
     left_out = VEHICLE_ONLY if kind == STATION else (SIMULATION,) if choice.real else ()
     unit = check_platform(choice.unit or MAIN)
     kept = UNIT if unit != MAIN else [name for name in services if name not in left_out]

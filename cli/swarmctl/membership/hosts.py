@@ -2,7 +2,6 @@
 
 import hashlib
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -228,7 +227,7 @@ def hosts_schema() -> str:
 def host_names(file: str, begun: str) -> list[str]:
     """Names of hosts in this file that begin so; none where it cannot be read."""
     try:
-        found = tomllib.loads(Path(file).read_text("utf-8")).get("hosts", [])
+        found = document.toml(document.read(Path(file)), file).get("hosts", [])
         names = [str(one["name"]) for one in found if "name" in one]
     except (OSError, ValueError, TypeError, AttributeError):
         return []

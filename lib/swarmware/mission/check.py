@@ -42,7 +42,8 @@ def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> li
             findings += check_folder(read_folder(path, catalogue), catalogue)
         except ConfigError as error:
             place = path / MANIFEST if path.is_dir() else path
-            findings.append(Finding(str(place), error.line, "", "error", "manifest", error.message))
+            message = error.message.removeprefix(f"{place}: ")
+            findings.append(Finding(str(place), error.line, "", "error", "manifest", message))
     return findings
 
 

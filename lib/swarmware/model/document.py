@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import math
 import re
 import tomllib
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import msgspec
 
 from swarmware.errors import ConfigError
+from swarmware.model.foreign_format import foreign_format
 
 if TYPE_CHECKING:
     from swarmware.model.toml_lines import KeyPath
@@ -23,6 +25,8 @@ DEPTH_LIMIT: Final = 32
 """Maximum nesting of a file; the deepest known one has 6."""
 LINES_LIMIT: Final = 1 << 18
 """Maximum characters of a text in which the line of an error is searched."""
+_WIDE_MARKS: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
+"""Byte order marks of other encodings; that of UTF-32 LE begins as that of UTF-16 LE."""
 _INTEGER_MIN: Final = -(1 << 63)
 _GREATEST_INTEGER: Final = (1 << 64) - 1
 
@@ -53,12 +57,17 @@ def read(path: Path) -> str:
 
 
 def text(data: bytes, source: str) -> str:
-    """Decode the bytes of a file.
+    """Decode the bytes of a file; a byte order mark before UTF-8 is skipped.
 
-    Raises: ConfigError when they are too many or not UTF-8.
+    Raises: ConfigError when they are too many, not UTF-8, or a file of another tool.
     """
+    data = data.removeprefix(codecs.BOM_UTF8)
+    if what := foreign_format(data):
+        raise ConfigError(f"{source}: {what}: not readable here; expected a file of Swarmware, TOML or JSON")
     if len(data) > SIZE_LIMIT:
         raise ConfigError(f"{source}: more than {SIZE_LIMIT} bytes; expected a smaller file")
+    if data.startswith(_WIDE_MARKS) or b"\0" in data[:2]:
+        raise ConfigError(f"{source}: cannot be read: UTF-16 or UTF-32; save as UTF-8")
     try:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -12,6 +12,7 @@ import msgspec
 from swarmware.errors import NotFound
 from swarmware.model import names
 from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.foreign_log import foreign_log, refuse_foreign
 from swarmware.recorder.ring import segments, set_aside
 from swarmware.recorder.segment import SegmentReader
 
@@ -68,21 +69,37 @@ class FolderSource:
     def __init__(self, directories: Iterable[Path]) -> None:
         self.directories = tuple(directories)
         self._damage: dict[Path, str] = {}
+        self._foreign: dict[Path, str] = {}
+        """Files of other programs between the segments."""
         for directory in self.directories:
             if not directory.is_dir():
+                refuse_foreign(directory)
                 raise NotFound(f"log folder {directory}: no such directory; expected one with .mcap segments")
 
     def entries(self, query: Query) -> Iterator[LogEntry]:
-        """Entries that match the query, sorted by UTC."""
+        """Entries that match the query, sorted by UTC.
+
+        Raises: InvalidInput when the folders have nothing but logs of other programs.
+        """
         wanted = Filter(query)
+        self._foreign = self._found_foreign()
         self._damage = {
             path: "no readable record" for directory in self.directories for path in set_aside(directory)
         }
+        self._damage |= {path: f"{what}: not readable here" for path, what in self._foreign.items()}
         if query.newest and query.limit is not None:
             last = [self._newest(directory, wanted, query.limit) for directory in self.directories]
             return iter(list(heapq.merge(*last, key=_by_utc))[-query.limit :])
         runs = [filter(wanted, self._folder(directory)) for directory in self.directories]
         return islice(heapq.merge(*runs, key=_by_utc), query.limit)
+
+    def _found_foreign(self) -> dict[Path, str]:
+        own = [path for directory in self.directories for path in segments(directory)]
+        found = {path: what for path in own if (what := foreign_log(path))}
+        if len(found) == len(own):
+            for directory in self.directories:
+                refuse_foreign(directory)
+        return found
 
     def _newest(self, directory: Path, wanted: "Filter", limit: int) -> list[LogEntry]:
         """The newest matching entries; segments are read from the newest back, until there are enough."""
@@ -108,6 +125,8 @@ class FolderSource:
             yield from self._segment(path)
 
     def _segment(self, path: Path) -> Iterator[LogEntry]:
+        if path in self._foreign:
+            return
         reader = SegmentReader(path)
         try:
             yield from reader.entries()

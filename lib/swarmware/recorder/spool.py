@@ -7,7 +7,8 @@ from typing import Any, BinaryIO, Final
 
 import msgpack
 
-from swarmware.errors import WireError
+from swarmware.errors import InvalidInput, WireError
+from swarmware.model.foreign_format import HEAD_BYTES, foreign_format
 from swarmware.model.frame import PAYLOAD_LIMIT
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import Filter, Query
@@ -15,6 +16,8 @@ from swarmware.recorder.query import Filter, Query
 FOREIGN: Final = "foreign"
 """Platform of the values that are not log entries: `/foreign/spool`."""
 
+EXPORT: Final = "`swarmctl log export --format msgpack`"
+"""Command that writes such streams."""
 _KEYS: Final = LogEntry.__struct_fields__
 _OPTIONAL: Final = {"sender", "sent_utc_ns", "description"}
 
@@ -39,7 +42,8 @@ class SpoolSource:
     def entries(self, query: Query) -> Iterator[LogEntry]:
         """Entries that match the query.
 
-        Raises: WireError with the offset of the first byte that is not MessagePack.
+        Raises: WireError with the offset of the first byte that is not MessagePack, InvalidInput for a file
+        of another tool.
         """
         found = filter(Filter(query), self._read())
         if query.newest and query.limit is not None:
@@ -55,7 +59,11 @@ class SpoolSource:
         return ""
 
     def _read(self) -> Iterator[LogEntry]:
-        unpacker = msgpack.Unpacker(self._file, max_buffer_size=4 * PAYLOAD_LIMIT, strict_map_key=False)
+        head = self._file.read(HEAD_BYTES)
+        if what := foreign_format(head):
+            raise InvalidInput(f"{self._name}: {what}: not readable here; expected MessagePack of {EXPORT}")
+        stream = _Rejoined(head, self._file)
+        unpacker = msgpack.Unpacker(stream, max_buffer_size=4 * PAYLOAD_LIMIT, strict_map_key=False)
         number = 1
         while True:
             try:
@@ -69,6 +77,19 @@ class SpoolSource:
                 ) from error
             number += 1
             yield entry
+
+
+class _Rejoined:
+    """A stream whose first bytes were read already."""
+
+    def __init__(self, head: bytes, rest: BinaryIO) -> None:
+        self._head = head
+        self._rest = rest
+
+    def read(self, size: int) -> bytes:
+        """The next bytes; empty at the end."""
+        found, self._head = self._head[:size], self._head[size:]
+        return found or self._rest.read(size)
 
 
 def _entry(value: Any, number: int) -> LogEntry:

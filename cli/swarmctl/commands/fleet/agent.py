@@ -171,7 +171,7 @@ class HostAgent:
     def _put_in_place(self, staged: bytes) -> None:
         """Replaces each file; after an interruption the next order does it again, to the same end."""
         content = _content(staged)
-        node = parse(content[NODE_FILE].decode(), NodeConfig, NODE_FILE)
+        node = parse(text(content[NODE_FILE], NODE_FILE), NodeConfig, NODE_FILE)
         record = self._record()
         for name, data in content.items():
             path = self._path(name, node)

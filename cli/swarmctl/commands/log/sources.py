@@ -24,6 +24,7 @@ from swarmware.model.config import load_node, load_service
 from swarmware.model.names import Pattern
 from swarmware.recorder.address import database_in
 from swarmware.recorder.entry import LogEntry
+from swarmware.recorder.foreign_log import refuse_foreign
 from swarmware.recorder.query import FolderSource, LogSource, Query
 from swarmware.types.json_form import text_form
 
@@ -109,12 +110,13 @@ def _forwarded(settings: CliSettings) -> tuple[str, str]:
 def folders(settings: CliSettings, folder: str | None) -> list[Path]:
     """Folders of segments: the given one, those of a lab's nodes, or that of the node itself.
 
-    Raises: NotFound when there are no segments.
+    Raises: NotFound when there are no segments, InvalidInput for a log of another program.
     """
     if folder:
         root = Path(folder)
         found = sorted({path.parent for path in root.rglob("*.mcap")}) if root.is_dir() else []
         if not found:
+            refuse_foreign(root)
             raise NotFound(f"log folder {folder}: no segments (*.mcap) in it")
         return found
     lab = labs.chosen(settings)

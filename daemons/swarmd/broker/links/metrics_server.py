@@ -15,6 +15,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmd.broker.core.metrics_page import CONTENT_TYPE
 from swarmware.errors import ConfigError
+from swarmware.model import document
 from swarmware.types.net import Refused
 
 PATH: Final = "/metrics"
@@ -167,7 +168,7 @@ def _token(file: str) -> bytes:
     if not file:
         return b""
     try:
-        token = Path(file).read_bytes().strip()
+        token = document.read(Path(file)).strip().encode()
     except OSError as error:
         raise ConfigError(f"broker: metrics_token_file {file}: {error.strerror}") from error
     if not token:
