@@ -7,7 +7,7 @@ from typing import Any, BinaryIO, Final
 
 import msgpack
 
-from swarmware.errors import InvalidInput, WireError
+from swarmware.errors import WireError
 from swarmware.model.foreign_format import HEAD_BYTES, foreign_format
 from swarmware.model.frame import PAYLOAD_LIMIT
 from swarmware.recorder.entry import LogEntry
@@ -42,8 +42,8 @@ class SpoolSource:
     def entries(self, query: Query) -> Iterator[LogEntry]:
         """Entries that match the query.
 
-        Raises: WireError with the offset of the first byte that is not MessagePack, InvalidInput for a file
-        of another tool.
+        Raises: WireError with the offset of the first byte that is not MessagePack, or for a file of another
+        tool.
         """
         found = filter(Filter(query), self._read())
         if query.newest and query.limit is not None:
@@ -61,7 +61,7 @@ class SpoolSource:
     def _read(self) -> Iterator[LogEntry]:
         head = self._file.read(HEAD_BYTES)
         if what := foreign_format(head):
-            raise InvalidInput(f"{self._name}: {what}: not readable here; expected MessagePack of {EXPORT}")
+            raise WireError(f"{self._name}: {what}: not readable here; expected MessagePack of {EXPORT}")
         stream = _Rejoined(head, self._file)
         unpacker = msgpack.Unpacker(stream, max_buffer_size=4 * PAYLOAD_LIMIT, strict_map_key=False)
         number = 1

@@ -148,9 +148,7 @@ def test_the_command_names_a_log_of_another_program(tmp_path: Path) -> None:
     path = tmp_path / "flight.ulg"
     path.write_bytes(b"ULog\x01\x12\x35\x01")
     for place in (path, tmp_path):
-        with pytest.raises(
-            InvalidInput, match=r"flight\.ulg: a flight log of PX4 \(ULog\): not"
-        ):
+        with pytest.raises(InvalidInput, match=r"flight\.ulg: a flight log of PX4 \(ULog\): not"):
             folders(CliSettings(), str(place))
     with pytest.raises(NotFound, match="no segments"):
         folders(CliSettings(), str(tmp_path / "deep"))
