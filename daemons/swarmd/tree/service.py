@@ -24,6 +24,7 @@ from swarmd.tree.core.action import (
     Watch,
     WriteMirror,
 )
+from swarmd.tree.core.number_watch import NumberWatch
 from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.denial_log import DenialLog
@@ -48,6 +49,7 @@ from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types.channel import ChannelLimits
+from swarmware.types.health import OK_STATE
 from swarmware.types.mission import MissionState
 from swarmware.types.net import Neighbours, Routes, StructureBroadcast, TreePlan
 from swarmware.types.tree import TreeChange, TreeItem
@@ -122,6 +124,8 @@ class Tree(Service):
         self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
         self._mission: BoardReader[MissionState] = module.reader("mission/state", MissionState)
         self._mission_digest = 0
+        self._numbers = NumberWatch(self._tree.local, self._tree.replicas)
+        self._clashes: list[str] = []
         """Digest of the mission that the beacon has."""
         self._limits: BoardReader[ChannelLimits] = module.reader("net/limits", ChannelLimits)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
@@ -214,7 +218,20 @@ class Tree(Service):
             if digest != self._mission_digest:
                 self._mission_digest = digest
                 self._plan.write(self._tree_plan())
+            with self._boundary("numbers of paths in frames"):
+                self._report_clashes()
             self._report.write()
+
+    def _report_clashes(self) -> None:
+        found = self._numbers.texts()
+        if found != self._clashes:
+            self._clashes = found
+            self.health.report(
+                "numbers",
+                "clash" if found else OK_STATE,
+                detail="; ".join(found),
+                description="Paths have different numbers in frames",
+            )
 
     def _take_access_rules(self) -> None:
         rules = self.module.node.access_rules

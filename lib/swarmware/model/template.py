@@ -9,6 +9,7 @@ from msgspec import UNSET, Meta, UnsetType
 
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import config, document
+from swarmware.model.clashes import clash_text, clashes
 from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import PlatformKind
@@ -108,6 +109,8 @@ def load(name: str, folder: Path, files: dict[Path, TemplateFile] | None = None)
     top = _merge(name, folder, (), merged, origin, files)
     resources = tuple(_resource(path, merged[path], origin[path]) for path in sorted(merged))
     _refuse_leaf_parents(resources, origin)
+    for path, other in clashes(resources).items():
+        raise ConfigError(f"{origin[path]}: key resources: {clash_text(path, other)}")
     return Template(name, top.description, resources, _kinds(top, folder, files))
 
 

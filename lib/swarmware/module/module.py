@@ -204,8 +204,11 @@ class Module(Client):
         if given != registry.type_name(cls):
             raise TypeMismatch(f"{path}: {registry.type_name(cls)}; its descriptor expects {given}")
         if isinstance(resource, Resource):
-            return msgspec.structs.replace(resource, owner=self.name)
-        return Resource(path=path, kind=Kind(kind), type=given, owner=self.name, **details)
+            described = msgspec.structs.replace(resource, owner=self.name)
+        else:
+            described = Resource(path=path, kind=Kind(kind), type=given, owner=self.name, **details)
+        self._member.participant.check_number(described)
+        return described
 
     def _provided(self, writer: W) -> W:
         self._writers.append(writer)

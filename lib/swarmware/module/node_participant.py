@@ -9,6 +9,7 @@ import msgspec
 
 from swarmware.errors import Conflict, Denied, InvalidInput
 from swarmware.model import names
+from swarmware.model.clashes import clash_text
 from swarmware.model.reserved import is_reserved_path
 from swarmware.model.resource import Kind, Plain, Resource
 from swarmware.module.remote_clocks import RemoteClocks
@@ -56,6 +57,10 @@ class NodeParticipant:
         self.remote_clocks = RemoteClocks(node)
         self.units = UnitDirectory(node)
         self._provides: dict[str, Resource] = {}
+        self._numbers: dict[int, Resource] = {}
+        """The same by their numbers in frames."""
+        self._table_version = -1
+        self._on_node: dict[int, Resource] = {}
         self._serves: dict[str, Served] = {}
         self._reads: dict[str, None] = {}
         self._types: dict[str, str] = {}
@@ -100,10 +105,15 @@ class NodeParticipant:
     # -- declarations
 
     def provide(self, resource: Resource) -> None:
-        """Declare a resource of this application in its file, from which the tree reads it."""
+        """Declare a resource of this application in its file, from which the tree reads it.
+
+        Raises: Conflict when its number in frames is that of another path.
+        """
+        self.check_number(resource)
         if resource.owner != self.name:
             resource = msgspec.structs.replace(resource, owner=self.name)
         self._provides[resource.path] = resource
+        self._numbers[resource.data_id] = resource
         self._changed()
 
     def declare(self, cls: type[msgspec.Struct]) -> None:
@@ -122,7 +132,8 @@ class NodeParticipant:
 
     def withdraw(self, path: str) -> None:
         """Withdraw the declaration of a resource."""
-        if self._provides.pop(path, None) is not None:
+        if (resource := self._provides.pop(path, None)) is not None:
+            self._numbers.pop(resource.data_id, None)
             self._changed()
 
     def read(self, path: str) -> None:
@@ -146,8 +157,8 @@ class NodeParticipant:
     ) -> Served:
         """Declare that this application serves an address of this platform.
 
-        Raises: Conflict when another application has it; Denied when it is one of the daemons' addresses, and
-        this process runs as another user than the node.
+        Raises: Conflict when another application has it, or another path its number in frames;
+        Denied when it is one of the daemons' addresses, and this process runs as another user than the node.
         """
         if is_reserved_path(path) and self._file.is_foreign:
             raise Denied(
@@ -161,9 +172,7 @@ class NodeParticipant:
             other = table.serving_path(path)
         if other is not None and other[0].id != self.id:
             raise Conflict(f"{path}: served by {other[0].id} already; expected one application only")
-        self.declare(cls)
         served = Served(path=path, type=registry.type_name(cls), kind=kind)
-        self._serves[path] = served
         self.provide(
             Resource(
                 path=path,
@@ -174,7 +183,31 @@ class NodeParticipant:
                 access="rw",
             )
         )
+        self.declare(cls)
+        self._serves[path] = served
         return served
+
+    def check_number(self, resource: Resource) -> None:
+        """Check that no path of this node has the number of the resource in frames.
+
+        Raises: Conflict naming both paths.
+        """
+        number = resource.data_id
+        other = self._numbers.get(number) or self._others().get(number)
+        if other is not None and (other.path, other.type) != (resource.path, resource.type):
+            raise Conflict(clash_text(resource.path, other))
+
+    def _others(self) -> dict[int, Resource]:
+        """Resources of the applications of this node, by number.
+
+        A program of another user than the node's keeps no application of the node from its paths.
+        """
+        table = self.node.table
+        if self._table_version != table.version:
+            self._table_version = table.version
+            counted = table if self._file.is_foreign else table.of_node
+            self._on_node = {one.data_id: one for entry in counted for one in entry.provides}
+        return self._on_node
 
     def _changed(self) -> None:
         if not self._flush_comes:

@@ -110,3 +110,9 @@ def test_the_number_of_an_address_of_the_node_is_not_taken_by_a_member(
     found = claims.of_data_id(9)
     assert found is not None
     assert found[1].path == "sys/tree/set"
+
+
+def test_applications_of_the_node_come_first() -> None:
+    claims = AddressClaims([app("aaa", MEMBER), app("zzz", NODE), app("bbb", OTHER), app("yyy", NODE)])
+    assert [entry.name for entry in claims.of_node] == ["zzz", "yyy"]
+    assert [entry.name for entry in claims.entries] == ["zzz", "yyy", "aaa", "bbb"]

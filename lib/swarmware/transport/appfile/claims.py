@@ -40,7 +40,10 @@ class AddressClaims:
             held = self._by_id.get(one.entry.app_id)
             if held is None or (one.is_own and not held.is_own):  # two names with one id
                 self._by_id[one.entry.app_id] = one
-        self.entries = [one.entry for one in self._by_id.values()]
+        self.of_node = [one.entry for one in self._by_id.values() if one.is_own]
+        """Applications of the node's own user, and of root."""
+        self.entries = self.of_node + [one.entry for one in self._by_id.values() if not one.is_own]
+        """All applications, those of the node's own user first."""
         self.refused: tuple[str, ...] = ()
         """Claims that do not count, a line for each application and each contested path."""
         self._by_path: dict[str, tuple[LivingApplication, Served]] = {}

@@ -1,7 +1,7 @@
 """The living applications of this node, read from their files."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,6 +64,11 @@ class AppTable:
 
     def __len__(self) -> int:
         return len(self._claims.entries)
+
+    @property
+    def of_node(self) -> Sequence[AppEntry]:
+        """The applications of the node's own user, and of root."""
+        return self._claims.of_node
 
     def complete(self) -> None:
         """Read the whole files from now on."""

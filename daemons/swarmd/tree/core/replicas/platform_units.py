@@ -1,15 +1,32 @@
 """The computers of each platform: which of them provides a resource, and where its values are mirrored."""
 
-from collections.abc import Iterator
+import logging
+from collections.abc import Iterable, Iterator
 
 from swarmd.tree.core.action import PruneMirrors, RemoveMirrors
 from swarmd.tree.core.replicas.replica import Replica
-from swarmd.tree.core.structure.index import Leaf, pattern
+from swarmd.tree.core.structure.index import Index, Leaf, pattern
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.subscription import subscribable
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
+from swarmware.model.resource import Kind, Resource
 from swarmware.types.net import BoardSubscription
+
+log = logging.getLogger("swarm.tree")
+
+
+def ambiguous(index: Index, wanted: Iterable[Resource]) -> set[str]:
+    """Paths of wanted boards whose number another resource of the same computer has."""
+    numbers = {resource.data_id: resource.path for resource in wanted}
+    found = {
+        path
+        for item in index
+        if item.resource.kind is not Kind.BRANCH
+        and (path := numbers.get(item.resource.data_id)) is not None
+        and path != item.resource.path
+    }
+    return found | {one.path for one in wanted if numbers[one.data_id] != one.path}
 
 
 class PlatformUnits:
@@ -138,6 +155,10 @@ class PlatformUnits:
             for item in (() if index is None else index.match(text))
             if item.resource.link == "tick" and subscribable(item, wanted.patterns)
         }
+        # a beacon names a board by its number alone: the values of one would count as those of the other
+        for path in () if index is None else ambiguous(index, found.values()):
+            log.error("%s of %s: not received: another path there has its number in frames", path, unit.name)
+            del found[path]
         return tuple(
             BoardSubscription(name, path, found[path].type, found[path].data_id, unit.address.unit)
             for path in sorted(found)

@@ -8,6 +8,7 @@ import msgspec
 
 from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmd.tree.core.structure.structure import History, StructureEncoding, encode, version
+from swarmware.model.clashes import clash_text, clashes
 from swarmware.model.resource import Kind, Link, Resource
 from swarmware.types.tree import StructureReply, StructureRequest
 
@@ -78,6 +79,8 @@ class LocalTree:
         self._live: dict[str, Resource] = {}
         self.held_version = 0
         """Incremented when applications provide other paths."""
+        self.refused: dict[str, str] = {}
+        """Resources of running applications that are not in the tree, and why."""
         self._gone: dict[str, int] = {}
         """Path of an ended owner → when it ended."""
         self._link_of: Callable[[Resource], Link] = _own_link
@@ -96,13 +99,17 @@ class LocalTree:
         return version(self.epoch, self.index.digest)
 
     def set_live(self, provided: Iterable[Resource], now_ns: int) -> bool:
-        """Set the resources of the running applications; whether the structure changed."""
+        """Set the resources of the running applications; whether the structure changed.
+
+        A resource whose number in frames an earlier one has is left out: `refused` names both.
+        """
         live: dict[str, Resource] = {}
         for resource in provided:
             other = live.get(resource.path)
             # an application may have an inbox at the path of its board: the board is the resource
             if other is None or other.kind is Kind.COMMAND:
                 live[resource.path] = resource
+        self._refuse_clashes(live)
         ended = self._live.keys() - live.keys()
         for path in ended - self._elsewhere:
             self._gone.setdefault(path, now_ns)
@@ -112,6 +119,14 @@ class LocalTree:
         self.held_version += self._live.keys() != live.keys()
         self._live = live
         return self._change(map(self._leaf, changed), ended & self._elsewhere)
+
+    def _refuse_clashes(self, live: dict[str, Resource]) -> None:
+        """Removes resources whose number a path of the template has, or one that was given earlier."""
+        found = clashes([*self._base.values(), *live.values()])
+        refused = {path: clash_text(path, other) for path, other in found.items() if live.pop(path, None)}
+        for path in refused.keys() - self.refused.keys():
+            log.error("resource %s", refused[path])
+        self.refused = refused
 
     def _leaf(self, path: str) -> Leaf:
         """The leaf of a resource that an application provides."""
