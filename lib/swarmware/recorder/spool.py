@@ -73,7 +73,8 @@ class SpoolSource:
             except (ValueError, TypeError, msgpack.exceptions.UnpackException, RecursionError) as error:
                 reason = str(error) or type(error).__name__
                 raise WireError(
-                    f"{self._name}: byte {unpacker.tell()}: invalid MessagePack: {reason}"
+                    f"{self._name}: byte {unpacker.tell()}: invalid MessagePack: {reason};"
+                    f" expected that of {EXPORT}"
                 ) from error
             number += 1
             yield entry

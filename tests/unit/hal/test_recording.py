@@ -135,7 +135,12 @@ async def test_an_export_of_a_log_is_replayed_and_repeated_like_its_folder(tmp_p
 
 @pytest.mark.parametrize(
     ("content", "expected"),
-    [(None, "No such file"), (b"", "no entries of sensor"), (b"\xc1", "log export --format msgpack")],
+    [
+        (None, "No such file"),
+        (b"", "no entries of sensor"),
+        (b"\xc1", "log export --format msgpack"),
+        (b"ULog\x01\x12\x35\x01", "a flight log of PX4 (ULog)"),
+    ],
 )
 async def test_a_file_that_is_missing_empty_or_of_another_form_is_named(
     tmp_path: Path, content: bytes | None, expected: str
@@ -148,3 +153,13 @@ async def test_a_file_that_is_missing_empty_or_of_another_form_is_named(
         board = other.reader("hal/drivers", DriverTable)
         state = "waiting" if content is None else "failed"
         assert expected in (await status(board, "recording", state=state)).note
+
+
+async def test_a_folder_of_another_program_is_a_fault_that_names_it(tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n")
+    driver = RecordedDevices(RecordingDriver(folder=str(tmp_path / "bag")))
+    async with running(tmp_path, [driver], FAST) as other:
+        board = other.reader("hal/drivers", DriverTable)
+        found = await status(board, "recording", state="failed")
+        assert "metadata.yaml: the description of a bag of ROS 2 (rosbag2): not readable here" in found.note

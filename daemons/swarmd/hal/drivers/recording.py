@@ -10,7 +10,7 @@ from swarmd.hal.blocking import BlockingDevice
 from swarmd.hal.config import Config, RecordingDriver
 from swarmd.hal.core.playback import Playback
 from swarmd.hal.driver import Device, DeviceError, DeviceGone, Sensor, Site
-from swarmware.errors import NotFound, WireError
+from swarmware.errors import InvalidInput, NotFound, WireError
 from swarmware.model.resource import Kind
 from swarmware.module.module import Module
 from swarmware.module.streamwriter import StreamWriter
@@ -61,7 +61,10 @@ class RecordedDevices(BlockingDevice, Sensor):
 
     def _rewind(self) -> None:
         pattern = f"/{self._platform or '*'}/{self._config.pattern}"
-        self._entries = self._opened_source().entries(Query(pattern=pattern))
+        try:
+            self._entries = self._opened_source().entries(Query(pattern=pattern))
+        except InvalidInput as error:  # a log of another program
+            raise DeviceError(str(error)) from error
         self._advance()
 
     def _opened_source(self) -> LogSource:
@@ -85,7 +88,7 @@ class RecordedDevices(BlockingDevice, Sensor):
         try:
             self._next = next(self._entries, None)
         except WireError as error:
-            raise DeviceError(f"{error}; expected `swarmctl log export --format msgpack`") from error
+            raise DeviceError(str(error)) from error
 
     def _close_file(self) -> None:
         if self._file is not None:
