@@ -34,6 +34,7 @@ class ConfigError(InvalidInput):
         place = f"{source}: " if source else ""
         super().__init__(f"{place}line {line}: {message}" if line else f"{place}{message}")
         self.message = message
+        self.source = source
         self.line = line
 
 

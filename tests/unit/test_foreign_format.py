@@ -96,6 +96,16 @@ def test_a_plan_of_another_tool_is_no_mission(name: str, tmp_path: Path) -> None
         task(str(path), (), ())
 
 
+def test_a_plan_in_the_folder_of_a_mission_is_named_by_its_file(tmp_path: Path) -> None:
+    shipped = ROOT / "share/swarm/missions/formation"
+    for path in shipped.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    role = next(path for path in tmp_path.iterdir() if path.suffix == ".json")
+    role.write_text(json.dumps(PLAN))
+    (verdict,) = check_all([str(tmp_path)])
+    assert {finding.file for finding in verdict.findings} == {str(role)}
+
+
 def test_a_mission_with_a_byte_order_mark_is_the_same_mission(tmp_path: Path) -> None:
     shipped = ROOT / "share/swarm/missions/formation"
     for path in shipped.iterdir():

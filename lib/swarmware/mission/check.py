@@ -42,8 +42,8 @@ def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> li
             findings += check_folder(read_folder(path, catalogue), catalogue)
         except ConfigError as error:
             place = path / MANIFEST if path.is_dir() else path
-            message = error.message.removeprefix(f"{place}: ")
-            findings.append(Finding(str(place), error.line, "", "error", "manifest", message))
+            file = error.source if Path(error.source).is_file() else str(place)
+            findings.append(Finding(file, error.line, "", "error", "manifest", error.message))
     return findings
 
 

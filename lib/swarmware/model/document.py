@@ -63,7 +63,8 @@ def text(data: bytes, source: str) -> str:
     """
     data = data.removeprefix(codecs.BOM_UTF8)
     if what := foreign_format(data):
-        raise ConfigError(f"{source}: {what}: not readable here; expected a file of Swarmware, TOML or JSON")
+        message = f"{what}: not readable here; expected a file of Swarmware, TOML or JSON"
+        raise ConfigError(message, source=source)
     if len(data) > SIZE_LIMIT:
         raise ConfigError(f"{source}: more than {SIZE_LIMIT} bytes; expected a smaller file")
     if data.startswith(_WIDE_MARKS) or b"\0" in data[:2]:

@@ -10,7 +10,7 @@ from swarmware.recorder.scan import CHANNEL, HEADER, LENGTHS, MAGIC, RECORD
 
 _CHUNK: Final = 0x06
 _RECORDS: Final = 64
-"""Records before the first channel or chunk that are looked at; own segments have fewer than ten."""
+"""Records before the first channel or chunk that are read; own segments have fewer than ten."""
 _ENCODINGS: Final = frozenset({b"cdr", b"ros1", b"json", b"protobuf", b"flatbuffer", b"cbor"})
 """Encodings of messages that no logger here writes; damage does not make one of them of another.
 
@@ -33,7 +33,7 @@ def foreign_log(path: Path) -> str:
                 return foreign_format(head)
             file.seek(len(MAGIC))
             return _foreign_mcap(file)
-    except OSError:
+    except OSError:  # whoever reads its entries names the reason
         return ""
 
 

@@ -2,6 +2,7 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import pytest
@@ -35,7 +36,7 @@ def foreign(
 ) -> None:
     with path.open("wb") as file:
         compression = CompressionType.NONE if chunks is None else chunks
-        writer = Writer(file, compression=compression, use_chunking=chunks is not None)
+        writer: Any = Writer(file, compression=compression, use_chunking=chunks is not None)
         writer.start(profile="ros2", library=library)
         schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
         channel = writer.register_channel("/chatter", encoding, schema)
