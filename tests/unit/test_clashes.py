@@ -8,7 +8,7 @@ from tests.numbers import equal_numbers
 from tests.unit.tree.pair import core
 from tests.unit.tree.test_units import Units
 
-from swarmd.tree.core.number_watch import NumberWatch
+from swarmd.tree.core.replicas.number_watch import NumberWatch
 from swarmware.errors import ConfigError, Conflict
 from swarmware.model import template
 from swarmware.model.clashes import clash_text, clashes

@@ -24,8 +24,8 @@ from swarmd.tree.core.action import (
     Watch,
     WriteMirror,
 )
-from swarmd.tree.core.number_watch import NumberWatch
 from swarmd.tree.core.reach import Reachability, reachable
+from swarmd.tree.core.replicas.number_watch import NumberWatch
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.denial_log import DenialLog
 from swarmd.tree.mirrors import Mirrors

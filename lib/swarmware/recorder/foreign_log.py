@@ -33,7 +33,7 @@ def foreign_log(path: Path) -> str:
                 return foreign_format(head)
             file.seek(len(MAGIC))
             return _foreign_mcap(file)
-    except OSError:  # whoever reads its entries names the reason
+    except OSError:  # the reader of its entries names the reason
         return ""
 
 
