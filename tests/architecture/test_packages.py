@@ -45,7 +45,6 @@ THIN = {
     "cli/swarmctl/membership/options.py": "options that --help imports, without what the commands do",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
     "cli/swarmlab/provision/command_line.py": "the command that repeats a run",
-    "cli/swarmlab/provision/prerequisites.py": "what a lab needs of the computer, before it makes anything",
     "lib/swarmware/model/clashes.py": "paths with equal numbers in frames",
     "lib/swarmware/model/foreign_format.py": "formats of other tools",
 }

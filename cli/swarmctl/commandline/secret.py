@@ -45,7 +45,7 @@ class SecretText(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not gener
         self, data: bytes, where: str, param: click.Parameter | None, ctx: click.Context | None
     ) -> str:
         try:
-            text = data.decode().strip()
+            text = data.decode("utf-8-sig").strip()  # a byte order mark is skipped
         except UnicodeDecodeError:
             self.fail(f"{where}: not UTF-8; expected the text", param, ctx)
         if len(data) > LIMIT_BYTES:

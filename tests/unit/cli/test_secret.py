@@ -29,6 +29,8 @@ def test_a_secret_is_given_or_read_from_a_file_or_a_line_of_stdin(tmp_path: Path
     assert run("-", stdin=b"abc def \nmore") == (0, "abc def|")
     assert run("abc", "--uri", "@-", stdin=b"uri") == (0, "abc|uri")
     assert run("abc", "--uri", "-") == (0, "abc|-"), "the database of the node"
+    file.write_bytes(b"\xef\xbb\xbfabc\r\n")
+    assert run(f"@{file}") == (0, "abc|"), "a byte order mark of an editor is skipped"
 
 
 @pytest.mark.parametrize(
