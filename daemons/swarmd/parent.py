@@ -15,6 +15,7 @@ import time
 
 import swarmd
 import swarmware
+from swarmd.kept_folders import KEEP_VARIABLE, KeptFolders
 from swarmd.words import Words
 from swarmware.errors import SwarmError
 from swarmware.runtime.pidfd import ProcessHandle
@@ -99,16 +100,18 @@ def main(words: list[str]) -> int:
     except SwarmError as error:
         sys.stderr.write(f"swarmd: {error}\n")
         return error.exit_code
+    kept = KeptFolders([run_dir, *filter(None, [os.environ.get(KEEP_VARIABLE)])])
     try:
         server = None
         if forks and (shared or VARIABLE not in os.environ):  # else the server that several nodes share forks
             from swarmd.forks import Forks  # a node without a fork server does without it
 
             server = Forks(services, run_dir)
-        return Parent(guard if shared else one, platform, listening, RestartPolicy(), server).run()
+        return Parent(guard if shared else one, platform, listening, kept, RestartPolicy(), server).run()
     finally:
         clear_start_record(name, run_dir)
         listening.close()
+        kept.close()
 
 
 class Parent:
@@ -123,12 +126,14 @@ class Parent:
         start: Callable[[], StartedProcess | None],
         platform: str,
         words: Words,
+        kept: KeptFolders,
         lives: RestartPolicy,
         forks: Forks | None = None,
     ) -> None:
         self._start = start
         self._platform = platform
         self._words = words
+        self._kept = kept
         self._words_error = ""
         self._lives = lives
         self._forks = forks
@@ -192,6 +197,7 @@ class Parent:
 
     def _turn(self, poller: select.poll, wake: int) -> int | None:
         self._tend_words(poller)
+        self._kept.tend()
         process = self._process
         watched = -1 if process is None else process.fileno()
         forks = -1 if self._forks is None else self._forks.fileno()

@@ -11,6 +11,8 @@ from swarmware.model.config import CONFIG_VARIABLE
 TAIL_LINES: Final = 12
 """Lines of the log of an ended process in its error message."""
 
+KEEP: Final = "SWARM_KEEP"
+"""Variable with the folder that the parents of nodes keep from cleaners of temporary files."""
 ENVIRONMENT: Final = {
     # thread pools of many processes would compete for the cores
     "OPENBLAS_NUM_THREADS": "1",
@@ -27,7 +29,7 @@ def child_environment(lab: LabState, notify_path: Path) -> dict[str, str]:
         if not key.startswith("SWARMCTL_") and key != CONFIG_VARIABLE
     }
     kept.pop("WATCHDOG_USEC", None)
-    return kept | ENVIRONMENT | {MARK: lab.mark, "NOTIFY_SOCKET": str(notify_path)}
+    return kept | ENVIRONMENT | {MARK: lab.mark, KEEP: lab.folder, "NOTIFY_SOCKET": str(notify_path)}
 
 
 def exit_description(code: int) -> str:

@@ -111,6 +111,9 @@ class HealthMonitor:
         self._tasks: dict[str, list[asyncio.Task[Any]]] = {}
         self._board: BoardWriter[CheckReports] | None = None
         self._opening = False
+        self._repairs = module.node.repairs
+        self._changed: set[asyncio.Event] = set()
+        """Events that let a registration be repeated, one for each check."""
 
     def register(
         self,
@@ -232,6 +235,11 @@ class HealthMonitor:
         self._write_reports()
         async for _ in module.every(REPORT_S):
             self._write_reports()
+            if self._repairs != module.node.repairs:
+                # while our application file was missing, we had left for the monitor, which forgot our checks
+                self._repairs = module.node.repairs
+                for changed in self._changed:
+                    changed.set()
 
     async def _run(self, check: Check[D]) -> None:
         async for _ in self._module.every(1 / check.registration.frequency_hz):
@@ -246,21 +254,24 @@ class HealthMonitor:
 
     async def _keep_registered(self, registration: CheckRegistration) -> None:
         """Register with the monitor, and again after each start of it, which may have lost its journal."""
-        node, changed = self._module.node, asyncio.Event()
-        registered_ns = -1
+        node = self._module.node
+        changed = asyncio.Event()
+        self._changed.add(changed)
+        registered: tuple[int, int] | None = None
         failures = 0
         subscription = node.applications.subscribe(lambda _: changed.set())
         try:
             while True:
                 changed.clear()
-                monitor = node.table.named("health")
-                if monitor is None or monitor.started_ns == registered_ns:
+                monitor, repairs = node.table.named("health"), node.repairs
+                if monitor is None or registered == (monitor.started_ns, repairs):
                     await changed.wait()
                 elif (await self._module.send(ADDRESS, registration)).status is Status.DELIVERED:
-                    registered_ns = monitor.started_ns
+                    registered = (monitor.started_ns, repairs)
                     failures = 0
                 else:
                     failures += 1
                     await asyncio.sleep(pause_after(failures, RETRY_S))
         finally:
             subscription.close()
+            self._changed.discard(changed)

@@ -100,6 +100,8 @@ class Node(Immediate):
         self._listens: Counter[Path] = Counter()
         self._errors: list[str] = []
         """Errors of the last check of this process's files."""
+        self.repairs = 0
+        """Number of checks that found removed or damaged files of this process, and made them again."""
         self.on_damage: Callable[[Damage], None] | None = None
         """Called when files of this process were damaged or removed."""
         self._loop = asyncio.get_running_loop()
@@ -248,6 +250,7 @@ class Node(Immediate):
         for text in new_errors:  # once, not every second
             log.error("%s", text)
         if repaired:
+            self.repairs += 1
             self._on_bell()  # frames written meanwhile have not rung this doorbell
         if self.on_damage is not None and (repaired or new_errors or (before and not self._errors)):
             self.on_damage(Damage(tuple(repaired), tuple(self._errors)))

@@ -268,7 +268,7 @@ class ServiceHost:
             reporter = self._reporters[item.name] = Reporter.open(module, policy.restarts, failures)
             self._running[item.name] = service
             damage_report = DamageReport(service.health)
-            if reports_damage := self.node.on_damage is None:  # one service of the process does
+            if item.name == self._speaker:
                 self.node.on_damage = damage_report.on_damage
             if self._no_realtime and item.name in self.node.config.realtime.services:
                 service.health.report(
@@ -298,7 +298,7 @@ class ServiceHost:
                         f"service {item.name}: run() returned; expected it to run until it is cancelled"
                     )
             finally:
-                if reports_damage:
+                if item.name == self._speaker:
                     self.node.on_damage = None
                 damage_report.close()
                 self._again.discard(item.name)

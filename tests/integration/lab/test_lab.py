@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.patience import PATIENCE_S
+from tests.unit.service.test_kept_folders import is_left_alone
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState
@@ -23,7 +24,10 @@ def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second
 ) -> None:
     up = json.loads(ctl("lab", "up", "formation", "--nodes", "3", "--detach", "--json").stdout)
     assert (up["name"], up["nodes"], up["alive"], up["state"]) == ("formation", 3, 3, "running")
-    assert labs.find().ready_s > 0
+    lab = labs.find()
+    assert lab.ready_s > 0
+    for folder in (Path(lab.folder), *(node.run_dir for node in lab.nodes)):
+        assert is_left_alone(folder), "a cleaner of temporary files leaves it alone"
     (listed,) = json.loads(ctl("lab", "ls", "--json").stdout)["labs"]
     assert (listed["name"], listed["alive"]) == ("formation", 3)
     said = ctl("lab", "logs", "uav1", "--lines", "5").stdout

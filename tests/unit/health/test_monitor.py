@@ -75,6 +75,26 @@ async def test_a_check_is_registered_at_each_start_of_the_monitor(tmp_path: Path
                 assert await module.send(ADDRESS, found)  # so the answer to the first one has arrived, too
 
 
+async def test_a_check_is_registered_again_when_the_files_of_its_process_were_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmware.node.node.TEND_NS", 10_000_000)
+    monkeypatch.setattr("swarmware.node.node.TEND_PHASE_NS", 0)
+    monkeypatch.setattr("swarmware.health.monitor.REPORT_S", 0.01)
+    async with (
+        tmp_node(tmp_path) as node,
+        Module("motor", node=node) as module,
+        Module("health", node=node) as monitor,
+    ):
+        box = monitor.inbox(ADDRESS, CheckRegistration)
+        watched(module, Motor())
+        for _ in range(2):
+            assert (await box.next(PATIENCE_S)).check == "motor/heat"
+            # for the monitor an application without a file has left, and takes its checks with it
+            (paths.applications(node.run_dir) / paths.application_file("motor", 1)).unlink()
+        assert (await box.next(PATIENCE_S)).check == "motor/heat"
+
+
 async def test_a_registration_that_is_not_accepted_is_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

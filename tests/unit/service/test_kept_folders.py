@@ -1,0 +1,54 @@
+"""Folders that a cleaner of temporary files must leave alone are locked, by one process each."""
+
+import fcntl
+import os
+import shutil
+from pathlib import Path
+
+from swarmd.kept_folders import KeptFolders
+
+
+def is_left_alone(folder: Path) -> bool:
+    """Whether a cleaner, which takes a shared lock of each folder that it enters, must leave it."""
+    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False
+
+
+def test_each_folder_is_locked_until_the_end(tmp_path: Path) -> None:
+    folders = [tmp_path / "run", tmp_path / "lab"]
+    for folder in folders:
+        folder.mkdir()
+    kept = KeptFolders([*map(str, folders), str(tmp_path / "missing")])
+    assert all(map(is_left_alone, folders))
+    kept.close()
+    assert not any(map(is_left_alone, folders))
+    kept.close()
+
+
+def test_a_folder_that_is_made_again_is_locked_again(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    kept = KeptFolders([str(folder)])
+    shutil.rmtree(folder)
+    kept.tend()
+    folder.mkdir()
+    assert not is_left_alone(folder)
+    kept.tend()
+    assert is_left_alone(folder)
+    kept.close()
+
+
+def test_of_several_nodes_of_a_lab_another_one_keeps_its_folder_when_the_first_ends(tmp_path: Path) -> None:
+    first, second = KeptFolders([str(tmp_path)]), KeptFolders([str(tmp_path)])
+    second.tend()
+    first.close()
+    assert not is_left_alone(tmp_path)
+    second.tend()
+    assert is_left_alone(tmp_path)
+    second.close()
