@@ -7,7 +7,9 @@ import msgspec
 
 from swarmd.mission.blocks.motions import ForcedArm
 from swarmware.errors import InvalidInput
+from swarmware.mission import plausible
 from swarmware.mission.binding import Binding
+from swarmware.mission.flight import below_ground
 from swarmware.mission.loader import load
 from swarmware.mission.model import MissionDefinition
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
@@ -91,6 +93,10 @@ def manoeuvre(
         }
     text = msgspec.json.encode({"mission": blocks | end}).decode()
     mission = load(text, f"built-in {name}", Binding(platform, kind))
+    remarks = plausible.check(mission) + (below_ground(mission) if kind == PlatformKind.UAV else [])
+    for remark in remarks:
+        if remark.severity == "error":
+            raise InvalidInput(f"{platform}: {remark.message}")
     if force and name == "takeoff":
         arm = msgspec.structs.replace(mission.blocks["arm"], params=ForcedArm(reason=force))
         mission = msgspec.structs.replace(mission, blocks={**mission.blocks, "arm": arm})

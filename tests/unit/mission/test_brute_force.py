@@ -2,11 +2,13 @@
 
 import json
 from collections import Counter
+from itertools import product
 from random import Random
 from typing import Any
 
 from tests.simulation.seeds import examples
 from tests.unit.mission.nets import choice, net
+from tests.unit.mission.test_meetings import findings
 
 from swarmware.mission import instants
 from swarmware.mission.binding import Binding
@@ -150,3 +152,73 @@ def test_the_check_and_a_model_of_all_orders_agree() -> None:
         seen.update({finding.rule for finding in findings})
     assert min(seen["sound"], seen["wrong"]) > 50
     assert {*JUDGED, "cut-short"} <= set(seen)
+
+
+# -- several roles
+
+
+Line = tuple[str, ...]
+"""Ids of the barriers on one path of a role, in order."""
+
+
+def lines_of(chance: Random, ids: str) -> list[Line]:
+    """The paths of a role, between which it chooses; each role has every id on some path."""
+    first = [chance.choice(ids) for _ in range(chance.randint(1, 3))] + list(ids)
+    chance.shuffle(first)
+    others = [tuple(chance.choices(ids, k=chance.randint(0, 3))) for _ in range(chance.choice([0, 0, 1, 2]))]
+    return [tuple(first), *others]
+
+
+def of_lines(lines: list[Line]) -> str:
+    """A mission with these paths."""
+    blocks: dict[str, Any] = {"e": "End"}
+    for number, line in enumerate(lines):
+        for place, barrier in enumerate(line):
+            after = f"m{number}_{place + 1}" if place + 1 < len(line) else "e"
+            blocks[f"m{number}_{place}"] = {"type": "Barrier", "id": barrier, "next": after}
+        head = f"m{number}_0" if line else "e"
+        blocks[f"d{number}"] = choice(head, f"d{number + 1}") if number + 1 < len(lines) else f"Wait>{head}"
+    return net(s="Start>d0", **blocks)
+
+
+def outcome(lines: tuple[Line, ...]) -> str:
+    """What happens when each role follows one path: all are done, one fails, or some wait for ever."""
+    at = [0] * len(lines)
+    failed: set[int] = set()
+    while True:
+        ended = {role for role, line in enumerate(lines) if at[role] == len(line)} | failed
+        waiting = {
+            role: (line[at[role]], line[: at[role]].count(line[at[role]]))
+            for role, line in enumerate(lines)
+            if role not in ended
+        }
+        if not waiting:
+            return "fails" if failed else "done"
+        if len(waiting) == len(lines) and len(set(waiting.values())) == 1:
+            at = [place + 1 for place in at]
+        elif ended:
+            failed |= set(waiting)  # a member that has ended breaks every barrier
+        else:
+            return "hangs"
+
+
+def test_the_check_and_a_model_of_all_paths_agree_about_several_roles() -> None:
+    seen: Counter[str] = Counter()
+    for seed in range(examples(500, 5_000)):
+        chance = Random(f"roles {seed}")
+        ids = "xyz"[: chance.choice([1, 1, 2, 3])]
+        roles = [lines_of(chance, ids) for _ in range(chance.randint(2, 3))]
+        if chance.random() < 0.5:
+            roles = [roles[0]] * len(roles)
+        wanted = {outcome(lines) for lines in product(*roles)}
+        found = [f for f in findings(*map(of_lines, roles)) if f.rule in {"barrier", "unequal-visits"}]
+        if "hangs" in wanted:
+            expected = [("error", "barrier")]
+        elif "fails" in wanted:
+            expected = [("warning" if "done" in wanted else "error", "unequal-visits")]
+        else:
+            expected = []
+        assert [(f.severity, f.rule) for f in found] == expected, (seed, roles, wanted)
+        seen.update(["/".join(entry) for entry in expected] or ["sound"])
+    assert min(seen.values()) > 20
+    assert len(seen) == 4

@@ -138,6 +138,10 @@ def test_a_manoeuvre_of_the_past_is_no_built_in_mission() -> None:
         ("takeoff", {"altitude_m": 3.0}, "ugv", "does not fly"),
         ("goto", {"x_m": 3.0}, "uav", "parameters x_m; expected x_m, y_m"),
         ("goto", {"x_m": 3.0, "y_m": 1.0, "yaw_rad": 1.0}, "uav", "expected x_m, y_m"),
+        ("goto", {"x_m": 90_000.0, "y_m": 1.0}, "ugv", "a: 'goto': 90000 m from the map's origin"),
+        ("goto", {"x_m": 3.0, "y_m": 1.0, "z_m": -30.0}, "uav", "30 m below the map's origin"),
+        ("goto", {"x_m": 3.0, "y_m": 1.0, "z_m": -2.0}, "uav", "at a height of -2 m"),
+        ("takeoff", {"altitude_m": 900.0}, "uav", "a height of 900 m"),
     ],
 )
 def test_a_manoeuvre_with_other_parameters_is_refused(
