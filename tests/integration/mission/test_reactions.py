@@ -1,6 +1,7 @@
 """Reactions of the mission daemon over real nodes: orders that they end and refuse, rows of a mission."""
 
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import pytest
@@ -9,6 +10,8 @@ from tests.integration.mission.test_swarm import TASK, hover
 
 from swarmware.errors import Conflict
 from swarmware.mission.reaction import ReactionRow
+from swarmware.model.names import hardware_id
+from swarmware.module.module import Module
 from swarmware.types.health import HealthState
 from swarmware.types.mission import (
     AbortAnswer,
@@ -19,7 +22,8 @@ from swarmware.types.mission import (
     MissionTask,
     TaskAnswer,
 )
-from swarmware.types.reaction import ReactionPhase, Reactions
+from swarmware.types.net import Routes, RouteState
+from swarmware.types.reaction import MissionWatch, ReactionPhase, Reactions
 from swarmware.types.rpc import Empty
 
 CRITICAL = HealthState("error", "critical", 0.1)
@@ -96,3 +100,28 @@ async def test_a_row_whose_field_does_not_exist_is_named_and_others_act(tmp_path
         notes = {one.row: one.note for one in reactions.value.rows if one.note}
         assert list(notes) == ["wrong"]
         assert "BatteryState has no field 'remaining'; did you mean 'remaining_ratio'?" in notes["wrong"]
+
+
+@pytest.mark.parametrize(("policy", "kinds"), [("land", ["land"]), ("hold", ["hold"])])
+@on_uvloop
+async def test_a_lost_link_is_a_row_with_the_settings_in_force(
+    tmp_path: Path, policy: Literal["land", "hold"], kinds: list[str]
+) -> None:
+    config = msgspec.structs.replace(FAST, link_loss=policy, link_loss_s=1.0)
+    station = RouteState("gcs", hardware_id("gcs"), "gcs", 256, 1, 0, 0)
+    async with swarm(tmp_path, "gcs", "uav1", config=config) as s, Module("net", node=s["uav1"].node) as net:
+        member = s["uav1"]
+        member.vehicle.landed = False
+        routes = net.writer("net/routes", Routes)
+        watched = net.reader("mission/watch", MissionWatch)
+        await s.ask(TASK, MissionTask("hover", files=(hover(60.0),)), TaskAnswer)
+        await s.until(lambda: "a" in member.passed)
+        routes.write(Routes((station,)))
+        while watched.value is None or watched.value.station is not True:
+            await watched.changed()
+        routes.write(Routes())
+        await s.until(lambda: member.history[-1] == "aborted")
+        assert member.kinds == kinds
+        found = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
+        assert found.state.text.startswith("no ground station in reach for ")
+        assert watched.value == MissionWatch(station=False)
