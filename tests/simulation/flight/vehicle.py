@@ -58,6 +58,8 @@ class Flight:
         self.commands: Callable[[float], Setpoint] | None = None
         self.status = NavStatus(0, NavState.IDLE)
         self.collisions: list[Collision] = []
+        self.gnss = True
+        """Whether satellites are received."""
         self.number = 0
         self.setpoint = Setpoint(0.0)
 
@@ -92,7 +94,7 @@ class Flight:
             self.collisions += sample.collisions
             if sample.report is not None:
                 self._inform(sample.report.armed, sample.report.landed)
-            if sample.gnss is not None:
+            if sample.gnss is not None and self.gnss:
                 self.core.on_gnss(sample.gnss, sample.stamp_ns, now_ns)
                 self.navigator.on_gnss(sample.gnss, sample.stamp_ns)
             if sample.sonar is not None:
