@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from functools import cache
-from typing import Any, Final, get_type_hints
+from typing import Any, Final
 
 import msgspec
 import msgspec.inspect
@@ -23,7 +23,18 @@ from swarmware.mission.condition import (
     Operand,
     parse,
 )
-from swarmware.mission.field_path import FieldStep, steps
+from swarmware.mission.field_path import steps
+from swarmware.mission.field_type import (
+    NUMBER,
+    TEXT,
+    TRUTH,
+    FieldType,
+    element,
+    fields_of,
+    parts_of,
+    plain_type,
+    present,
+)
 from swarmware.mission.finding import Severity
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.sensor_choice import SensorChoice
@@ -36,7 +47,6 @@ from swarmware.types import registry
 
 _RATIO: Final = "_ratio"
 """Suffix of the name of a ratio from 0 to 1."""
-_NUMBER, _TRUTH, _TEXT = "a number", "true or false", "a text"
 _EQUAL: Final = ("==", "!=")
 _VALUELESS: Final = {
     Kind.BRANCH: "a branch, which has no value",
@@ -59,21 +69,9 @@ class Problem(msgspec.Struct, frozen=True):
     message: str
 
 
-class _Value(msgspec.Struct, frozen=True):
-    """Type and permitted values of an operand."""
-
-    name: str
-    sort: str = ""
-    """Number, truth value or string; empty: the type is not installed."""
-    choices: tuple[str, ...] = ()
-    """Permitted strings; empty: any."""
-    span: tuple[float, float] | None = None
-    """Minimum and maximum of the number."""
-
-
 _Statement = tuple[int, Severity, str]
 """Offset in the condition, severity, message."""
-_Looking = Generator[_Statement, None, _Value | None]
+_Looking = Generator[_Statement, None, FieldType | None]
 
 
 _Known = dict[str, dict[str, Resource]]
@@ -205,7 +203,7 @@ class _TemplateReader:
             yield from self._operand(node.field)
         else:
             value = yield from self._operand(node)
-            if value is not None and value.sort not in {"", _TRUTH}:
+            if value is not None and value.sort not in {"", TRUTH}:
                 yield (
                     _at(node),
                     "error",
@@ -220,7 +218,7 @@ class _TemplateReader:
         at = _at(node.left) if isinstance(node.right, Literal) else _at(node.right)
         if left.sort != right.sort:
             yield at, "error", f"{left.name} is {left.sort}, {right.name} is {right.sort}: expected the same"
-        elif left.sort != _NUMBER and node.symbol not in _EQUAL:
+        elif left.sort != NUMBER and node.symbol not in _EQUAL:
             yield at, "error", f"{left.name} is {left.sort}: expected == or !=, not {node.symbol}"
         else:
             for value, literal in ((left, node.right), (right, node.left)):
@@ -229,10 +227,8 @@ class _TemplateReader:
 
     def _operand(self, node: Operand) -> _Looking:
         if isinstance(node, Literal):
-            sort = (
-                _TRUTH if isinstance(node.value, bool) else _TEXT if isinstance(node.value, str) else _NUMBER
-            )
-            return _Value(repr(node.value) if sort == _TEXT else str(node.value).lower(), sort)
+            sort = TRUTH if isinstance(node.value, bool) else TEXT if isinstance(node.value, str) else NUMBER
+            return FieldType(repr(node.value) if sort == TEXT else str(node.value).lower(), sort)
         platform, local = split(node.path)
         having = self._known.get(local)
         if having is None:
@@ -243,25 +239,25 @@ class _TemplateReader:
                 "warning",
                 f"resource {node.path!r} is in no template{hint} (an application may provide it)",
             )
-            return _Value(node.path, _NUMBER if isinstance(node, Age) else "")
+            return FieldType(node.path, NUMBER if isinstance(node, Age) else "")
         if self._kind and platform in {None, self._own}:
             yield from self._lacking(node, having)
             resource = having.get(self._kind) or having.get("")
             if resource is None:
-                return _Value(node.path, _NUMBER if isinstance(node, Age) else "")
+                return FieldType(node.path, NUMBER if isinstance(node, Age) else "")
         else:
             resource = next(iter(having.values()))
         if resource.kind in _VALUELESS:
             yield node.at, "error", f"{node.path!r} is {_VALUELESS[resource.kind]}: expected a board"
             return None
         if isinstance(node, Age):
-            return _Value(f"age({node.path})", _NUMBER)
+            return FieldType(f"age({node.path})", NUMBER)
         try:
             cls = self._types(resource.type)
         except NotFound:
             message = f"type {resource.type!r} of {node.path!r} is not installed: its fields are not checked"
             yield node.at, "warning", message
-            return _Value(node.path)
+            return FieldType(node.path)
         return (yield from self._field(node, resource, cls))
 
     def _lacking(self, node: Age | Field, having: dict[str, Resource]) -> Iterator[_Statement]:
@@ -273,25 +269,25 @@ class _TemplateReader:
             yield node.at, severity, f"resource {node.path!r} belongs to a {has}: no {want} has it"
 
     def _field(self, node: Field, resource: Resource, cls: type[msgspec.Struct]) -> _Looking:
-        fields = _fields(cls)
+        fields = fields_of(cls)
         plain = len(fields) == 1
         found: Any = msgspec.inspect.type_info(cls)
         name = node.path
         if plain and (not node.field or node.field.startswith("[")):
-            found = _present(next(iter(fields.values())))
+            found = present(next(iter(fields.values())))
         elif not node.field:
             names = ", ".join(fields)
             yield node.at, "error", f"{node.path!r} is a {cls.__name__}: expected one of its fields ({names})"
             return None
         for step in steps(node.field):
-            inner, refusal = _element(found, step, name)
+            inner, refusal = element(found, step, name)
             if refusal:
                 yield node.at, "error", refusal
                 return None
-            found, name = _present(inner), f"{name}{step}"
-        value = _value(name, found)
+            found, name = present(inner), f"{name}{step}"
+        value = plain_type(name, found)
         if value is None:
-            yield node.at, "error", f"{name} is {_expected_inside(found)}"
+            yield node.at, "error", f"{name} is {parts_of(found)}"
             return None
         if name.endswith(_RATIO):
             return msgspec.structs.replace(value, span=(0.0, 1.0))
@@ -316,7 +312,7 @@ def shipped() -> Vocabulary:
     return found
 
 
-def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Statement]:
+def _literal(value: FieldType, literal: Literal, at: int) -> Iterator[_Statement]:
     """Check a comparison of a value with a constant."""
     if isinstance(literal.value, str):
         if value.choices and literal.value not in value.choices:
@@ -334,113 +330,3 @@ def _literal(value: _Value, literal: Literal, at: int) -> Iterator[_Statement]:
 
 def _at(node: Operand) -> int:
     return 0 if isinstance(node, Literal) else node.at
-
-
-def _element(found: Any, step: FieldStep, name: str) -> tuple[Any, str]:
-    """Type of what a step leads to from a type, and the refusal of a step that leads nowhere.
-
-    `name`: of the value of that type, for the refusal.
-    """
-    match found:
-        case msgspec.inspect.StructType() if not step.quoted:
-            inner = _fields(found.cls)
-            if step.key in inner:
-                return inner[str(step.key)], ""
-            near = [field for field in inner if field.startswith(f"{step.key}_")]  # its unit was left out
-            near += similar(str(step.key), inner, cutoff=0.4)
-            hint = f"did you mean {near[0]!r}?" if near else "expected one of these"
-            return None, f"{found.cls.__name__} has no field {step.key!r}; {hint} ({', '.join(inner)})"
-        case msgspec.inspect.DictType():
-            keys = () if (key := _value(name, _present(found.key_type))) is None else key.choices
-            if keys and str(step.key) not in keys:
-                return None, f"{name} has no key {str(step.key)!r}: expected one of {', '.join(keys)}"
-            return found.value_type, ""
-        case _ if (items := _items(found)) is not None:
-            if isinstance(step.key, int):
-                if not isinstance(found, msgspec.inspect.TupleType):
-                    return items[0], ""
-                if step.key >= len(items):
-                    return None, f"{name} has {len(items)} items: expected an index below that, from 0"
-                return items[step.key], ""
-            sample = _value(name, _present(items[0]))
-            if not step.quoted or sample is None or sample.sort not in {_TEXT, ""}:
-                return None, f"{name} is a list: expected an index, such as {name}[0], not {str(step)!r}"
-            if sample.choices and step.key not in sample.choices:
-                return None, f"{name} never has {step.key!r}: expected one of {', '.join(sample.choices)}"
-            return msgspec.inspect.BoolType(), ""
-        case msgspec.inspect.AnyType() | msgspec.inspect.UnionType():
-            return msgspec.inspect.AnyType(), ""
-    return None, f"{name} is {_described(found)}: expected nothing after it, not {str(step)!r}"
-
-
-def _items(found: Any) -> tuple[Any, ...] | None:
-    """Types of the items of a list, one for all if they are alike; None for any other type."""
-    match found:
-        case msgspec.inspect.TupleType():
-            return tuple(found.item_types) or (msgspec.inspect.AnyType(),)
-        case msgspec.inspect.ListType() | msgspec.inspect.VarTupleType():
-            return (found.item_type,)
-    return None
-
-
-def _described(found: Any) -> str:
-    if isinstance(found, msgspec.inspect.StructType):
-        return f"a {found.cls.__name__}"
-    value = _value("", found)
-    return value.sort if value is not None and value.sort else "a single value"
-
-
-def _expected_inside(found: Any) -> str:
-    """Description of a value that has parts, and what names one of them."""
-    match found:
-        case msgspec.inspect.StructType():
-            names = ", ".join(_fields(found.cls))
-            return f"a {found.cls.__name__}: expected one of its fields ({names})"
-        case msgspec.inspect.DictType():
-            return 'a map: expected one of its keys in brackets, such as ["sensor/gnss"]'
-        case _ if _items(found) is not None:
-            return "a list: expected the index of an item in brackets, such as [0]"
-    return "no number, text or truth value: expected a field that is one"
-
-
-@cache
-def _fields(cls: type[msgspec.Struct]) -> dict[str, Any]:
-    """Types of its fields and properties, by name."""
-    info: Any = msgspec.inspect.type_info(cls)
-    found = {field.name: field.type for field in info.fields}
-    for name in dir(cls):
-        attribute = getattr(cls, name, None)
-        if isinstance(attribute, property) and not name.startswith("_") and attribute.fget is not None:
-            returns = get_type_hints(attribute.fget).get("return")
-            if returns in {bool, int, float, str}:
-                found[name] = msgspec.inspect.type_info(returns)
-    return found
-
-
-def _present(found: Any) -> Any:
-    """The type without None."""
-    if isinstance(found, msgspec.inspect.UnionType):
-        types = [kind for kind in found.types if not isinstance(kind, msgspec.inspect.NoneType)]
-        return types[0] if len(types) == 1 else found
-    return found
-
-
-def _value(name: str, found: Any) -> _Value | None:
-    match found:
-        case msgspec.inspect.BoolType():
-            return _Value(name, _TRUTH)
-        case msgspec.inspect.IntType() | msgspec.inspect.FloatType():
-            return _Value(name, _NUMBER)
-        case msgspec.inspect.StrType():
-            return _Value(name, _TEXT)
-        case msgspec.inspect.EnumType():
-            values = tuple(member.value for member in found.cls)
-        case msgspec.inspect.LiteralType():
-            values = tuple(found.values)
-        case msgspec.inspect.UnionType() | msgspec.inspect.AnyType():
-            return _Value(name)
-        case _:
-            return None
-    if all(isinstance(value, str) for value in values):
-        return _Value(name, _TEXT, values)
-    return _Value(name, _NUMBER)
