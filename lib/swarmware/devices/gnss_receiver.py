@@ -21,6 +21,9 @@ _PART: Final = re.compile(rb"(\*[0-9A-Fa-f]?)?")
 """What may follow the body while the rest has not arrived."""
 _CHECKSUM_BYTES: Final = 3
 """The star and two digits."""
+_REASONS: Final = 50
+"""Reasons that are counted apart; further ones are counted together."""
+_OTHER: Final = "other reasons"
 _NONE: Final = "none with a position: enable GGA (or GNS, RMC, UBX NAV-PVT) in the receiver"
 
 
@@ -53,7 +56,7 @@ class ReceiverDecoder:
             try:
                 found = self._sentence() if self._open.startswith(b"$") else self._frame()
             except WireError as error:
-                self.refused[str(error)] += 1
+                _add(self.refused, str(error))
                 continue
             if found is None:
                 return
@@ -130,12 +133,17 @@ class ReceiverDecoder:
             if position.fix is not None and position.fix.lat_deg == position.fix.lon_deg == 0.0:
                 raise WireError(f"{position.kind}: a fix at 0° 0°, as receivers send before their first fix")
         except WireError as error:
-            self.refused[str(error)] += 1
-            self._reasons[str(error)] += 1
+            _add(self.refused, str(error))
+            _add(self._reasons, str(error))
             return None
         if position.reason:
-            self._reasons[position.reason] += 1
+            _add(self._reasons, position.reason)
         return self._epochs.take(position)
+
+
+def _add(counts: Counter[str], reason: str) -> None:
+    """Counts a reason; what a receiver sends is part of some, and must not fill the memory."""
+    counts[reason if reason in counts or len(counts) < _REASONS else _OTHER] += 1
 
 
 def _is_valid(line: bytes) -> bool:

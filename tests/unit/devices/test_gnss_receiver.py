@@ -218,3 +218,12 @@ def test_a_noisy_line_costs_no_sentence() -> None:
     found, decoder = fixes(line, size=37)
     assert len(found) == sent
     assert sum(decoder.refused.values()) >= 250
+
+
+def test_the_reasons_of_a_receiver_do_not_fill_the_memory() -> None:
+    units = [f"{number:x}" for number in range(2000)]
+    found, decoder = fixes(*(sentence(SOUTH.replace(",354.682,M,", f",354.682,{unit},")) for unit in units))
+    assert found == []
+    assert sum(decoder.refused.values()) == 2000
+    assert len(decoder.refused) == 51
+    assert decoder.reason == "other reasons"
