@@ -81,7 +81,9 @@ def test_the_watchdog_is_reset_at_multiples_of_half_its_time(
                 async def started() -> None:
                     return None
 
-                host = SimpleNamespace(node=node, names=["sim"], started=started)
+                host = SimpleNamespace(
+                    node=node, names=["sim"], failed=[], started=started, on_supervised=lambda received: None
+                )
                 with pytest.raises(EndOfTest):
                     await runner._notify_ready(host, Notifier())  # type: ignore[arg-type]
         finally:

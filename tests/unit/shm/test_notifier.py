@@ -2,7 +2,7 @@
 
 import fcntl
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 
@@ -13,6 +13,7 @@ from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders, open_sen
 from swarmware.transport.shm.layout import RingFull
 from swarmware.transport.shm.notifier import ReaderNotifier
 from swarmware.transport.shm.readers import ENTRIES
+from swarmware.transport.shm.reap import reap, remove_all
 
 
 @pytest.fixture
@@ -273,3 +274,47 @@ def test_what_stands_in_the_place_of_the_folder_gives_way_to_it(
     notifier.notify()
     assert doorbell.drain()
     assert target.read_bytes() == b"untouched"
+
+
+STRANGE: list[Callable[[Path], object]] = [
+    os.mkfifo,
+    os.mkdir,
+    lambda path: (path / "inner").mkdir(parents=True),
+    lambda path: path.symlink_to("x"),
+]
+
+
+@pytest.mark.parametrize("make", STRANGE, ids=["fifo", "folder", "full", "link"])
+def test_what_is_no_entry_stops_neither_writer_nor_reader(
+    notifier: ReaderNotifier,
+    others: ReaderNotifier,
+    doorbell: Doorbell,
+    make: Callable[[Path], object],
+) -> None:
+    others.add("17-0")  # makes the folder
+    others.remove("17-0")
+    make(notifier.path / "18-0")
+    make(notifier.path / doorbell.name)
+    notifier.notify()
+    assert notifier.names() == ()
+    others.add(doorbell.name)
+    notifier.notify()
+    assert notifier.names() == (doorbell.name,)
+    assert doorbell.drain()
+    others.remove("18-0")
+    assert not (notifier.path / "18-0").exists()
+
+
+@pytest.mark.parametrize("make", STRANGE, ids=["fifo", "folder", "full", "link"])
+@pytest.mark.parametrize("sweep", [reap, remove_all])
+def test_what_is_no_entry_stops_neither_start_nor_end_of_a_node(
+    tmp_path: Path, make: Callable[[Path], object], sweep: Callable[[Path, Path], object]
+) -> None:
+    table = tmp_path / "shm/nav.pose.readers"
+    table.mkdir(parents=True)
+    (tmp_path / "run/bells").mkdir(parents=True)
+    make(table / "18-0")
+    make(tmp_path / "run/bells/19-0")
+    for _ in range(2):
+        sweep(tmp_path / "shm", tmp_path / "run")
+    assert not (table / "18-0").exists()

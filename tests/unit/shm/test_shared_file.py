@@ -74,6 +74,7 @@ def test_a_folder_with_content_keeps_it_under_another_name(tmp_path: Path) -> No
     kept = next(tmp_path.iterdir())
     assert kept.suffix == ".refused"
     assert (kept / "inner").is_dir()
+    assert not discard(kept), "it is out of the way already"
 
 
 @pytest.mark.parametrize("make", [make for make, _ in HOSTILE[:-1]])

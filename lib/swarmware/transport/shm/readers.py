@@ -18,6 +18,7 @@ from swarmware.model.clock import utc_ns
 from swarmware.transport.shm.access import make_folder, share_folder
 from swarmware.transport.shm.doorbell import NAME
 from swarmware.transport.shm.ringfile import file_errors
+from swarmware.transport.shm.shared_file import discard
 
 MODE: Final = 0o1770
 """Mode of the folder, the only place in shared memory that readers write."""
@@ -64,9 +65,11 @@ class ReadersFolder:
             for entry in entries:
                 if NAME.match(entry.name):
                     with contextlib.suppress(FileNotFoundError):
-                        user = entry.stat(follow_symlinks=False).st_uid
-                        of_user[user] += 1
-                        if of_user[user] <= limit:
+                        status = entry.stat(follow_symlinks=False)
+                        if not stat.S_ISREG(status.st_mode):
+                            continue  # a member may make anything here
+                        of_user[status.st_uid] += 1
+                        if of_user[status.st_uid] <= limit:
                             found.append(entry.name)
         self.crowded = of_user[os.geteuid()] > ENTRIES
         # one that is added now may not change the time: list it again next time
@@ -76,17 +79,24 @@ class ReadersFolder:
     def add(self, name: str) -> bool:
         """Enter a doorbell; False when the folder has been removed meanwhile."""
         try:
-            with contextlib.suppress(FileExistsError):
+            try:
                 os.close(os.open(name, _MAKE, 0o600, dir_fd=self._fd))
+            except FileExistsError:
+                if not stat.S_ISREG(os.stat(name, dir_fd=self._fd, follow_symlinks=False).st_mode):
+                    self.remove(name)
+                    os.close(os.open(name, _MAKE, 0o600, dir_fd=self._fd))
             os.utime(self._fd)  # also when the entry existed: the writer may have dropped it
         except FileNotFoundError:
             return False
         return True
 
     def remove(self, name: str) -> None:
-        """Remove an entry, if this process may."""
+        """Remove an entry, or what lies in its place, if this process may."""
         with contextlib.suppress(FileNotFoundError, PermissionError):
-            os.unlink(name, dir_fd=self._fd)
+            try:
+                os.unlink(name, dir_fd=self._fd)
+            except IsADirectoryError:
+                discard(name, dir_fd=self._fd)
 
     def close(self) -> None:
         """Close the descriptor of the folder."""
@@ -109,8 +119,7 @@ def open_readers(path: Path, *, create: bool) -> ReadersFolder | None:
             except OSError as error:
                 if error.errno not in {errno.ENOTDIR, errno.ELOOP} or not path.parent.is_dir():
                     raise
-                with contextlib.suppress(FileNotFoundError):
-                    path.unlink()  # a file or a link, which is not expected here
+                discard(path)  # a file or a link, which is not expected here
     raise WireError(f"{path}: other processes keep making and removing it")
 
 
@@ -124,7 +133,7 @@ def _make(path: Path) -> None:
 def remove_readers(path: Path) -> bool:
     """Removes the folder with its entries; False when a reader was added meanwhile."""
     for entry in list(path.iterdir()):
-        entry.unlink(missing_ok=True)
+        discard(entry)
     try:
         path.rmdir()
     except OSError as error:

@@ -17,7 +17,7 @@ from swarmware.transport.shm.doorbell import folder_lock, open_sender
 from swarmware.transport.shm.lock import try_lock
 from swarmware.transport.shm.readers import remove_readers
 from swarmware.transport.shm.ringfile import unlink_ring
-from swarmware.transport.shm.shared_file import open_shared
+from swarmware.transport.shm.shared_file import discard, open_shared
 
 _UNFINISHED = layout.RING_SUFFIX + layout.UNFINISHED_SUFFIX
 _MARK = layout.MAGIC.to_bytes(8, "little")
@@ -137,7 +137,7 @@ def _remove_table(path: Path, bells_dir: Path, *, even_used: bool) -> bool:
     for entry in _entries(path):
         fd = open_sender(bells_dir / entry.name)
         if fd is None:
-            entry.unlink(missing_ok=True)
+            discard(entry)
         else:
             os.close(fd)
             alive = True

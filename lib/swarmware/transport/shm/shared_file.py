@@ -78,20 +78,24 @@ def _kind(mode: int) -> str:
     return _KINDS.get(stat.S_IFMT(mode), "a device")
 
 
-def discard(path: Path | str) -> bool:
+def discard(path: Path | str, dir_fd: int | None = None) -> bool:
     """Clear the path, whatever lies there; returns whether nothing lies there now.
 
     Nothing below a folder is removed: a folder with content gets another name.
+    `dir_fd`: the open folder to which the path is relative, or None.
     """
     try:
-        status = os.lstat(path)
+        status = os.stat(path, dir_fd=dir_fd, follow_symlinks=False)
         if not stat.S_ISDIR(status.st_mode):
-            os.unlink(path)
+            os.unlink(path, dir_fd=dir_fd)
             return True
         try:
-            os.rmdir(path)
+            os.rmdir(path, dir_fd=dir_fd)
         except OSError:  # it has content, or this process may only rename it
-            os.rename(path, f"{path}.{status.st_ino}{_REFUSED}")
+            if os.fspath(path).endswith(_REFUSED):
+                return False
+            aside = f"{os.fspath(path)}.{status.st_ino}{_REFUSED}"
+            os.rename(path, aside, src_dir_fd=dir_fd, dst_dir_fd=dir_fd)
     except FileNotFoundError:
         return True
     except OSError:  # of another user in a sticky folder: the caller says what is in its way
