@@ -15,7 +15,7 @@ from swarmware.mission.binding import Binding
 from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.catalogue import Catalogue
 from swarmware.mission.check import check_folder, check_text
-from swarmware.mission.finding import TOO_LARGE, Finding, sound, too_large
+from swarmware.mission.finding import TOO_LARGE, Finding, sound
 from swarmware.mission.folder import Folder
 from swarmware.mission.loader import read
 from swarmware.mission.model import MissionDefinition, content_hash
@@ -26,6 +26,8 @@ QUICK_TEXT: Final = 32_768
 """Maximum characters of a mission checked in the event loop, about 10 ms; the shipped ones have 6 000."""
 TIME_S: Final = 30.0
 """Time-out of a check in a separate process, including the start of Python on a busy computer."""
+UNFINISHED: Final = "unfinished"
+"""Rule of the finding that a check did not end; the next request checks again."""
 REMEMBERED: Final = 64
 """Maximum number of cached results: more missions than a store has."""
 
@@ -52,6 +54,8 @@ class Checker:
         large = sum(map(len, folder.texts.values())) > QUICK_TEXT
         found = None if large else check_folder(folder, self.catalogue, Budget(QUICK_BYTES))
         verdict = await self._finished(found, FolderJob(folder), folder.where)
+        if any(finding.rule == UNFINISHED for finding in verdict):
+            return verdict  # a busy computer says nothing about the mission
         key = content_hash(folder.where, folder.hash) if verdict else folder.hash
         return _keep(self._verdicts, key, verdict)
 
@@ -114,15 +118,24 @@ async def _apart(job: Job, where: str) -> list[Finding]:
             answer, complaints = await process.communicate(msgspec.msgpack.encode(job))
         return msgspec.msgpack.decode(answer, type=list[Finding])
     except TimeoutError:
-        return [too_large(where)]
+        return [_unfinished(where)]
     except msgspec.DecodeError:
         words = complaints.decode(errors="replace").strip().splitlines()
         log.warning("check of %s: ended with %s: %s", where, process.returncode, words[-1:] or "")
-        return [too_large(where)]
+        return [_unfinished(where)]
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
+
+
+def _unfinished(where: str) -> Finding:
+    """The finding of a check that was ended from outside: by its time-out, or by the system."""
+    message = (
+        f"not checked: the check did not end within {TIME_S:g} s, or was killed; expected a less busy "
+        "computer, try again"
+    )
+    return Finding(where, 0, "", "unknown", UNFINISHED, message)
 
 
 def _keep(memory: OrderedDict[str, Kept], key: str, value: Kept) -> Kept:

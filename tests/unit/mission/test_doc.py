@@ -13,6 +13,7 @@ from swarmware.mission.catalogue import BLOCKS, BlockType
 from swarmware.mission.check import check_text
 from swarmware.mission.condition import parse
 from swarmware.mission.file_keys import BLOCK_KEYS
+from swarmware.mission.plausible import CEILING_M, DEPTH_M, NEAR_RATIO, REACH_M
 from swarmware.mission.schema import mission_schema
 
 ROOT = Path(__file__).parents[3]
@@ -56,6 +57,12 @@ def test_every_example_condition_can_be_read(example: str) -> None:
 @pytest.mark.parametrize("path", re.findall(r"`(share/[\w/.]+|tests/[\w/.]+|etc/[\w/.]+)`", TEXT))
 def test_every_file_named_exists(path: str) -> None:
     assert (ROOT / path).exists()
+
+
+def test_the_limits_of_positions_are_those_of_the_code() -> None:
+    limits = f"more than {REACH_M / 1000:g} km from the map's origin, more than {CEILING_M:g} m above it"
+    assert f"{limits} or more than {DEPTH_M:g} m below it" in TEXT
+    assert f"a warning from {NEAR_RATIO:.0%} of the limit on".replace("%", " %") in TEXT
 
 
 def test_the_keys_of_a_block_beside_its_parameters_are_those_of_the_schema() -> None:
