@@ -44,6 +44,8 @@ class LogForwarder:
         self._size = batch
         self._cursor: Cursor | None = None
         self._reader: SegmentReader | None = None
+        self._end_lost = False
+        """Whether the end of the former segment was unreadable: then missing entries were damaged."""
         self.forwarded = 0
         """Entries stored since the start."""
         self.gaps = 0
@@ -80,7 +82,7 @@ class LogForwarder:
                 entries, complete = [], True  # the ring deleted the segment while it was read
             if entries:
                 sequences = dict(cursor.sequences)
-                where = GapCause.DAMAGED if reader.damaged else GapCause.OVERWRITTEN
+                where = GapCause.DAMAGED if reader.damaged or self._end_lost else GapCause.OVERWRITTEN
                 documents = self._with_gaps(entries, sequences, where)
                 moved = Cursor(number, reader.offset, sequences)
                 self._write(documents, moved)
@@ -89,6 +91,7 @@ class LogForwarder:
                 return len(entries)
             if not complete:
                 return 0
+            self._end_lost = reader.lost_end_bytes > 0
             cursor = self._cursor = Cursor(number + 1, 0, cursor.sequences)
         return 0
 

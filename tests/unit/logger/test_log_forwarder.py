@@ -130,6 +130,24 @@ def test_what_the_ring_overwrote_before_it_was_stored_is_a_gap_with_its_size(tmp
     assert (gaps[0].first, gaps[0].last) == (11, 10 + gaps[0].count)
 
 
+def test_the_zeroed_end_of_a_segment_is_a_gap_of_damage_with_its_size(tmp_path: Path) -> None:
+    ring = LogRing(tmp_path, segment_bytes=2000, ring_bytes=100_000, min_free_bytes=0)
+    fill(ring, range(100))
+    ring.flush()
+    fill(ring, range(100, 150))
+    ring.close()
+    first = segments(tmp_path)[0]
+    data = first.read_bytes()
+    first.write_bytes(data[:1500] + bytes(len(data) - 1500))
+    store = Slots()
+    forwarder = LogForwarder(tmp_path, "uav1", store, batch=7)
+    drain(forwarder)
+    (gap,) = [value for e in store.slots.values() if isinstance(value := e.value(), LogGap)]
+    assert (gap.where, gap.last) == ("damaged", 100)
+    assert gap.count == forwarder.gaps > 50
+    assert len([e for e in store.slots.values() if e.queue == QUEUE]) == 150 - gap.count
+
+
 def test_a_batch_of_large_entries_is_bounded_by_its_bytes(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     for number in range(20):
