@@ -8,10 +8,12 @@ from typing import Final
 import pytest
 
 from swarmd.navigator.config import Config
+from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.guidance import Guidance
-from swarmd.sim.config import GroundLimits
+from swarmd.sim.config import GroundLimits, MultirotorLimits
 from swarmd.sim.core.ground import Ground
+from swarmd.sim.core.multirotor import Multirotor
 from swarmware.geometry.world import Bounds, Circle, World
 from swarmware.types.vehicle import Goal, GoalKind, NavError, NavState, NavStatus, Pose, Range, VehicleState
 
@@ -38,15 +40,19 @@ RING: Final = ((1.5, -1.5), (1.5, 1.5), (-1.5, 1.5), (-1.5, -1.5), (1.5, -1.5))
 
 
 class Drive:
-    """The real guidance and pilot of a ground vehicle, its simulated drive and scanner."""
+    """The real guidance and pilot of a vehicle, its simulated drive and scanner."""
 
-    def __init__(self, *corners: tuple[float, float], held: bool = False, x_m: float = 0.0) -> None:
+    def __init__(
+        self, *corners: tuple[float, float], held: bool = False, x_m: float = 0.0, flies: bool = False
+    ) -> None:
         bounds = Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0), z_m=(-1.0, 10.0))
         self.world = World(description="", bounds=bounds, circles=tuple(wall(*corners)))
         self.config = Config()
-        self.guidance = Guidance(self.config, "ugv1", GroundController(self.config))
-        self.guidance.on_vehicle(VehicleState(armed=True, landed=True))
-        self.drive = Ground(GroundLimits(), Pose.planar(x_m, 0.0))
+        controller = AirController(self.config) if flies else GroundController(self.config)
+        self.guidance = Guidance(self.config, "uav1" if flies else "ugv1", controller)
+        self.guidance.on_vehicle(VehicleState(armed=True, landed=not flies))
+        start = Pose.planar(x_m, 0.0, 1.0 if flies else 0.0)
+        self.drive = Multirotor(MultirotorLimits(), start) if flies else Ground(GroundLimits(), start)
         self.drive.armed = True
         self.held = held
         self.now_ns = 1_000_000_000
@@ -55,7 +61,7 @@ class Drive:
 
     def go(self, x_m: float, y_m: float, patience_s: float) -> NavStatus:
         """Until the goal is reached or the vehicle says that it is blocked, but not longer than this."""
-        self.guidance.on_goal(Goal(1, GoalKind.GOTO, x_m=x_m, y_m=y_m, speed_m_s=1.5), self.now_ns)
+        self.guidance.on_goal(Goal(1, GoalKind.GOTO, x_m=x_m, y_m=y_m, z_m=1.0, speed_m_s=1.5), self.now_ns)
         for step in range(round(patience_s / STEP_S)):
             self.now_ns += round(STEP_S * 1e9)
             pose = self.drive.pose()
@@ -80,9 +86,10 @@ class Drive:
         self.gap_m = min(self.gap_m, min(gaps) - self.drive.radius_m)
 
 
+@pytest.mark.parametrize("flies", [False, True], ids=["ground", "air"])
 @pytest.mark.parametrize("name", DEAD_ENDS)
-def test_a_vehicle_in_a_dead_end_plans_anew_and_arrives(name: str) -> None:
-    drive = Drive(*DEAD_ENDS[name])
+def test_a_vehicle_in_a_dead_end_plans_anew_and_arrives(name: str, flies: bool) -> None:
+    drive = Drive(*DEAD_ENDS[name], flies=flies)
     status = drive.go(22.0, 0.0, 120.0)
     assert status.state is NavState.ARRIVED, (drive.drive.pose(), drive.notes(), drive.now_ns, status)
     assert drive.gap_m > 0.0
