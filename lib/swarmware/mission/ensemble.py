@@ -72,8 +72,8 @@ def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
     block = role.mission.blocks[found.block]
     if isinstance(found, Failure):
         message = (
-            f"role {role.name!r} fails in every run without a fault: {found.message}; expected the same visits of each "
-            "barrier in all roles, or a nextTimeout"
+            f"role {role.name!r} fails in every run without a fault: {found.message}; "
+            "expected the same visits of each barrier in all roles, or a nextTimeout"
             if found.certain
             else f"role {role.name!r} fails in this run: {found.message}; expected a nextTimeout, or the "
             "same visits of each barrier on every path"
