@@ -129,8 +129,11 @@ class Vocabulary:
         kinds: tuple[str, ...],
     ) -> Iterator[Problem]:
         """Warns of a sensor of no template; its condition must suit one of the sensors that are meant."""
-        if params.measures and params.measures not in self._quantities():
-            near = similar(params.measures, self._quantities())
+        # templates may name types of packages that are installed only on the vehicle
+        named = {resource.type for having in self._known.values() for resource in having.values()}
+        known = named.union(self._quantities())
+        if params.measures and params.measures not in known:
+            near = similar(params.measures, known)
             hint = f"did you mean {near[0]!r}?" if near else "expected a type (Barometer) or a field of one"
             message = f"{params.measures!r} is measured by no sensor that is known here; {hint}"
             yield Problem(f"{pointer}/measures", params.measures, 0, "error", message)

@@ -11,7 +11,9 @@ from swarmware.mission.catalogue import WaitForSensor
 from swarmware.mission.check import check_text
 from swarmware.mission.loader import load
 from swarmware.mission.sensor_choice import SensorChoice
+from swarmware.mission.vocabulary import Vocabulary
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.model.resource import Resource
 from swarmware.types.vehicle import Barometer, GnssFix, Imu
 
 
@@ -62,6 +64,13 @@ def test_a_sensor_is_meant_by_its_path_and_by_what_it_measures(
 def test_a_fresh_value_that_meets_the_condition_is_enough(until: str, age_s: float, enough: bool) -> None:
     choice = SensorChoice(WaitForSensor(until=until))
     assert choice.suffices(GnssFix(47.0, 8.0, 400.0, 1.5, 8), age_s, 2.0) is enough
+
+
+def test_a_type_of_a_package_that_only_the_vehicle_has_is_known_by_its_template() -> None:
+    waits = load(mission(measures="Co2"), "m.json", Binding())
+    template = [Resource(path="sensor/co2", type="Co2", rate_hz=1.0)]
+    for resources, severity in ((template, "warning"), ([], "error")):
+        assert [problem.severity for problem in Vocabulary(resources).check(waits)] == [severity]
 
 
 def test_a_sensor_of_the_templates_is_sound_with_fields_of_its_type() -> None:
