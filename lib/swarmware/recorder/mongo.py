@@ -48,6 +48,8 @@ _DENIALS: Final = {13, 18}
 _MALFORMED: Final = {2, 9, 14, 15, 22, 10334}
 """BadValue, FailedToParse, TypeMismatch, Overflow, InvalidBSON, BSONObjectTooLarge: one document makes the
 server refuse a whole request with these, such as one that is nested 200 levels deep."""
+_NO_ROOM: Final = {14031, 8000}
+"""OutOfDiskSpace, and the quota of MongoDB Atlas: smaller documents would fit, at the cost of values."""
 _INT64: Final = (1 << 63) - 1
 
 
@@ -121,7 +123,7 @@ class MongoStore:
         with _translated():
             if entries:
                 self._write_types({entry.description for entry in entries} - self._stored_types - {""})
-                self._write_slots([(entry, to_document(entry, self._queue_size)) for entry in entries])
+                self._write_entries(entries)
                 for queue in sorted({entry.queue for entry in entries}):
                     if self._bytes[queue] > self._queue_bytes:
                         self._trim(queue)
@@ -139,22 +141,31 @@ class MongoStore:
             )
         self._stored_types |= descriptions
 
-    def _write_slots(self, slots: Sequence[tuple[LogEntry, RawBSONDocument]]) -> None:
-        """Stores documents; of refused ones what the server takes.
+    def _write_entries(self, entries: Sequence[LogEntry]) -> None:
+        """Stores the document of each entry; of a refused one what the server takes.
 
         Raises: SwarmError when the server refuses even the names and stamps of an entry: then the server is
         at fault, not the document.
         """
-        self.refused = left = self._replace(slots)
-        for with_payload in (True, False):
-            left = self._replace(
-                [
-                    (one.entry, bare_document(one.entry, self._queue_size, one.reason, with_payload))
-                    for one in left
-                ]
-            )
-        if left:
+        refused = self._replace([(entry, to_document(entry, self._queue_size)) for entry in entries])
+        without_value = self._replace(self._bare(refused))
+        if left := self._replace(self._bare(without_value, with_payload=False)):
             raise SwarmError(f"MongoDB refuses entries: {left[0].reason}")
+        # again: a server that refused for a short time must not cost the values of that time
+        whole = [(one.entry, to_document(one.entry, self._queue_size)) for one in refused]
+        self.refused = self._replace(whole)
+        large = {(one.entry.queue, one.entry.sequence) for one in without_value}
+        self._replace(
+            self._bare([one for one in self.refused if (one.entry.queue, one.entry.sequence) in large])
+        )
+
+    def _bare(
+        self, refused: Sequence[RefusedEntry], *, with_payload: bool = True
+    ) -> list[tuple[LogEntry, RawBSONDocument]]:
+        return [
+            (one.entry, bare_document(one.entry, self._queue_size, one.reason, with_payload))
+            for one in refused
+        ]
 
     def _replace(self, slots: Sequence[tuple[LogEntry, RawBSONDocument]]) -> list[RefusedEntry]:
         """Writes each document to its slot; the refused ones.
@@ -169,6 +180,8 @@ class MongoStore:
             refused = error.details.get("writeErrors")
             if not refused:
                 raise  # of the write concern: the documents are stored, but not as safely as asked
+            if any(one["code"] in _NO_ROOM for one in refused):
+                raise SwarmError(f"MongoDB has no room: {_short(str(refused[0]['errmsg']))}") from error
             return [RefusedEntry(slots[one["index"]][0], _short(str(one["errmsg"]))) for one in refused]
         except (OperationFailure, InvalidDocument) as error:
             if isinstance(error, OperationFailure) and error.code not in _MALFORMED:

@@ -3,18 +3,20 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import mongomock
 import msgspec
 import pytest
 from pymongo import MongoClient
+from pymongo.errors import BulkWriteError
 from tests.integration.recorder.mongod import Mongod
 
 from swarmd.logger.log_forwarder import LogForwarder
 from swarmware.errors import ConfigError, NoAnswer, SwarmError
 from swarmware.recorder.entry import Cursor, LogEntry
-from swarmware.recorder.mongo import MongoStore, check_uri, digest, to_document
+from swarmware.recorder.mongo import MongoStore, RefusedEntry, check_uri, digest, to_document
 from swarmware.recorder.payload_type import logged_description
 from swarmware.recorder.query import FolderSource, LogSource, Query, stats
 from swarmware.recorder.ring import LogRing
@@ -308,6 +310,43 @@ def test_what_a_validator_refuses_keeps_its_payload_or_else_its_reason(mongod: M
     finally:
         store.close()
         client.close()
+
+
+@pytest.mark.mongod
+@pytest.mark.parametrize("until", [1, 2])
+def test_a_server_that_refuses_for_a_moment_costs_no_value(
+    mongod: Mongod, monkeypatch: pytest.MonkeyPatch, until: int
+) -> None:
+    store = MongoStore(mongod.uri, f"moment{until}")
+    entry = LogEntry("uav1:x:out", 1, "uav1", "x", "event", "Int", 1, START, b"\x91\x07")
+    replace, calls = store._replace, 0
+
+    def refusing(slots: Any) -> list[RefusedEntry]:
+        nonlocal calls
+        calls += 1
+        return [RefusedEntry(one, "busy") for one, _ in slots] if calls <= until else replace(slots)
+
+    monkeypatch.setattr(store, "_replace", refusing)
+    store.write([entry], "uav1", Cursor())
+    (found,) = store._frames.find()
+    store.close()
+    assert (found["value"], found["payload"], store.refused) == ({"value": 7}, b"\x91\x07", [])
+
+
+@pytest.mark.mongod
+def test_a_full_server_keeps_the_entries_in_the_ring(mongod: Mongod, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = MongoStore(mongod.uri, "full")
+    entry = LogEntry("uav1:x:out", 1, "uav1", "x", "event", "Int", 1, START, b"\x91\x07")
+
+    def bulk_write(*_: Any, **__: Any) -> None:
+        raise BulkWriteError({"writeErrors": [{"index": 0, "code": 14031, "errmsg": "no space"}]})
+
+    frames: Any = SimpleNamespace(bulk_write=bulk_write, aggregate=store._frames.aggregate)
+    monkeypatch.setattr(store, "_frames", frames)
+    with pytest.raises(SwarmError, match="MongoDB has no room: no space"):
+        store.write([entry], "uav1", Cursor())
+    assert store.cursor("uav1") == Cursor() and store._cursors.find_one({"_id": "uav1"}) is None
+    store.close()
 
 
 @pytest.mark.mongod
