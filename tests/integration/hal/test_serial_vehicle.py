@@ -131,10 +131,9 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
         asyncio.run(fly())
 
 
-def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_motors_alone(
-    tmp_path: Path,
-) -> None:
-    lines = tmp_path / "dev"
+def pulsed_node(root: Path) -> Path:
+    """A quadrotor whose sensors are behind lines, and its motors behind pulses, in the folder `dev`."""
+    lines = root / "dev"
     hal = HalConfig(
         drivers=(*DRIVERS[:-1], "pwm_flight"),
         retry_s=0.2,
@@ -146,10 +145,17 @@ def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_mot
             device=str(lines / "pwmchip0"), motors=tuple(MotorPulse(channel=index) for index in range(4))
         ),
     )
+    sim = SimConfig(serial=SerialConfig(folder=str(lines)))
+    return make_node(root, services={"sim": sim, "hal": hal}, airframe="quad_1k5")
+
+
+def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_motors_alone(
+    tmp_path: Path,
+) -> None:
+    lines = tmp_path / "dev"
 
     async def fly() -> None:
-        sim = SimConfig(serial=SerialConfig(folder=str(lines)))
-        config_dir = make_node(tmp_path, services={"sim": sim, "hal": hal}, airframe="quad_1k5")
+        config_dir = pulsed_node(tmp_path)
         async with (
             spawn(config_dir, "sim", "hal", "control", "navigator"),
             Module("test", config_dir=config_dir) as m,

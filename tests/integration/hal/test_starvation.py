@@ -7,17 +7,18 @@ import re
 import signal
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 import pytest
+from tests.integration.hal.test_serial_vehicle import pulsed_node
 from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.sim.config import Config as SimConfig
-from swarmware.errors import NoAnswer
+from swarmware.errors import Denied, NoAnswer
 from swarmware.geometry.attitude import to_euler
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
@@ -75,7 +76,12 @@ class Vehicle:
 
     async def rise(self) -> None:
         await self.module.reader("nav/pose", Pose).changed(timeout_s=PATIENCE_S)
-        await self.module.request("sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
+        async with asyncio.timeout(PATIENCE_S):
+            while self.state.value is None or not self.state.value.armed:
+                with suppress(Denied):  # until the attitude is known
+                    await self.module.request(
+                        "sys/vehicle/arm", ArmRequest(True), VehicleState, timeout_s=PATIENCE_S
+                    )
         self.goals.write(Goal(1, GoalKind.TAKEOFF, z_m=HEIGHT_M, speed_m_s=2.0))
         await until(self.status, lambda s: s.goal_seq == 1 and s.state == "arrived")
         self.goals.write(Goal(2, GoalKind.HOLD))
@@ -118,10 +124,11 @@ async def until(board: BoardReader[T], right: Callable[[T], bool]) -> None:
 
 
 @asynccontextmanager
-async def vehicle(root: Path) -> AsyncIterator[tuple[Vehicle, Path]]:
-    config_dir = make_node(
-        root, "uav1", services={"sim": SimConfig(), "hal": HalConfig()}, airframe="quad_1k5"
-    )
+async def vehicle(root: Path, config_dir: Path | None = None) -> AsyncIterator[tuple[Vehicle, Path]]:
+    """A vehicle in the air; `config_dir`: of another one than the simulated quadrotor."""
+    if config_dir is None:
+        services = {"sim": SimConfig(), "hal": HalConfig()}
+        config_dir = make_node(root, "uav1", services=services, airframe="quad_1k5")
     async with AsyncExitStack() as stack:
         parts = {part: await stack.enter_async_context(spawn(config_dir, part)) for part in PARTS}
         module = await stack.enter_async_context(Module("test", config_dir=config_dir))
@@ -189,6 +196,43 @@ def test_a_flight_controller_that_is_killed_and_started_again_continues_the_flig
                     assert begin_m - lowest_m < 1.0
                     assert flown.flies
                     assert flown.tilt_rad < LEVEL_RAD
+
+    with no_leaks(tmp_path):
+        asyncio.run(fly())
+
+
+def test_pulses_are_held_while_their_driver_is_stopped_or_replaced_and_then_end(tmp_path: Path) -> None:
+    duty = tmp_path / "dev/pwmchip0/pwm0/duty_cycle"
+
+    async def fly() -> None:
+        async with vehicle(tmp_path, pulsed_node(tmp_path)) as (flown, config_dir):
+            begin_m = flown.pose.z_m
+            await flown.pause(("hal",), 0.6)
+            lowest_m, highest_m = await flown.watch(SETTLED_S)
+            gap_s = await flown.fault()
+            assert highest_m - begin_m < 1.0
+            if gap_s > HELD_S:
+                pytest.skip(f"the processor was away for {gap_s} s")
+            assert begin_m - lowest_m < 1.0
+            assert flown.tilt_rad < LEVEL_RAD
+            begin_m = flown.pose.z_m
+            await flown.parts["hal"].kill()
+            async with spawn(config_dir, "hal") as again:
+                lowest_m, highest_m = await flown.watch(SETTLED_S)
+                gap_s = await flown.fault()
+                assert highest_m - begin_m < 1.0
+                if gap_s > HELD_S:
+                    pytest.skip(f"the processor was away for {gap_s} s")
+                assert flown.flies
+                assert begin_m - lowest_m < 1.5
+                assert flown.tilt_rad < LEVEL_RAD
+                os.kill(again.pid, signal.SIGSTOP)
+                try:
+                    async with asyncio.timeout(PATIENCE_S):
+                        while duty.read_text() != "1000000\n":
+                            await flown.truth.changed()
+                finally:
+                    os.kill(again.pid, signal.SIGCONT)
 
     with no_leaks(tmp_path):
         asyncio.run(fly())
