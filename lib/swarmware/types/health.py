@@ -161,6 +161,8 @@ class Readiness(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Items that are not ready, each with its reason; empty: the vehicle may be armed."""
     items: tuple[str, ...] = ()
     """Items that apply to this vehicle."""
+    warnings: tuple[NotReady, ...] = ()
+    """Items that an operator should act on, each with its reason; they do not refuse."""
 
     @property
     def reasons(self) -> str:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 from tests.unit.cli.test_commands import COPY, ScriptedSession
 
@@ -72,6 +73,14 @@ async def test_all_that_are_ready_are_listed_with_what_was_looked_at() -> None:
     lines = session.stdout.getvalue().splitlines()
     assert [line.split()[:2] for line in lines[1:]] == [["uav1", "yes"], ["uav2", "yes"]]
     assert "estimator, faults" in lines[1]
+
+
+async def test_warnings_follow_and_do_not_refuse() -> None:
+    warned = msgspec.structs.replace(READY, warnings=(NotReady("realtime", "hal/realtime=refused"),))
+    session = Vehicles({"uav1": warned}, output="table")
+    await show_readiness(session)
+    lines = session.stdout.getvalue().splitlines()
+    assert [line.split() for line in lines[2:]] == [["uav1", "warning", "realtime", "hal/realtime=refused"]]
 
 
 async def test_some_that_are_not_ready_are_a_partial_success_with_one_line_an_item() -> None:

@@ -15,7 +15,7 @@ from swarmd.health.core.readiness import (
 )
 from swarmd.health.core.rules import AgeRule, LimitRule
 from swarmware.model.resource import Resource
-from swarmware.types.health import Fault, NotReady, Phase, Readiness
+from swarmware.types.health import Fault, Level, NotReady, Phase, Readiness
 
 SECOND = 1_000_000_000
 NOW = 100 * SECOND
@@ -145,6 +145,30 @@ def test_a_vehicle_is_ready_when_every_item_that_applies_is() -> None:
     assert found.reasons == (
         "estimator: no pose (nav/pose) yet; battery: remaining_ratio 0.1 (battery/charge: error)"
     )
+
+
+@pytest.mark.parametrize(
+    ("check", "level", "warned"),
+    [
+        ("hal/realtime", "warn", True),
+        ("hal/flight/scheduling", "warn", True),
+        ("hal/flight/loop", "warn", False),
+        ("hal/realtime", "error", False),
+    ],
+)
+def test_a_loop_without_real_time_scheduling_is_a_warning_unless_it_is_required(
+    check: str, level: Level, warned: bool
+) -> None:
+    found = assess(picture(faults=(fault(check, level),)))
+    assert found.warnings == ((NotReady("realtime", f"{check}=died"),) if warned else ())
+    assert found.ready is (level == "warn")
+
+
+def test_a_new_warning_is_published_at_once() -> None:
+    repeater = ReadinessRepeater()
+    assert repeater.due(assess(picture()), NOW)
+    assert not repeater.due(assess(picture()), NOW + 1)
+    assert repeater.due(assess(picture(faults=(fault("hal/realtime", "warn"),))), NOW + 2)
 
 
 def test_a_station_that_was_never_in_reach_is_not_missed() -> None:

@@ -33,6 +33,8 @@ class VehicleReadiness(msgspec.Struct, frozen=True):
     """Items that are not ready, each with its reason."""
     items: tuple[str, ...] = ()
     """Items that apply to this vehicle."""
+    warnings: tuple[NotReady, ...] = ()
+    """Items that an operator should act on, each with its reason; they do not refuse."""
 
 
 class ReadinessList(msgspec.Struct, frozen=True):
@@ -96,17 +98,17 @@ def _row(platform: str, found: TreeValue | SwarmError | None) -> VehicleReadines
     if old or found.quality is Quality.LOST:
         stale = NotReady("health", f"no {PATH} for {found.age_s or 0.0:.0f} s")
         return VehicleReadiness(platform, None, (stale,), value.items)
-    return VehicleReadiness(platform, value.ready, value.not_ready, value.items)
+    return VehicleReadiness(platform, value.ready, value.not_ready, value.items, value.warnings)
 
 
 def _lines(row: VehicleReadiness) -> list[tuple[str, str, str, str]]:
-    """One line for each item that is not ready, or one with all that were checked."""
+    """One line for each item that is not ready, or one with all that were checked; then the warnings."""
+    warned = [(row.platform, "warning", one.item, one.reason) for one in row.warnings]
     if row.ready:
-        return [(row.platform, "yes", "", ", ".join(row.items))]
+        return [(row.platform, "yes", "", ", ".join(row.items)), *warned]
     word = "unknown" if row.ready is None else "no"
-    return [(row.platform, word, one.item, one.reason) for one in row.not_ready] or [
-        (row.platform, "silent", "", "")
-    ]
+    unready = [(row.platform, word, one.item, one.reason) for one in row.not_ready]
+    return [*(unready or [(row.platform, "silent", "", "")]), *warned]
 
 
 def _raise_unready(rows: list[VehicleReadiness]) -> None:

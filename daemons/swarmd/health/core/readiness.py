@@ -108,6 +108,16 @@ def remote(picture: Picture) -> str | None:
     return "" if linked else "the safety pilot's transmitter is not received (vehicle/remote)"
 
 
+def realtime(picture: Picture) -> str | None:
+    """The services that node.toml gives real-time scheduling have it, and the loop of real motors as well."""
+    found = [fault for fault in picture.faults if _is_scheduling(fault)]
+    return ", ".join(f"{fault.check}={fault.state}" for fault in found) or None
+
+
+def _is_scheduling(fault: Fault) -> bool:
+    return fault.level == "warn" and fault.check.endswith(("/realtime", "/flight/scheduling"))
+
+
 def faults(picture: Picture) -> str | None:
     """No confirmed fault is an error, beside those of the other items."""
     others = {f"age/{path}" for path in ("nav/pose", GNSS, BATTERY)}
@@ -132,11 +142,16 @@ ITEMS: Final[Mapping[str, Item]] = {
 """What must be right before a vehicle is armed, in the order of display. A further item is one more line."""
 
 
+WARNINGS: Final[Mapping[str, Item]] = {"realtime": realtime}
+"""What an operator should act on before a vehicle is armed; none of them refuses."""
+
+
 def assess(picture: Picture) -> Readiness:
     """Readiness by all items that apply."""
     found = {name: reason for name, item in ITEMS.items() if (reason := item(picture)) is not None}
     not_ready = tuple(NotReady(name, reason) for name, reason in found.items() if reason)
-    return Readiness(not not_ready, not_ready, tuple(found))
+    warned = tuple(NotReady(name, reason) for name, item in WARNINGS.items() if (reason := item(picture)))
+    return Readiness(not not_ready, not_ready, tuple(found), warned)
 
 
 class StationLink:
@@ -164,10 +179,12 @@ class ReadinessRepeater:
     def due(self, found: Readiness, now_ns: int) -> bool:
         """Whether it is to be published now; another number in a reason is not a change."""
         before = self._published
-        same = before is not None and [one.item for one in before.not_ready] == [
-            one.item for one in found.not_ready
-        ]
+        same = before is not None and _named(before) == _named(found)
         if same and now_ns < self._due_ns:
             return False
         self._published, self._due_ns = found, now_ns + REPEAT_NS - REPEAT_NS // 10
         return True
+
+
+def _named(found: Readiness) -> list[str]:
+    return [one.item for one in (*found.not_ready, *found.warnings)]
