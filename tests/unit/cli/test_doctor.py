@@ -177,3 +177,12 @@ async def test_a_vehicle_without_an_airframe_has_no_flight_loop(tmp_path: Path) 
     config_dir = make_node(tmp_path)
     async with Module("hal", config_dir=config_dir):
         assert await examined(config_dir, "flight loop") == []
+
+
+async def test_a_file_that_is_none_among_the_applications_is_named(tmp_path: Path) -> None:
+    config_dir = make_node(tmp_path)
+    async with Module("planner", config_dir=config_dir) as planner:
+        strange = planner.node.run_dir / "apps/x#1.toml"
+        strange.mkdir()
+        (found,) = await examined(config_dir, "applications")
+    assert (found.verdict, found.text) == ("warning", f"{strange}: a folder; expected a regular file")

@@ -8,13 +8,14 @@ import msgspec
 import pytest
 from tests.patience import PATIENCE_S
 
-from swarmware.errors import InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
+from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, OutOfRange, TypeMismatch
 from swarmware.model import names
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.transport.appfile.file import AppFile
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.sender import with_sender
 from swarmware.types import registry
@@ -365,3 +366,22 @@ async def test_a_type_made_from_a_description_is_described_again_by_who_publishe
         m.writer("sensor/height", Float)
         await asyncio.sleep(0)
         assert list(m.entry.types) == ["Rain"], "a type of every node needs no description"
+
+
+async def test_a_module_of_another_user_serves_its_own_paths_and_is_told_why_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def answer(request: Int, meta: Meta) -> Int:
+        return request
+
+    monkeypatch.setattr(AppFile, "is_foreign", True)
+    async with tmp_node(tmp_path) as node, Module("survey", node=node) as m:
+        for path in ("sys/tree/set", "cmd/goto", "/uav1/cmd/goto"):
+            with pytest.raises(
+                Denied, match=r"served by the user of the node alone; expected a path outside"
+            ):
+                m.serve(path, Int, answer)
+            with pytest.raises(Denied):
+                m.inbox(path, Int)
+        m.serve("survey/start", Int, answer)
+        assert await m.request("survey/start", Int(3), Int) == Int(3)
