@@ -15,6 +15,7 @@ from swarmware.errors import InvalidInput, NotFound
 from swarmware.geometry.geodesy import Origin
 from swarmware.model.visible import json_escaped
 from swarmware.recorder.entry import LogEntry
+from swarmware.runtime.filewriter import naming
 from swarmware.types.json_form import exported_form
 
 
@@ -61,7 +62,7 @@ def _binary(target: str) -> Iterator[BinaryIO]:
         return
     if Path(target).is_dir():
         raise InvalidInput(f"--out {target}: a folder; expected the name of a file")
-    with Path(target).open("wb") as file:
+    with naming(target), Path(target).open("wb") as file:
         yield file
 
 
