@@ -7,20 +7,16 @@ from swarmd.health.core.readiness import (
     Picture,
     ReadinessInputs,
     ReadinessRepeater,
-    StationLink,
     assess,
 )
-from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.control import RemoteLink
+from swarmware.types.fence import FenceState
 from swarmware.types.health import Readiness
-from swarmware.types.mission import MissionState
-from swarmware.types.net import Routes
+from swarmware.types.reaction import MissionWatch
 from swarmware.types.vehicle import Pose
 
-ROUTES_S: Final = 5.0
-"""Maximum age of the table of routes, which is written every second."""
 ESTIMATORS: Final = frozenset({"navigator", "estimator"})
 """Services that estimate the pose."""
 
@@ -34,11 +30,8 @@ class ReadinessBoard:
         self._estimates = not ESTIMATORS.isdisjoint(module.node.config.services)
         self._pose = module.reader("nav/pose", Pose)
         self._remote = module.reader("vehicle/remote", RemoteLink)
-        self._routes = module.reader("net/routes", Routes)
-        self._missions = module.readers("/*/mission/state", MissionState)
-        self._stations: set[str] = set()
-        """Ground stations by name, once one has published its kind."""
-        self._link = StationLink()
+        self._fence = module.reader("nav/fence", FenceState)
+        self._watch = module.reader("mission/watch", MissionWatch)
         self._repeater = ReadinessRepeater()
         self._board: BoardWriter[Readiness] = module.writer(
             "health/ready",
@@ -54,7 +47,7 @@ class ReadinessBoard:
         monitor = self._monitor
         picture = Picture(
             now_ns,
-            self._surroundings(now_ns),
+            self._inputs(),
             {age.path: age for age in monitor.ages()},
             monitor.limits(),
             monitor.faults.confirmed(),
@@ -63,24 +56,13 @@ class ReadinessBoard:
         if self._repeater.due(found, now_ns):
             self._board.write(found, now_ns)
 
-    def _surroundings(self, now_ns: int) -> ReadinessInputs:
-        self._look_for_stations(now_ns)
-        remote = self._remote.value
+    def _inputs(self) -> ReadinessInputs:
+        remote, watch = self._remote.value, self._watch.value
         return ReadinessInputs(
             estimates=self._estimates,
             pose_age_s=None if self._pose.value is None else self._pose.age_s,
-            station_s=self._link.silent_s(now_ns),
+            station=watch.station if watch is not None and self._watch.alive else None,
+            fence=self._fence.value,
+            fence_age_s=self._fence.age_s or 0.0,
             remote_linked=remote.linked if remote is not None and self._remote.alive else None,
         )
-
-    def _look_for_stations(self, now_ns: int) -> None:
-        routes, age_s = self._routes.value, self._routes.age_s
-        if routes is None or age_s is None or age_s > ROUTES_S:
-            return
-        reached = {route.platform for route in routes.routes}
-        for platform in reached - self._stations:
-            state = self._missions[platform].value if platform in self._missions else None
-            if state is not None and state.kind == PlatformKind.GCS:
-                self._stations.add(platform)
-        if not self._stations.isdisjoint(reached):
-            self._link.on_reached(now_ns)

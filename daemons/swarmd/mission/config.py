@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from swarmd.mission.fence_config import FenceConfig
 from swarmware.errors import InvalidInput
 from swarmware.mission.reaction import ReactionRow, misnamed
 
@@ -54,6 +55,13 @@ REACTIONS = (
         says="the ground was touched unexpectedly",
     ),
     ReactionRow(
+        name="fence",
+        when="nav/fence.leaving",
+        where="any",
+        action="hold",
+        says="leaving the fence",
+    ),
+    ReactionRow(
         name="mission_restarted",
         when="mission/watch.restarted",
         where="any",
@@ -95,6 +103,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Charge that is to be left after the way home and the landing."""
     reaction: tuple[ReactionRow, ...] = REACTIONS
     """Reactions to faults; the row `link_loss` is made of the two settings above."""
+    fence: FenceConfig | None = None
+    """Area and heights that the vehicle must not leave; left out: there is no fence."""
 
     def __post_init__(self) -> None:
         """Check the names of the rows."""

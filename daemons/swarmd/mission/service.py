@@ -20,6 +20,7 @@ from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock, TakeVehicle
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain
+from swarmd.mission.fence_watch import FenceWatch
 from swarmd.mission.first_states import FirstStates
 from swarmd.mission.member_states import MemberStates
 from swarmd.mission.progress_record import ProgressRecord
@@ -29,8 +30,9 @@ from swarmd.mission.runner import BlockRunner
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
-from swarmware.errors import Conflict, InvalidInput, SwarmError
+from swarmware.errors import Conflict, InvalidInput, MissionError, SwarmError
 from swarmware.mission.assignment import Platform
+from swarmware.mission.model import MissionDefinition
 from swarmware.mission.outcome import BlockOutcome
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
@@ -144,6 +146,7 @@ class Mission(Service):
         self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
         self._aborts: Inbox[MissionAbort] = module.inbox(ABORT_PATH, MissionAbort)
+        self._fence = FenceWatch(module, config.fence) if vehicle is not None else None
         self._reactions: ReactionWatch | None = None
         if vehicle is not None:
             live = LiveConfig(module, config, self.live_settings)
@@ -163,6 +166,8 @@ class Mission(Service):
                 group.create_task(self._prepare(), name="mission:store")
                 if self._vehicle is not None:
                     group.create_task(self._watch_control(self._vehicle), name="mission:control")
+                if self._fence is not None and (limits := self.config.fence) is not None:
+                    group.create_task(self._fence.run(limits), name="mission:fence")
                 if self._reactions is not None:
                     group.create_task(self._reactions.run(), name="mission:reactions")
         finally:
@@ -238,6 +243,7 @@ class Mission(Service):
             self._check_reactions(order.mission)
             mission = await self._checker.load(order.text, order.file, binding)
             run = self._admission.run(order, mission)
+            self._check_fence(order.file, run.mission)
             self._values.open(run.mission.resources())
             if self._has_taken(order):  # accepted meanwhile by a repeated request
                 return MissionReceipt(True, received_ns)
@@ -313,6 +319,7 @@ class Mission(Service):
         if request.name == "goto" and vehicle.flies and vehicle.landed:
             raise Conflict(f"goto: {self.module.platform} is on the ground; `takeoff` first")
         self._check_reactions(request.name)
+        self._check_fence(request.name, mission)
         log.warning("%s%s", reason, " (forced)" if force else "")
         now_ns = self.module.now_ns()
         self._driver.defer(self._core.on_manoeuvre(request.name, mission, reason, now_ns))
@@ -322,6 +329,11 @@ class Mission(Service):
         """Check that no reaction forbids an order. Raises: Conflict."""
         if self._reactions is not None:
             self._reactions.check_order(order)
+
+    def _check_fence(self, what: str, mission: MissionDefinition) -> None:
+        """Check that no target of a mission is outside the fence. Raises: MissionError."""
+        if self._fence is not None and (reason := self._fence.refusal(mission)):
+            raise MissionError(f"{what}: {reason}")
 
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
         core, (epoch, ordered_by) = self._core, self._ordered

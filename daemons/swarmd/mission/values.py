@@ -16,6 +16,7 @@ WELL_KNOWN: Final = {
     "power/battery": "BatteryState",
     "nav/pose": "Pose",
     "nav/status": "NavStatus",
+    "nav/fence": "FenceState",
     "vehicle/state": "VehicleState",
     "health/state": "HealthState",
     "mission/state": "MissionState",

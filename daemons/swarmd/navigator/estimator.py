@@ -7,7 +7,7 @@ from swarmd.navigator import config as settings
 from swarmd.navigator.core.estimation import PoseEstimation
 from swarmd.navigator.core.pace import Pace
 from swarmd.navigator.inputs import Fresh, SensorInputs, StateInputs, hovers, map_origin
-from swarmd.navigator.outputs import pose_writer
+from swarmd.navigator.outputs import pose_writer, publish_origin
 from swarmware.errors import NoAnswer
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
@@ -35,6 +35,7 @@ class PoseEstimator(Service):
         self._state = StateInputs(module)
         self._setpoint = Fresh(module.reader("act/setpoint", Setpoint))
         self._poses = pose_writer(module, config)
+        publish_origin(module, map_origin(module, config))
 
     async def run(self) -> None:
         """Estimates until the service ends."""

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from typing import Final
 
 from swarmd.navigator.config import Config
+from swarmware.geometry.geodesy import Origin
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
+from swarmware.types.fence import MapOrigin
 from swarmware.types.vehicle import NavStatus, Pose, Setpoint
 
 LIVE_SETTINGS: Final[Mapping[str, str]] = {
@@ -23,6 +25,14 @@ LIVE_SETTINGS: Final[Mapping[str, str]] = {
 def pose_writer(module: Module, config: Config) -> BoardWriter[Pose]:
     """The writer of the estimated pose."""
     return module.writer("nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity")
+
+
+def publish_origin(module: Module, origin: Origin) -> None:
+    """Publishes the origin of the map in which poses and goals are."""
+    board = module.writer(
+        "nav/origin", MapOrigin, log="all", description="Geodetic position of the map's origin"
+    )
+    board.write(MapOrigin(origin.lat_deg, origin.lon_deg, origin.alt_ellipsoid_m))
 
 
 class GuidanceWriters:

@@ -6,7 +6,7 @@ from swarmd.navigator import config as settings
 from swarmd.navigator.core.controller import controller
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.navigator.inputs import GuidanceInputs, SensorInputs, StateInputs, map_origin, vehicle_airframe
-from swarmd.navigator.outputs import LIVE_SETTINGS, GuidanceWriters, pose_writer
+from swarmd.navigator.outputs import LIVE_SETTINGS, GuidanceWriters, pose_writer, publish_origin
 from swarmware.module.module import Module
 from swarmware.service.live_config import LiveConfig
 from swarmware.service.service import Service
@@ -29,6 +29,7 @@ class Navigator(Service):
         self._guidance = GuidanceInputs(module)
         self._live = LiveConfig(module, config, self.live_settings)
         self._poses = pose_writer(module, config)
+        publish_origin(module, map_origin(module, config))
         self._writers = GuidanceWriters(module, config)
 
     async def run(self) -> None:

@@ -10,11 +10,11 @@ from swarmd.health.core.readiness import (
     Picture,
     ReadinessInputs,
     ReadinessRepeater,
-    StationLink,
     assess,
 )
 from swarmd.health.core.rules import AgeRule, LimitRule
 from swarmware.model.resource import Resource
+from swarmware.types.fence import FenceLimit, FenceState
 from swarmware.types.health import Fault, Level, NotReady, Phase, Readiness
 
 SECOND = 1_000_000_000
@@ -96,14 +96,33 @@ FRESH_CHARGE = age(CHARGE, 1.0)
         ("battery", picture(age(CHARGE, 4.0)), "no value of power/battery for 4.0 s"),
         ("battery", picture(age(CHARGE, 2.5)), ""),
         ("link", picture(), None),
-        ("link", picture(station_s=1.0), ""),
-        ("link", picture(station_s=42.4), "no ground station in reach for 42 s"),
+        ("link", picture(station=True), ""),
+        ("link", picture(station=False), "no ground station in reach (mission/watch)"),
         ("remote", picture(), None),
         ("remote", picture(remote_linked=True), ""),
         (
             "remote",
             picture(remote_linked=False),
             "the safety pilot's transmitter is not received (vehicle/remote)",
+        ),
+        ("fence", picture(), None),
+        ("fence", picture(fence=FenceState(False)), None),
+        ("fence", picture(fence=FenceState(True, True, False, 3.0, FenceLimit.AREA)), ""),
+        (
+            "fence",
+            picture(fence=FenceState(True, False, True, -3.25, FenceLimit.AREA)),
+            "3.2 m outside (area)",
+        ),
+        (
+            "fence",
+            picture(fence=FenceState(True, True, True, 1.0, FenceLimit.MAX_HEIGHT)),
+            "1.0 m from its limit (max_height)",
+        ),
+        ("fence", picture(fence=FenceState(True, note="no pose (nav/pose)")), "no pose (nav/pose)"),
+        (
+            "fence",
+            picture(fence=FenceState(True, True, False, 3.0), fence_age_s=9.0),
+            "no state of the fence (nav/fence) for 9 s",
         ),
         ("faults", picture(), ""),
         ("faults", picture(faults=(fault("app/sim", "warn"),)), ""),
@@ -134,7 +153,7 @@ def test_an_item_applies_and_refuses_by_what_is_there(item: str, seen: Picture, 
 
 def test_a_vehicle_is_ready_when_every_item_that_applies_is() -> None:
     assert assess(picture()) == Readiness(True, (), ("faults",))
-    seen = picture(FRESH_CHARGE, limits=(limit("battery/charge", 0.1),), estimates=True, station_s=0.1)
+    seen = picture(FRESH_CHARGE, limits=(limit("battery/charge", 0.1),), estimates=True, station=True)
     found = assess(seen)
     assert found.items == ("estimator", "battery", "link", "faults")
     assert found.not_ready == (
@@ -169,13 +188,6 @@ def test_a_new_warning_is_published_at_once() -> None:
     assert repeater.due(assess(picture()), NOW)
     assert not repeater.due(assess(picture()), NOW + 1)
     assert repeater.due(assess(picture(faults=(fault("hal/realtime", "warn"),))), NOW + 2)
-
-
-def test_a_station_that_was_never_in_reach_is_not_missed() -> None:
-    link = StationLink()
-    assert link.silent_s(NOW) is None
-    link.on_reached(NOW)
-    assert link.silent_s(NOW + 5 * SECOND) == 5.0
 
 
 def test_a_change_is_published_at_once_and_the_same_once_a_second() -> None:

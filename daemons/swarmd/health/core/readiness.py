@@ -6,12 +6,13 @@ from typing import Final
 import msgspec
 
 from swarmd.health.core.rules import AgeRule, LimitRule
+from swarmware.types.fence import FenceState
 from swarmware.types.health import OK_STATE, Fault, NotReady, Readiness
 
 POSE_S: Final = 1.5
 """Age above which the pose is not present: at rest it comes five times a second."""
-STATION_S: Final = 3.0
-"""Time without a route to any ground station after which the link counts as lost, as for a platform."""
+FENCE_S: Final = 3.0
+"""Age above which the state of the fence is not known: it is published once a second."""
 REPEAT_NS: Final = 1_000_000_000
 """Period of `health/ready` without a change: its readers see that the monitor runs."""
 NAMED: Final = 4
@@ -27,8 +28,11 @@ class ReadinessInputs(msgspec.Struct, frozen=True, kw_only=True):
     """Whether a service of this node estimates the pose."""
     pose_age_s: float | None = None
     """Age of `nav/pose`; None: no value."""
-    station_s: float | None = None
-    """Time since a ground station was in reach; None: none ever was."""
+    station: bool | None = None
+    """Whether a ground station is in reach; None before the first one was."""
+    fence: FenceState | None = None
+    """Newest `nav/fence`; None: there is none."""
+    fence_age_s: float = 0.0
     remote_linked: bool | None = None
     """Whether the safety pilot's transmitter is received; None: there is no receiver."""
 
@@ -94,10 +98,10 @@ def _bad(limit: LimitRule) -> str:
 
 def link(picture: Picture) -> str | None:
     """A ground station is in reach, where one ever was."""
-    station_s = picture.around.station_s
-    if station_s is None:
+    station = picture.around.station
+    if station is None:
         return None
-    return f"no ground station in reach for {station_s:.0f} s" if station_s > STATION_S else ""
+    return "" if station else "no ground station in reach (mission/watch)"
 
 
 def remote(picture: Picture) -> str | None:
@@ -116,6 +120,21 @@ def realtime(picture: Picture) -> str | None:
 
 def _is_scheduling(fault: Fault) -> bool:
     return fault.level == "warn" and fault.check.endswith(("/realtime", "/flight/scheduling"))
+
+
+def fence(picture: Picture) -> str | None:
+    """The vehicle is inside its geofence, where it has one."""
+    state, age_s = picture.around.fence, picture.around.fence_age_s
+    if state is None or not state.exists:
+        return None
+    if age_s > FENCE_S:
+        return f"no state of the fence (nav/fence) for {age_s:.0f} s"
+    if state.inside is None:
+        return state.note
+    distance_m = state.distance_m or 0.0
+    if not state.inside:
+        return f"{-distance_m:.1f} m outside ({state.limit})"
+    return f"{distance_m:.1f} m from its limit ({state.limit})" if state.leaving else ""
 
 
 def faults(picture: Picture) -> str | None:
@@ -137,6 +156,7 @@ ITEMS: Final[Mapping[str, Item]] = {
     "battery": battery,
     "link": link,
     "remote": remote,
+    "fence": fence,
     "faults": faults,
 }
 """What must be right before a vehicle is armed, in the order of display. A further item is one more line."""
@@ -152,21 +172,6 @@ def assess(picture: Picture) -> Readiness:
     not_ready = tuple(NotReady(name, reason) for name, reason in found.items() if reason)
     warned = tuple(NotReady(name, reason) for name, item in WARNINGS.items() if (reason := item(picture)))
     return Readiness(not not_ready, not_ready, tuple(found), warned)
-
-
-class StationLink:
-    """When a ground station was in reach last."""
-
-    def __init__(self) -> None:
-        self._reached_ns: int | None = None
-
-    def on_reached(self, now_ns: int) -> None:
-        """A ground station is in reach."""
-        self._reached_ns = now_ns
-
-    def silent_s(self, now_ns: int) -> float | None:
-        """Time since then; None: none ever was in reach."""
-        return None if self._reached_ns is None else (now_ns - self._reached_ns) / 1e9
 
 
 class ReadinessRepeater:
