@@ -434,7 +434,8 @@ def test_a_table_on_stdout_is_whole_or_nothing(capsys: pytest.CaptureFixture[str
 
 
 PEAK = """
-import resource, sys
+import re, sys
+from pathlib import Path
 from swarmctl.commands.log.export import export
 from swarmware.recorder.entry import LogEntry
 from swarmware.types import registry
@@ -444,8 +445,9 @@ entries = (
     LogEntry("q", n, "uav1", "nav/pose", "board", sys.argv[3], n, n, payload) for n in range(int(sys.argv[4]))
 )
 export(entries, sys.argv[1], sys.argv[2])
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+print(int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) // 1024)
 """
+"""Exports entries and prints the peak of its memory in MB; `ru_maxrss` begins with that of the parent."""
 
 
 @pytest.mark.parametrize("type_name", ["Pose", "Unheard"])
