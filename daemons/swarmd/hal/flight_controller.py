@@ -3,6 +3,7 @@
 import logging
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Final
 
 import msgspec
 
@@ -11,14 +12,22 @@ from swarmd.hal.config import ChassisConfig
 from swarmd.hal.core.condition import Condition
 from swarmd.hal.core.flight.control_law import ControlLaw
 from swarmd.hal.core.flight.flight_core import FALL_MAX_S, FlightCore, FlightTiming, FormerFlight
+from swarmd.hal.core.flight.flight_recorder import FlightRecorder
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.errors import Denied
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
+from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.writer import BoardWriter
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
+from swarmware.types.flight_record import FlightRecord, FlightRecordRow
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
+
+_RECORDS: Final = 4
+"""Records that remain readable: the logger takes each at once."""
+_RECORD_BYTES: Final = 16_384
+"""100 rows of an airframe with eight motors."""
 
 log = logging.getLogger("swarm.hal")
 
@@ -55,6 +64,8 @@ class FlightController(Chassis):
         self._height: BoardReader[Float] | None = None
         self._taken_height: Float | None = None
         self._mean: BoardWriter[Imu] | None = None
+        self._recorder = FlightRecorder()
+        self._records: StreamWriter[FlightRecord] | None = None
 
     @property
     def flight_state(self) -> FlightState:
@@ -96,6 +107,15 @@ class FlightController(Chassis):
         self._gnss = module.reader("sensor/gnss", GnssFix)
         self._height = module.reader("sensor/height", Float)
         self._mean = module.writer("sensor/imu", Imu, rate_hz=self._imu_hz)
+        self._records = module.stream_writer(
+            "vehicle/flight_record",
+            FlightRecord,
+            kind="event",
+            log="all",
+            slots=_RECORDS,
+            slot_bytes=_RECORD_BYTES,
+            description="The seconds around a fault of the flight, at 20 Hz",
+        )
 
     async def close(self) -> None:
         """Closes the boards of the sensors; of a vehicle that flies what a flight is continued by stays
@@ -109,9 +129,11 @@ class FlightController(Chassis):
         for reader in (self._imu, self._gnss, self._height):
             if reader is not None:
                 reader.close()
-        if self.module is not None and self._mean is not None:
-            self.module.close_writer(self._mean)
-        self._imu = self._gnss = self._height = self._mean = None
+        if self.module is not None:
+            for opened in (self._mean, self._records):
+                if opened is not None:
+                    self.module.close_writer(opened)
+        self._imu = self._gnss = self._height = self._mean = self._records = None
 
     async def write(self, now_ns: int) -> bool:
         """Runs the filters and the cascade for the newest inertial sample; False when there was no new one.
@@ -124,15 +146,40 @@ class FlightController(Chassis):
         if outputs is None:
             return False
         self.send_outputs(outputs, now_ns)
+        self._record(outputs, now_ns)
         self._publish_imu(now_ns)
         if self._flight.lost and not self._core.killing:
             log.error("driver %s: the motors are stopped: %s", self.name, self._flight.lost)
             self.carry_order(self._core.on_order(ChassisAction.KILL, now_ns))
         return True
 
+    def _record(self, outputs: ActuatorOutputs, now_ns: int) -> None:
+        """Keeps the step for a record of a fault, and writes the record of one that is complete."""
+        recorder, flight, chassis = self._recorder, self._flight, self.state
+        if chassis is not None and chassis.armed:
+            state = flight.state()
+            height_m, climb_m_s = state.position_m[2], state.velocity_m_s[2]
+            recorder.on_step(
+                FlightRecordRow(
+                    now_ns,
+                    flight.gap_s,
+                    state.roll_rad,
+                    state.pitch_rad,
+                    height_m,
+                    climb_m_s,
+                    outputs.motors,
+                )
+            )
+        if self._records is not None and (record := recorder.take(now_ns)) is not None:
+            self._records.write(record)
+
     def conditions(self, now_ns: int) -> Sequence[Condition]:
-        """Faults of the flight that changed: loop, tilt, contact."""
-        return self._flight.watch.conditions(now_ns)
+        """Faults of the flight that changed: loop, tilt, contact; an error causes a record."""
+        found = self._flight.watch.conditions(now_ns)
+        for one in found:
+            if one.level == "error":
+                self._recorder.on_fault(f"{one.name} {one.state}", now_ns)
+        return found
 
     def _read(self, now_ns: int) -> None:
         flight, gnss, height, imu = self._flight, self._gnss, self._height, self._imu

@@ -1,5 +1,6 @@
 """The driver of an airframe: sensors and set-points in, outputs at each inertial sample, gains by order."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
 from swarmware.types.control import Drive
+from swarmware.types.flight_record import FlightRecord
 from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Imu
 
@@ -149,3 +151,21 @@ def test_with_an_airframe_the_simulated_chassis_is_the_flight_controller() -> No
     assert names["sim.flight"].period_s == 0.01
     level = {device.name for device in make(Config(), Site(PlatformKind.UAV, ""))}
     assert level == {"sim.gnss", "sim.imu", "sim.range", "sim.battery", "sim.sonar", "sim.chassis"}
+
+
+async def test_an_error_of_the_flight_is_recorded_with_what_the_vehicle_did(tmp_path: Path) -> None:
+    async with bench(tmp_path) as (driver, module, other):
+        imu, records = other.writer(IMU, Imu), other.stream_reader("vehicle/flight_record", FlightRecord)
+        driver.report_as(armed=True, landed=False)
+        start_ns = module.now_ns()
+        for ms in [*range(0, 1000, 10), *range(1700, 3800, 10)]:
+            imu.write(STILL, start_ns + ms * MS)
+            driver.on_report(ChassisReport(True, False), start_ns + ms * MS)
+            await driver.write(start_ns + ms * MS)
+            driver.conditions(start_ns + ms * MS)
+        async with asyncio.timeout(20.0):
+            record = await anext(aiter(records))
+        assert record.reason == "flight/loop away"
+        assert max(row.gap_s for row in record.rows) == pytest.approx(0.71)
+        assert len(record.rows[0].motors) == 4
+        assert record.rows[-1].stamp_ns == pytest.approx(start_ns + 3700 * MS, abs=100 * MS)

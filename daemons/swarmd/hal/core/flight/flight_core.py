@@ -118,6 +118,11 @@ class FlightCore:
         """Faults of the flight."""
 
     @property
+    def gap_s(self) -> float:
+        """Time between the two newest inertial samples; 0 with the first one."""
+        return self._gap_s
+
+    @property
     def controller(self) -> ControlLaw:
         """The cascade of control loops."""
         return self._controller
@@ -156,7 +161,8 @@ class FlightCore:
             return
         gap_s = (stamp_ns - self.imu_ns) / 1e9
         before, self._sample = self._sample, imu
-        self.imu_ns, self._gap_s, self._fresh = stamp_ns, gap_s, True
+        self.imu_ns, self._fresh = stamp_ns, True
+        self._gap_s = 0.0 if before is None else gap_s
         self._mean.add(imu)
         flies = self._armed and not self._landed
         if before is not None and flies and gap_s > _GAP_PERIODS * self._timing.period_s:
