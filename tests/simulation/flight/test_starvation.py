@@ -154,9 +154,9 @@ def test_a_loop_that_is_late_again_and_again_keeps_it_in_the_air(
     while flight.time_s < end_s:
         flight.pause(("hal",), flight.rng.uniform(0.5, 1.5) * away_s)
         flight.run(away_s * 1.5, lambda _: watch(flight))
-    assert tilt_deg < 25.0
+    assert tilt_deg < 30.0
     assert max(abs(z_m - begin.z_m) for *_, z_m in places) < 1.0
-    assert max(math.dist((x_m, y_m), (begin.x_m, begin.y_m)) for x_m, y_m, _ in places) < 10.0
+    assert max(math.dist((x_m, y_m), (begin.x_m, begin.y_m)) for x_m, y_m, _ in places) < 15.0
     worst = {0.05: "flight/loop late", 0.33: "flight/loop starved"}[away_s]
     assert worst in flight.states
 
