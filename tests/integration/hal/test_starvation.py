@@ -299,7 +299,7 @@ def processor_share(pid: int, ratio: float) -> Iterator[None]:
         group.rmdir()
 
 
-@pytest.mark.parametrize("ratio", [0.1, 0.03])
+@pytest.mark.parametrize("ratio", [0.05, 0.03])
 def test_with_a_quota_of_processor_time_the_loop_is_late_and_it_stays_in_the_air(
     tmp_path: Path, ratio: float
 ) -> None:
