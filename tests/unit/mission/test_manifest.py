@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import ConfigError
+from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.check import check_files, check_folder
 from swarmware.mission.finding import Finding, sound
-from swarmware.mission.folder import from_files
+from swarmware.mission.folder import from_files, read_folder
 from swarmware.mission.manifest import manifest_schema, read_manifest
 from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionFile
@@ -192,6 +193,11 @@ def test_the_shipped_schema_is_that_of_the_code() -> None:
 def test_the_manifests_of_the_shipped_missions_are_valid(path: Any) -> None:
     VALIDATOR.validate(tomllib.loads(path.read_text()))
     assert sound(check_files([path.parent]))
+
+
+@pytest.mark.parametrize("path", MISSIONS, ids=lambda path: path.parent.name)
+def test_a_shipped_mission_is_checked_without_a_process_of_its_own(path: Any) -> None:
+    assert sound(check_folder(read_folder(path.parent), budget=Budget(QUICK_BYTES)))
 
 
 SCALAR = st.sampled_from([0, -1, 1.5, "a", "", "x" * 70, True, "a.json", "../a", "uav"])
