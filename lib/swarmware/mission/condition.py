@@ -2,7 +2,9 @@
 
 Grammar: or, and, not, comparisons (< <= > >= == !=), parentheses, absent(path.field); operands are numbers
 (with % as a hundredth), 'text' or "text", true, false, resource paths with an optional field, age(path) in
-seconds. A field is a name, or an element of a map or list: `health/state.sensors["sensor/gnss"]`, `[0]`.
+seconds. A field is a name, or an element of a map or list: `health/state.sensors["sensor/gnss"]`, `[0]`; the
+end of a path names an element of a map as well, and a truth value may be compared with the words valid and
+invalid: `health/state.sensors.gnss == "valid"`.
 In a condition on one resource names without a path are its fields, and age() is its age.
 """
 
@@ -23,6 +25,9 @@ SHORT_NAMES: Final = {
     "altitude": ("nav/pose", "z_m"),
 }
 """Short names for resources that every vehicle has."""
+
+VALIDITY: Final = {"valid": True, "invalid": False}
+"""Words for a truth value in a comparison: `health/state.sensors.gnss == "valid"`."""
 
 LENGTH_LIMIT: Final = 500
 """Maximum characters of one condition."""
@@ -369,6 +374,10 @@ def _operand_value(node: Operand, lookup: Lookup) -> Scalar | None:
 def _truth(node: Node, lookup: Lookup) -> bool | None:
     if isinstance(node, Compare):
         left, right = _operand_value(node.left, lookup), _operand_value(node.right, lookup)
+        if isinstance(left, bool) and isinstance(right, str):
+            right = VALIDITY.get(right)
+        elif isinstance(right, bool) and isinstance(left, str):
+            left = VALIDITY.get(left)
         if left is None or right is None or isinstance(left, str) != isinstance(right, str):
             return None
         return COMPARISONS[node.symbol](left, right)

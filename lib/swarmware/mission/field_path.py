@@ -60,9 +60,20 @@ def scalar_of(value: msgspec.Struct | None, path: str) -> Scalar | None:
 
 def _after(value: Any, step: FieldStep) -> Any:
     if isinstance(value, Mapping):
-        return value.get(step.key, value.get(str(step.key)))
+        return _of_map(value, step)
     if isinstance(value, list | tuple):
         if step.quoted:
             return step.key in value
         return value[step.key] if isinstance(step.key, int) and step.key < len(value) else None
     return getattr(value, step.key, None) if isinstance(step.key, str) and not step.quoted else None
+
+
+def _of_map(value: Mapping[Any, Any], step: FieldStep) -> Any:
+    """The element with this key; a name after a dot also means the only path that ends with it (`.gnss`)."""
+    for key in (step.key, str(step.key)):
+        if key in value:
+            return value[key]
+    if step.quoted or isinstance(step.key, int):
+        return None
+    paths = [key for key in value if str(key).endswith(f"/{step.key}")]
+    return value[paths[0]] if len(paths) == 1 else None

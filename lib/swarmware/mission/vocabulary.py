@@ -10,6 +10,7 @@ import msgspec.inspect
 from swarmware.errors import NotFound
 from swarmware.mission.catalogue import WaitForSensor
 from swarmware.mission.condition import (
+    VALIDITY,
     Absent,
     Age,
     Both,
@@ -219,6 +220,10 @@ class _TemplateReader:
         if left is None or right is None or not left.sort or not right.sort:
             return
         at = _at(node.left) if isinstance(node.right, Literal) else _at(node.right)
+        if _of_validity(left, node.right) or _of_validity(right, node.left):
+            if node.symbol not in _EQUAL:
+                yield at, "error", f"{left.name} is {left.sort}: expected == or !=, not {node.symbol}"
+            return
         if left.sort != right.sort:
             yield at, "error", f"{left.name} is {left.sort}, {right.name} is {right.sort}: expected the same"
         elif left.sort != NUMBER and node.symbol not in _EQUAL:
@@ -313,6 +318,11 @@ def shipped() -> Vocabulary:
         for kind in each.kinds or ("",):
             found.add(kind, each.resources)
     return found
+
+
+def _of_validity(value: FieldType, literal: Operand) -> bool:
+    """Whether a truth value is compared with `valid` or `invalid`."""
+    return value.sort == TRUTH and isinstance(literal, Literal) and literal.value in VALIDITY
 
 
 def _literal(value: FieldType, literal: Literal, at: int) -> Iterator[_Statement]:

@@ -91,7 +91,8 @@ class Drone(msgspec.Struct, frozen=True):
 
 
 DRONE = Drone(
-    {"sensor/gnss": True, "nav.pose": False, "gnss": True, 'a"b': True},
+    {"sensor/gnss": True, "nav.pose": False, "gnss": True, 'a"b': True, "sensor/imu": False}
+    | {"left/range": True, "right/range": True},
     ("flight/tilt=bad", "0"),
     ((1.0, 2.0), (3.0,)),
     (Scalars(7.0), Scalars(8.0)),
@@ -116,6 +117,13 @@ class OfDrone:
         ("my/drone.sensors['sensor/gnss'] == true", True),
         ("my/drone.sensors[ 'nav.pose' ]", False),
         ("my/drone.sensors.gnss", True),
+        ('my/drone.sensors.imu == "valid"', False),
+        ("my/drone.sensors.imu == 'invalid'", True),
+        ("'valid' != my/drone.sensors.imu", True),
+        ("my/drone.sensors.gnss == 'true'", None),
+        ("my/drone.sensors['imu']", None),
+        ("my/drone.sensors.range == 'valid'", None),
+        ("my/drone.sensors.sonar == 'valid'", None),
         ("my/drone.sensors['a\"b']", True),
         ("my/drone.sensors['sensor/sonar']", None),
         ("not my/drone.sensors['sensor/sonar']", None),

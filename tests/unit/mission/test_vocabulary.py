@@ -36,6 +36,8 @@ def found(condition: str, kinds: tuple[str, ...] = (), kind: str = "uav") -> lis
         "mission/state.state == 'running'",
         "age(/gcs/nav/pose) < 9 and 30 % < battery",
         "not vehicle/state.armed and power/battery.remaining_ratio >= 0.3",
+        'health/state.sensors.gnss == "valid"',
+        "'invalid' != vehicle/state.armed",
     ],
 )
 def test_what_can_be_meant_is_sound(condition: str) -> None:
@@ -65,7 +67,9 @@ def test_what_can_be_meant_is_sound(condition: str) -> None:
         ("sys/vehicle/arm.armed", "is a command, which has no value", 1),
         ("health/state.faults == 'x'", "health/state.faults is a list: expected the index of an item", 1),
         ("health/state.sensors", "health/state.sensors is a map: expected one of its keys in brackets", 1),
-        ("health/state.sensors.gnss == 'valid'", "is true or false, 'valid' is a text: expected the same", 1),
+        ("health/state.sensors.gnss == 'vald'", "is true or false, 'vald' is a text: expected the same", 1),
+        ("health/state.sensors.gnss < 'valid'", "is true or false: expected == or !=, not <", 1),
+        ("health/state.level == 'valid'", "is never 'valid': expected one of ", 1),
         ("health/state.sensors['sensor/gnss'] > 1", "is true or false, 1.0 is a number", 1),
         (
             "health/state.faults.first == 'x'",
