@@ -8,8 +8,8 @@ from swarmware.mission.catalogue import Formation, Goto, Takeoff
 from swarmware.mission.finding import Remark, Severity
 from swarmware.mission.model import Block, MissionDefinition
 
-REACH_M: Final = 10_000.0
-"""Maximum distance of a position from the map's origin: 80 minutes at 2 m/s, far beyond any battery here."""
+REACH_M: Final = 50_000.0
+"""Maximum distance of a position from the map's origin: an hour of a small fixed wing at 14 m/s, one way."""
 CEILING_M: Final = 500.0
 """Maximum height above the map's origin; the open category of the EU ends at 120 m above the ground."""
 DEPTH_M: Final = 20.0

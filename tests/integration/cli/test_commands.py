@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pytest
+import yaml
 from tests.integration.cli.conftest import NODES, Ctl
 from tests.patience import PATIENCE_S
 
@@ -168,6 +169,15 @@ def test_a_command_gives_a_document_and_something_for_people(command: str, check
     assert people.code in codes, people.err
     assert people.out.strip() or people.err.strip()
     assert not people.out.startswith("{") or command.startswith("tree get")
+    for form in ("wide", "yaml", "jsonl"):
+        shown = ctl(f"{command} -o {form}")
+        assert shown.code in codes, f"{form}: {shown.err}"
+        assert shown.out.strip() or shown.err.strip()
+        if form == "yaml":
+            (document,) = yaml.safe_load_all(shown.out)
+            assert set(document) == set(found.document)
+        elif form == "jsonl":
+            assert all(one["schema_version"] == SCHEMA_VERSION for one in shown.lines)
 
 
 @pytest.mark.parametrize(

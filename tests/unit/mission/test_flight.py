@@ -175,9 +175,9 @@ def test_a_mission_that_requires_armed_motors_does_not_arm_them() -> None:
         (go("l", z=5) | {"x": 63_640, "y": 63_640}, "error", "90001 m from the map's origin"),
         (go("l", z=900), "error", "a height of 900 m"),
         (go("l", z=-30), "error", "30 m below the map's origin"),
-        (go("l", z=5) | {"x": 9_000}, "warning", "9000 m from the map's origin, near the limit"),
+        (go("l", z=5) | {"x": 45_000}, "warning", "45000 m from the map's origin, near the limit"),
         (go("l", z=450), "warning", "a height of 450 m, near the limit"),
-        (go("l", z=5) | {"x": 10_001}, "error", "expected at most 10000 m"),
+        (go("l", z=5) | {"x": 50_001}, "error", "expected at most 50000 m"),
         ({"type": "Takeoff", "alt": 800, "next": "l"}, "error", "a height of 800 m"),
         (
             {"type": "Formation", "leader": "ugv1", "course": [[0, 0], [90_000, 0]], "next": "l"},
