@@ -53,7 +53,8 @@ class ReactionWatch:
         self._feed = feed
         self._table = ReactionTable()
         self._notes: dict[str, str] = {}
-        self._looked_slowly_ns = 0
+        self._slow_period = -1
+        """Number of the period in which it looked at what changes slowly."""
         self._way_home = WayHomeEstimate(config.home_reserve_ratio)
         self._battery: BoardReader[BatteryState] = module.reader("power/battery", BatteryState)
         self._station: bool | None = None
@@ -121,8 +122,10 @@ class ReactionWatch:
     def _look(self) -> None:
         now_ns = self._module.now_ns()
         vehicle = self._vehicle
-        if now_ns - self._looked_slowly_ns >= REST_NS:
-            self._looked_slowly_ns = now_ns
+        self._config = self._live.take() or self._config  # the tree waits for it when an operator sets one
+        # by the number of the period, because two looks may be a little less than a period apart
+        if (period := now_ns // REST_NS) != self._slow_period:
+            self._slow_period = period
             self._look_slowly(now_ns)
         self._watch()
         self._set_rows()
@@ -150,8 +153,7 @@ class ReactionWatch:
             self._watch_board.write(watched)
 
     def _look_slowly(self, now_ns: int) -> None:
-        """Takes settings, opens readers of resources that have appeared, and estimates the way home."""
-        self._config = self._live.take() or self._config
+        """Opens readers of resources that have appeared, and estimates the way home."""
         self._values.open(self._table.resources())
         vehicle, battery = self._vehicle, self._battery.value
         if not vehicle.armed or battery is None:
