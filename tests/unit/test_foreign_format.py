@@ -25,7 +25,9 @@ PLAN = {
 }
 KML = b'<?xml version="1.0" encoding="UTF-8"?>\n<!-- a path -->\n<kml xmlns="http://www.opengis.net/kml/2.2">'
 CASES = [
-    (TERRAIN, "QGC WPL"),
+    (TERRAIN, "QGC WPL), frame 0 (above mean sea level), 10 (above the terrain)"),
+    (b"QGC WPL 110\n", "QGC WPL"),
+    (b"QGC WPL 110\n0 1 99 16 0 0 0 0 47 8 10 1\nx\n\xff \xff \xff \xff", "frame 99 (unknown here)"),
     (json.dumps(PLAN).encode(), "plan of QGroundControl"),
     (json.dumps(dict(reversed(PLAN.items())), indent=4).encode(), "plan of QGroundControl"),
     (KML, "KML"),
