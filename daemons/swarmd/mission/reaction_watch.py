@@ -54,7 +54,7 @@ class ReactionWatch:
         self._table = ReactionTable()
         self._notes: dict[str, str] = {}
         self._slow_period = -1
-        """Number of the period in which it looked at what changes slowly."""
+        """Number of the period of the last slow evaluation."""
         self._way_home = WayHomeEstimate(config.home_reserve_ratio)
         self._battery: BoardReader[BatteryState] = module.reader("power/battery", BatteryState)
         self._station: bool | None = None
