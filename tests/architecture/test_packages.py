@@ -46,7 +46,6 @@ THIN = {
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
     "cli/swarmlab/provision/command_line.py": "the command that repeats a run",
     "lib/swarmware/model/clashes.py": "paths with equal numbers in frames",
-    "lib/swarmware/model/foreign_format.py": "formats of other tools",
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""
 
