@@ -220,6 +220,8 @@ async def test_a_forced_take_off_is_armed_by_force_in_the_name_of_its_operator(t
         await s.until(lambda: s["uav1"].kinds == ["takeoff"])
         forced = ArmRequest(True, True, "takeoff by operator#1@uav1: wind is low")
         assert s["uav1"].vehicle.orders.get_nowait() == forced
+        # a second take-off during the first one commands a hold between them
+        await s.until(lambda: s["uav1"].history[-1:] == ["done"])
         usual = ManoeuvreRequest("takeoff", {"altitude_m": 3.0}, "again")
         await s.ask("sys/mission/manoeuvre", usual, MissionStatus)
         await s.until(lambda: s["uav1"].kinds == ["takeoff", "takeoff"])
