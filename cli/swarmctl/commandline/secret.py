@@ -25,7 +25,7 @@ class SecretText(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not gener
         self._stdin = {stdin, f"{FROM_FILE}{STDIN}"}
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The text itself, or that of the file or of a line of stdin, without blanks around it.
+        """The secret: the argument, the content of its file, or a line of stdin, without blanks around it.
 
         BadParameter for a file that cannot be read, is empty or too large.
         """

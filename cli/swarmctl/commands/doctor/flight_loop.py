@@ -21,7 +21,7 @@ class LoopFinding(NamedTuple):
 
 
 def check_flight_loop(node: NodeConfig, table: AppTable) -> LoopFinding | None:
-    """How the process of the flight controller is scheduled; None: the node has none, or it does not run."""
+    """How the process of the flight controller is scheduled, or None if no flight controller runs here."""
     pids = [entry.pid for entry in table if entry.name == SERVICE]
     if not node.airframe or not pids:
         return None

@@ -39,7 +39,7 @@ class Content(msgspec.Struct, frozen=True):
 
     kind: ColumnKind
     raw: bool = False
-    """Whether the decoded values are those of the column: they need no conversion by `exact`."""
+    """Whether decoded values have the type of the column, so that `exact` has nothing to convert."""
     item: "Content | None" = None
     """Of the items of a list."""
     fields: "tuple[tuple[str, str, Content], ...]" = ()
@@ -59,7 +59,7 @@ _JSON: Final = Content(ColumnKind.JSON)
 
 
 def columns_of(cls: type[msgspec.Struct]) -> list[TableColumn]:
-    """Columns of a type: its fields, those of nested types with dots."""
+    """Columns of a type: one for each field; the fields of a nested type are named with a dot."""
     found = list(_flat(msgspec.inspect.type_info(cls), (), (), (), ""))
     return named((".".join(names), path, content) for names, path, content in found)
 
@@ -85,7 +85,7 @@ _Found = tuple[tuple[str, ...], tuple[str, ...], Content]
 def _flat(
     info: Any, names: tuple[str, ...], path: tuple[str, ...], above: tuple[Any, ...], name: str
 ) -> Iterable[_Found]:
-    """Columns of a field: those of a nested type, or one."""
+    """Columns of a field: one, or one for each field of a nested type."""
     info = _required(info)
     if isinstance(info, msgspec.inspect.StructType) and info.cls not in above and info.fields:
         for field in info.fields:

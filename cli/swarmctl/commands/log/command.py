@@ -22,8 +22,8 @@ def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
             "--mongodb",
             type=SECRET,
             metavar="URI",
-            help="Read the database instead of local segments; `-`: that of the lab or node; @FILE: the URI"
-            " in a file; @-: from stdin.",
+            help="Read this database instead of local segments: a URI, `-` for that of the lab or node,"
+            " @FILE for a URI in a file, @- for one from stdin.",
         ),
         click.option("--database", metavar="NAME", help="Name of the database; default: that of the logger."),
     ):

@@ -36,7 +36,7 @@ class ByteStream:
         return self._written
 
     def flush(self) -> None:
-        """Pass on what is buffered."""
+        """Flush the buffer of the file."""
         self._file.flush()
 
 

@@ -16,7 +16,7 @@ _NEVER_ASKS = click.option(
 
 
 def _options(wait_s: float, *decorators: Decorator) -> Decorator:
-    """Options of all these commands, and those of one command before them."""
+    """Options that all these commands share, and the given ones of a single command."""
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         given: tuple[Decorator, ...] = (
