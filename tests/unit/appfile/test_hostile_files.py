@@ -12,7 +12,7 @@ from tests.unit.shm.test_shared_file import folder, full_folder, link, listener
 from swarmware.errors import OutOfRange
 from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, encode
 from swarmware.transport.appfile.file import AppFile
-from swarmware.transport.appfile.table import AppTable, populated
+from swarmware.transport.appfile.table import WRITING_TIME_NS, AppTable, populated
 from swarmware.transport.appfile.trace import died, last_of, set_aside
 
 
@@ -112,10 +112,12 @@ def test_a_damaged_file_is_named_when_it_stays_and_read_when_it_is_complete(
     entry = msgspec.structs.replace(tree.entry, name="tool")
     data = encode(entry)
     fd = write_locked(tmp_path / "apps/tool#1.toml", data[:-3])
-    table = AppTable(tmp_path)
-    table.refresh()
-    assert misfits(table) == [], "it may just be being written"
-    table.refresh()
+    now_ns = 0
+    table = AppTable(tmp_path, now_ns=lambda: now_ns)
+    for now_ns in (0, 1_000_000, WRITING_TIME_NS - 1):
+        table.refresh(probe=True)
+        assert misfits(table) == [], "its writer may have lost the processor"
+    now_ns = WRITING_TIME_NS
     assert len(misfits(table)) == 1
     assert misfits(table)[0].startswith(f"{tmp_path}/apps/tool#1.toml: incomplete")
     os.pwrite(fd, data, 0)

@@ -1,6 +1,7 @@
 """The living applications of this node, read from their files."""
 
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -24,13 +25,17 @@ class _Stamp(NamedTuple):
     uid: int
 
 
+WRITING_TIME_NS = 2_000_000_000
+"""Maximum time between the first and the last byte of a file: its writer may lose the processor in between."""
+
+
 class _LeftOut(NamedTuple):
     """A file that is left out until it changes."""
 
     stamp: _Stamp | None
     reason: str
-    is_certain: bool
-    """False for a file that may just be being written."""
+    certain_ns: int
+    """Instant from which the file counts as damaged; before, its writer may not have ended it."""
 
 
 class AppTable:
@@ -41,8 +46,11 @@ class AppTable:
     than the node's or root are left out, and named in `misfits`.
     """
 
-    def __init__(self, run_dir: Path, *, whole: bool = True) -> None:
+    def __init__(
+        self, run_dir: Path, *, whole: bool = True, now_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
         self._whole = whole
+        self._now_ns = now_ns
         self._run_dir = run_dir
         self._folder_name = str(paths.applications(run_dir))
         self._folder_ns = 0
@@ -96,6 +104,7 @@ class AppTable:
 
     def _read(self) -> Iterator[tuple[str, tuple[_Stamp, LivingApplication]]]:
         before, self._refused = self._refused, {}
+        now_ns = self._now_ns()
         try:
             listed = os.listdir(self._folder_name)  # noqa: PTH208  # every second: no Path objects
         except FileNotFoundError:
@@ -110,7 +119,7 @@ class AppTable:
             except FileNotFoundError:
                 continue  # it has just left
             except WireError as error:
-                self._refused[name] = _LeftOut(None, str(error), is_certain=True)
+                self._refused[name] = _LeftOut(None, str(error), certain_ns=0)
                 continue
             except OSError:
                 # no free descriptor, or no permission yet: a known application is not removed for that
@@ -124,17 +133,19 @@ class AppTable:
                 status = os.fstat(fd)
                 stamp = _Stamp(status.st_ino, status.st_mtime_ns, status.st_size, status.st_uid)
                 refused = before.get(name)
-                if refused is not None and refused.stamp == stamp:
-                    self._refused[name] = refused._replace(is_certain=True)
+                if refused is not None and refused.stamp != stamp:
+                    refused = None
+                if refused is not None and now_ns >= refused.certain_ns:
+                    self._refused[name] = refused
                 elif known is None or known[0] != stamp:
                     known = (stamp, self._decoded(fd, name, status.st_uid))
             except Conflict as error:
-                self._refused[name] = _LeftOut(stamp, str(error), is_certain=True)
+                self._refused[name] = _LeftOut(stamp, str(error), certain_ns=0)
                 known = None
             except WireError as error:
                 # it is being written: its writer announces when it is complete
                 self._folder_ns = 0
-                self._refused[name] = _LeftOut(stamp, str(error), is_certain=False)
+                self._refused[name] = refused or _LeftOut(stamp, str(error), now_ns + WRITING_TIME_NS)
                 if known is not None and (known[0].inode, known[0].uid) != (stamp.inode, stamp.uid):
                     known = None  # another file took its place
             finally:
@@ -163,7 +174,8 @@ class AppTable:
     @property
     def misfits(self) -> tuple[str, ...]:
         """What is wrong in the folder, a line each: files that are none, and claims that do not count."""
-        files = (refusal.reason for refusal in self._refused.values() if refusal.is_certain)
+        now_ns = self._now_ns()
+        files = (refusal.reason for refusal in self._refused.values() if now_ns >= refusal.certain_ns)
         return (*files, *self._claims.refused)
 
     @property
