@@ -4,6 +4,7 @@
 
 Each benchmark is a command of its own, which the table names. `--only`: one of them; the other rows stay as
 they were measured last. `--write`: keeps the figures in share/doc/links.json and writes the page from them.
+A benchmark with a ratio that was taken under load is not written: its former rows stay.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from rows import Row
+from rows import REFUSED, Row
 
 ROOT: Final = Path(__file__).parents[2]
 KEPT: Final = ROOT / "share/doc/links.json"
@@ -42,6 +43,7 @@ def message_rows(lines: list[str]) -> Iterator[Row]:
             f"p50 {ours:.0f} µs, bare ZeroMQ with CURVE {bare:.0f} µs: {ours / bare:.2f} times",
             "≤ 2.5 times",
             ours <= 2.5 * bare,
+            found["refusal"],
         )
 
 
@@ -95,18 +97,21 @@ BENCHES: Final = (
 )
 
 
-def measured(bench: LinkBench) -> dict[str, Any]:
-    """Runs a benchmark; what is kept of it. Raises: CalledProcessError when it fails."""
+def measured(bench: LinkBench) -> tuple[dict[str, Any], list[Row]]:
+    """Runs a benchmark; the entry of the file of figures, and its rows. Raises: CalledProcessError."""
     before = os.getloadavg()[0]
     command = [sys.executable, f"tests/bench/{bench.script}", "--json"]
-    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode not in (0, REFUSED):
+        done.check_returncode()
     rows = list(bench.rows([line for line in done.stdout.splitlines() if line.startswith("{")]))
-    return {
+    entry = {
         "measured": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "machine": machine(),
         "load": f"{before:.1f}",
         "rows": [row._asdict() for row in rows],
     }
+    return entry, rows
 
 
 def machine() -> str:
@@ -143,33 +148,34 @@ def written(page: str, kept: dict[str, Any]) -> str:
 
 
 def main() -> int:
-    """Measures, prints and writes."""
+    """Measures, prints and writes; rows that are refused are not written."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     names = [bench.name for bench in BENCHES]
     parser.add_argument("--only", action="append", choices=names, help="one of the benchmarks")
     parser.add_argument("--write", action="store_true", help="keep the figures and write the page")
     given = parser.parse_args()
     kept: dict[str, Any] = json.loads(KEPT.read_text("utf-8")) if KEPT.exists() else {}
-    failed = missed = 0
+    failed = missed = refused = 0
     for bench in BENCHES:
         if given.only and bench.name not in given.only:
             continue
         try:
-            kept[bench.name] = found = measured(bench)
+            entry, rows = measured(bench)
         except subprocess.CalledProcessError as error:
             failed += 1
             print(f"{bench.script}: not measured, it ended with {error.returncode}", file=sys.stderr)
             continue
-        for row in found["rows"]:
-            missed += not row["is_met"]
-            print(
-                f"{'' if row['is_met'] else 'MISSED  '}{row['name']}: {row['figure']} (goal {row['goal']})",
-                flush=True,
-            )
+        for row in rows:
+            missed += not row.is_met
+            print(f"{row.name}: {row.figure} (goal {row.goal})   {row.verdict}".rstrip(), flush=True)
+        if any(row.refusal for row in rows):
+            refused += 1
+            continue
+        kept[bench.name] = entry
         if given.write:
             KEPT.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", "utf-8")
             PAGE.write_text(written(PAGE.read_text("utf-8"), kept), "utf-8")
-    return 1 if failed else 3 if missed else 0
+    return 1 if failed else 3 if refused or missed else 0
 
 
 if __name__ == "__main__":

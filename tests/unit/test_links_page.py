@@ -4,9 +4,12 @@ import json
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
+import links
 from links import BENCHES, KEPT, PAGE, ROOT, message_rows, pose_rows, written
-from rows import Row
+from rows import Bare, Row
 
 
 def test_the_page_has_the_figures_that_were_kept() -> None:
@@ -33,7 +36,7 @@ def test_a_benchmark_that_was_not_run_says_so() -> None:
 
 def test_the_ratio_of_messages_and_the_ages_of_poses_are_judged_by_their_goals() -> None:
     figures = {
-        size: {"app_broker_broker_app_us": {"p50": ours}, "zeromq_curve_tcp_us": {"p50": 100}}
+        size: {"app_broker_broker_app_us": {"p50": ours}, "zeromq_curve_tcp_us": {"p50": 100}, "refusal": ""}
         for size, ours in (("200", 250), ("2000", 251))
     }
     small, large = message_rows([json.dumps(figures)])
@@ -45,3 +48,28 @@ def test_the_ratio_of_messages_and_the_ages_of_poses_are_judged_by_their_goals()
         "16 nodes in one cell": {"bytes_s_of_all": 16_001.0},
     }
     assert [row.is_met for row in pose_rows([json.dumps(swarms)])] == [True, False, False]
+
+
+@pytest.mark.parametrize(("figure", "refused"), [(80.0, 0), (120.0, 0), (120.1, 1), (480.0, 1)])
+def test_a_bare_figure_above_that_of_the_start_refuses_its_ratio(figure: float, refused: int) -> None:
+    at_start = iter((130.0, 100.0, 110.0))
+    bare = Bare.measured(lambda: next(at_start))
+    assert bool(bare.refusal(figure)) == bool(refused)
+    assert bare.refused == refused
+
+
+def test_refused_rows_are_printed_and_the_former_ones_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept, page = tmp_path / "links.json", tmp_path / "links.md"
+    kept.write_text(KEPT.read_text("utf-8"))
+    page.write_text(PAGE.read_text("utf-8"))
+    monkeypatch.setattr(links, "KEPT", kept)
+    monkeypatch.setattr(links, "PAGE", page)
+    refused = Row("message", "2.18 times", "≤ 2.5 times", True, Bare([100.0]).refusal(479.0))
+    monkeypatch.setattr(links, "measured", lambda _: ({"rows": [refused._asdict()]}, [refused]))
+    monkeypatch.setattr(sys, "argv", ["links.py", "--only", "message", "--write"])
+    assert links.main() == 3
+    assert "REFUSED: taken under load, bare 479 where 100 was reached" in capsys.readouterr().out
+    assert kept.read_text() == KEPT.read_text("utf-8")
+    assert page.read_text() == PAGE.read_text("utf-8")

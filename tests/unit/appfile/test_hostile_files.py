@@ -114,7 +114,8 @@ def test_a_damaged_file_is_named_when_it_stays_and_read_when_it_is_complete(
     fd = write_locked(tmp_path / "apps/tool#1.toml", data[:-3])
     now_ns = 0
     table = AppTable(tmp_path, now_ns=lambda: now_ns)
-    for now_ns in (0, 1_000_000, WRITING_TIME_NS - 1):
+    for later_ns in (0, 1_000_000, WRITING_TIME_NS - 1):
+        now_ns = later_ns
         table.refresh(probe=True)
         assert misfits(table) == [], "its writer may have lost the processor"
     now_ns = WRITING_TIME_NS

@@ -26,7 +26,7 @@ class _Stamp(NamedTuple):
 
 
 WRITING_TIME_NS = 2_000_000_000
-"""Maximum time between the first and the last byte of a file: its writer may lose the processor in between."""
+"""Maximum time between the first and last byte of a file: its writer may lose the processor in between."""
 
 
 class _LeftOut(NamedTuple):
