@@ -35,8 +35,8 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
     about = {
         "nodes": "Number of nodes: a ground station, and one ground vehicle for two air vehicles.",
         "usv": "Number of surface vessels among them.",
-        "net": "loopback, or with a radio between the nodes: netns (namespaces), relay (sockets, no rights).",
-        "radio": "Radio of --net netns and relay: s3, lan, or the path of a radio file; default: s3.",
+        "net": "loopback, or netns: a network namespace for each node, and a radio between them.",
+        "radio": "Radio of --net netns: s3, lan, or the path of a radio file; default: s3.",
         "seed": "Seed of clocks, noise and start order.",
         "name": "Name of the lab; default: the experiment's.",
         "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",

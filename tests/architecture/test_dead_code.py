@@ -17,13 +17,7 @@ OVERRIDES = {
     "NO_DOCUMENT": "commands without a schema: a test holds that all others have one",
     "SSLContext": "read by asyncio",
     "command_class": "read by click",
-    **dict.fromkeys(
-        (
-            *("connection_made", "connection_lost", "data_received", "eof_received"),
-            *("pause_writing", "resume_writing"),
-        ),
-        "called by asyncio",
-    ),
+    **dict.fromkeys(("connection_made", "connection_lost", "data_received"), "called by asyncio"),
     "format_commands": "called by click",
     "format_options": "called by click",
     "_missing_": "called by enum",

@@ -16,10 +16,10 @@ import tomli_w
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
 from swarmlab.provision import plan
+from swarmlab.provision.database import address_for_nodes, server_of
 from swarmlab.provision.plan import PlannedNode
 from swarmlab.radio.files import find_radio, load_radio
 from swarmlab.radio.namespace import check_rights
-from swarmlab.radio.relay_plan import RELAY, RelayPlan, reserve_descriptors
 from swarmware.errors import Conflict, InvalidInput, NoAnswer
 from swarmware.model import paths
 from swarmware.model.airframe_file import load_airframe
@@ -35,7 +35,7 @@ RADIO_NETWORK: Final = "10.83"
 PORTS: Final = range(20_000, 32_000)
 """Below the ephemeral ports of the kernel (32768 and up)."""
 NETWORK_NAMESPACES: Final = "netns"
-NETS: Final = ("loopback", NETWORK_NAMESPACES, RELAY)
+NETS: Final = ("loopback", NETWORK_NAMESPACES)
 RADIO: Final = "s3"
 """Radio between the nodes, unless another one is named."""
 CLAIM_TRIES: Final = 99
@@ -117,13 +117,6 @@ def make(spec: LabSpec) -> LabState:
         group, port = _group(), _free_port()
         if spec.net == NETWORK_NAMESPACES:
             nodes = [_behind_radio(node, index, as_user=as_user) for index, node in enumerate(nodes)]
-        elif spec.net == RELAY:
-            reserve_descriptors(len(nodes))
-            plan_of_relay = RelayPlan(group, port)
-            nodes = [
-                msgspec.structs.replace(node, address=plan_of_relay.node(index))
-                for index, node in enumerate(nodes)
-            ]
         lab = LabState(
             name=folder.name,
             experiment=spec.experiment,
@@ -214,18 +207,14 @@ def _remove_dead_lab(folder: Path) -> None:
 def _radio_file(spec: LabSpec) -> str:
     """Path of the checked radio file; empty when the nodes are connected without a radio.
 
-    Raises: InvalidInput when options contradict each other, and as `find_radio` and `load_radio`.
+    Raises: InvalidInput when options contradict each other; as `find_radio`, `load_radio`, `server_of`.
     """
     if spec.net == "loopback":
         if spec.radio:
-            raise InvalidInput(
-                f"--radio {spec.radio}: --net loopback has no radio; expected --net netns or relay"
-            )
+            raise InvalidInput(f"--radio {spec.radio}: --net loopback has no radio; expected --net netns")
         return ""
-    if spec.mongodb_uri and spec.net == NETWORK_NAMESPACES:
-        raise InvalidInput(
-            f"--mongodb: --net {spec.net} has no way to a database; expected loopback or relay"
-        )
+    if spec.mongodb_uri:
+        server_of(spec.mongodb_uri)
     path = find_radio(spec.radio or RADIO)
     load_radio(path)
     return str(path)
@@ -321,13 +310,6 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
             "udp_port": lab.udp_port,
         },
     }
-    if lab.net == RELAY:
-        relay = RelayPlan(lab.multicast_group, lab.udp_port)
-        settings["broker"] |= {
-            "multicast_group": relay.group_of(lab.nodes.index(node)),
-            "unicast_port": relay.port,
-            "tcp_port": relay.urgent_port,
-        }
     if lab.unit_delay_ms:
         settings["broker"]["unit_delay_ms"] = list(lab.unit_delay_ms)
     if node.kind != PlatformKind.GCS:
@@ -343,7 +325,12 @@ def _services(lab: LabState, node: LabNode) -> dict[str, dict[str, Any]]:
     if node.platform == LIDAR:
         settings["hal"] = {"drivers": ["sim", "system", "replay"]}
     if lab.mongodb_uri:
-        settings["logger"] = {"mongodb_uri": lab.mongodb_uri, "mongodb_database": lab.mongodb_database}
+        settings["logger"] = {
+            "mongodb_uri": address_for_nodes(lab.mongodb_uri, Path(lab.folder))
+            if node.namespace
+            else lab.mongodb_uri,
+            "mongodb_database": lab.mongodb_database,
+        }
     return settings
 
 

@@ -1,16 +1,18 @@
 """TAP devices of all nodes of a lab, each in the network namespace of its node."""
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
 from swarmctl.session.labs import LabNode
-from swarmlab.radio.ends import OnFrames
 from swarmlab.radio.namespace import NodeNamespace, enter_user_namespace, user_namespace
 
 TURN: Final = 64
 """Frames of one node read before those of the others."""
+
+OnFrames = Callable[[int, Iterable[bytes]], None]
+"""Called with the index of a node and Ethernet frames that it sends."""
 
 
 class NamespaceDevices:

@@ -51,12 +51,12 @@ def check_rights() -> bool:
     if not os.access(_TUN, os.R_OK | os.W_OK):
         missing.append(_TUN)
     if missing:
-        raise Denied(f"--net netns: {', '.join(missing)} cannot be used; expected root, or --net relay")
+        raise Denied(f"--net netns: {', '.join(missing)} cannot be used; expected them, or --net loopback")
     lacking = _lacking()
     if lacking and subprocess.run(_PROBE, capture_output=True, check=False).returncode:
         raise Denied(
             f"--net netns: this process lacks {', '.join(lacking)}, and the kernel gives it no"
-            " user namespace; expected root, or --net relay"
+            " user namespace; expected root, user namespaces, or --net loopback"
         )
     return not lacking
 

@@ -1,4 +1,4 @@
-"""The process of the radio: moves frames between the ends at the nodes as its core decides."""
+"""The process of the radio: moves frames between the devices of the nodes as its core decides."""
 
 import asyncio
 import logging
@@ -15,11 +15,8 @@ from swarmctl.session.labs import LabNode, LabState
 from swarmlab.radio import files, orders
 from swarmlab.radio.core.network import LinkReport, RadioCore, RadioDelivery, RadioNode
 from swarmlab.radio.devices import NamespaceDevices
-from swarmlab.radio.ends import RadioEnds
 from swarmlab.radio.orders import CutLinks, HealLinks, ImpairLinks, RadioOrder
 from swarmlab.radio.positions import VehiclePositions
-from swarmlab.radio.relay import LoopbackRelay
-from swarmlab.radio.relay_plan import RELAY, RelayPlan, reserve_descriptors
 from swarmware.model.names import platform_of
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.service.notify import Notifier
@@ -44,7 +41,7 @@ def radio_node(index: int, node: LabNode) -> RadioNode:
 
 
 class RadioProcess:
-    """Ends, timer and orders of the radio of one lab.
+    """Devices, timer and orders of the radio of one lab.
 
     The driver of the daemons' cores rounds to milliseconds, which is longer than a frame takes here: this one
     has a timer of its own.
@@ -56,10 +53,11 @@ class RadioProcess:
         self._nodes = lab.nodes
         self._index = {node.platform: index for index, node in enumerate(lab.nodes)}
         model, trace = files.load_radio(Path(lab.radio_file))
+        nodes = [radio_node(index, node) for index, node in enumerate(lab.nodes)]
         self._core = RadioCore(
             model,
             trace,
-            [radio_node(index, node) for index, node in enumerate(lab.nodes)],
+            nodes,
             random.Random(f"radio {lab.seed}").random,
             time.monotonic_ns(),
         )
@@ -67,22 +65,22 @@ class RadioProcess:
         self._positions_ns = 0
         self._timer: asyncio.TimerHandle | None = None
         self._timer_ns = 0
-        self._ends = _ends(lab)
+        self._devices = NamespaceDevices(lab.nodes, [node.address for node in nodes])
 
     async def run(self) -> None:
         """Forwards frames until SIGTERM or SIGINT."""
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, ended.set)
-        self._ends.start(self._on_frames)
+        self._devices.start(self._on_frames)
         async with orders.OrderServer(self._folder, self._execute):
             Notifier().ready(f"radio of {len(self._nodes)} nodes")
             await ended.wait()
 
     def close(self) -> None:
-        """Removes the ends at all nodes."""
+        """Removes the devices of all nodes."""
         self._positions.close()
-        self._ends.close()
+        self._devices.close()
 
     def _on_frames(self, index: int, frames: Iterable[bytes]) -> None:
         for data in frames:
@@ -100,7 +98,7 @@ class RadioProcess:
 
     def _perform(self, deliveries: list[RadioDelivery]) -> None:
         for delivery in deliveries:
-            if not self._ends.write(delivery.receiver, delivery.data):
+            if not self._devices.write(delivery.receiver, delivery.data):
                 log.debug("node %s: takes no frame", self._nodes[delivery.receiver].platform)
 
     def _arm(self) -> None:
@@ -127,18 +125,8 @@ class RadioProcess:
         return [self._core.report(sender, receiver, now_ns) for sender, receiver in links]
 
 
-def _ends(lab: LabState) -> RadioEnds:
-    ethernet = [ethernet_address(index) for index in range(len(lab.nodes))]
-    if lab.net != RELAY:
-        return NamespaceDevices(lab.nodes, ethernet)
-    reserve_descriptors(len(lab.nodes))
-    return LoopbackRelay(RelayPlan(lab.multicast_group, lab.udp_port), ethernet)
-
-
-def _loop(lab: LabState) -> asyncio.AbstractEventLoop:
-    """With the time-out in microseconds of select(2), or for any number of sockets, but in milliseconds."""
-    if lab.net == RELAY:
-        return asyncio.SelectorEventLoop()
+def _loop() -> asyncio.AbstractEventLoop:
+    """Event loop whose time-outs have microseconds, by select(2)."""
     return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 
@@ -147,10 +135,9 @@ def run_radio(folder: Path) -> None:
 
     Raises: ConfigError for an invalid radio file, Denied without the rights.
     """
-    lab = labs.load(folder)
-    radio = RadioProcess(lab)
+    radio = RadioProcess(labs.load(folder))
     try:
-        with asyncio.Runner(loop_factory=lambda: _loop(lab)) as runner:
+        with asyncio.Runner(loop_factory=_loop) as runner:
             runner.run(radio.run())
     finally:
         radio.close()

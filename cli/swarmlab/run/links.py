@@ -138,7 +138,6 @@ def _lab(out: Output) -> LabState:
     if not lab.radio_file:
         raise InvalidInput(
             f"lab {lab.name}: --net {lab.net} has no radio; expected one that was started with --net netns"
-            " or --net relay"
         )
     return lab
 

@@ -16,12 +16,12 @@ import msgspec
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
 from swarmctl.session.processes import NODE_MARK
-from swarmlab.provision import provisioning
+from swarmlab.provision import database, provisioning
 from swarmlab.radio.namespace import ENTER
 from swarmlab.run.child import child_environment, exit_description, tail
 from swarmlab.run.fork_server_child import ForkServerChild, fork_variables
 from swarmlab.run.notify import NotifySocket, Restarts
-from swarmlab.run.radio_child import RadioChild
+from swarmlab.run.shared_child import SharedChild
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.processes import WatchedProcess
 from swarmware.runtime.restart_policy import RestartPolicy
@@ -58,6 +58,19 @@ def environment(lab: LabState, node: LabNode) -> dict[str, str]:
     return variables | fork_variables(lab, node)
 
 
+def _needed(lab: LabState, on_change: Callable[[], None]) -> list[SharedChild]:
+    """Processes without which the nodes do not reach each other, or the database of the lab."""
+    modules = {}
+    if lab.radio_file:
+        modules["radio"] = "swarmlab.radio"
+        if lab.mongodb_uri and database.server_of(lab.mongodb_uri) is not None:
+            modules["database gateway"] = "swarmlab.run.database_gateway"
+    return [
+        SharedChild(lab, name, [sys.executable, "-m", module, lab.folder], on_change)
+        for name, module in modules.items()
+    ]
+
+
 class RunningLab:
     """Starts the nodes, a few at a time, and watches them by pidfd, without polling."""
 
@@ -70,8 +83,8 @@ class RunningLab:
         self.watcher: Watcher = lambda _platform, _what: None
         self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
         """Called with platform and text when its supervisor restarts its process, and when that is ready."""
-        self._radio = RadioChild(lab, self._note_change) if lab.radio_file else None
-        self._fork_server = ForkServerChild(lab, provisioning.services(lab), self._note_change)
+        self._needed = _needed(lab, self._note_change)
+        self._shared = [*self._needed, ForkServerChild(lab, provisioning.services(lab), self._note_change)]
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._processes: dict[str, WatchedProcess] = {}
         self._sockets: dict[str, NotifySocket] = {}
@@ -97,9 +110,8 @@ class RunningLab:
         Raises: Denied without the rights, SwarmError when it ends, NoAnswer when it is not ready in time.
         """
         self.began_mono_ns = time.monotonic_ns()
-        if self._radio is not None:
-            await self._radio.start(timeout_s)
-        await self._fork_server.start(timeout_s)
+        for child in self._shared:
+            await child.start(timeout_s)
 
     async def start(self, order: list[str], timeout_s: float) -> None:
         """Starts these nodes in this order and returns when all of them are ready.
@@ -133,9 +145,9 @@ class RunningLab:
             ) from None
 
     def check(self) -> None:
-        """Raises: SwarmError with the end of its log when a node or the radio has ended."""
-        if self._radio is not None:
-            self._radio.check()
+        """Raises: SwarmError with the end of its log when a node, or a process that all need, has ended."""
+        for child in self._needed:
+            child.check()
         for platform, code in self.fallen.items():
             node = self.state.node(platform)
             raise SwarmError(
@@ -163,11 +175,11 @@ class RunningLab:
     async def until_fallen(self, known: Collection[str] = ()) -> None:
         """Returns when a node has ended that is not in `known`.
 
-        Raises: SwarmError when the radio has ended: no node reaches another one.
+        Raises: SwarmError when a process has ended that all nodes need.
         """
         while not self.fallen.keys() - set(known):
-            if self._radio is not None:
-                self._radio.check()
+            for child in self._needed:
+                child.check()
             self._changed.clear()
             await self._changed.wait()
 
@@ -252,9 +264,8 @@ class RunningLab:
         """Stops watching after processing earlier exits and notifications; the nodes continue."""
         loop = asyncio.get_running_loop()
         self._watching = False
-        self._fork_server.stop_watching()
-        if self._radio is not None:
-            self._radio.stop_watching()
+        for shared in self._shared:
+            shared.stop_watching()
         for platform, (timer, code) in self._again.items():
             timer.cancel()
             self.fallen[platform] = code
@@ -274,17 +285,15 @@ class RunningLab:
 
     def detach(self) -> None:
         """Lets this process end before the nodes."""
-        self._fork_server.detach()
-        if self._radio is not None:
-            self._radio.detach()
+        for shared in self._shared:
+            shared.detach()
         for child in self._children.values():
             # without this the interpreter warns that they still run
             child.returncode = child.returncode if child.returncode is not None else 0
 
     def wait_children(self) -> None:
         """Waits for the exit codes of all ended children."""
-        self._fork_server.wait()
-        if self._radio is not None:
-            self._radio.wait()
+        for shared in self._shared:
+            shared.wait()
         for child in self._children.values():
             child.wait()

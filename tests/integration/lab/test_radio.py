@@ -6,11 +6,13 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from tests.integration.recorder.mongod import Mongod
 from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs, processes
@@ -264,12 +266,13 @@ def test_a_node_that_was_killed_is_back_in_its_namespace(rights: None, labs_fold
     assert up.wait(PATIENCE_S) == 130
 
 
-def start(labs_folder: Path, *before: str) -> Done:
+def start(labs_folder: Path, *before: str, mongodb: str = "") -> Done:
     """Starts a lab behind a command that takes the rights of root away."""
     return subprocess.run(
         [
             *(*before, sys.executable, "-m", "swarmctl"),
             *("lab", "up", "formation", "--nodes", "3", "--net", "netns", "--detach"),
+            *(("--mongodb", mongodb) if mongodb else ()),
         ],
         capture_output=True,
         text=True,
@@ -296,6 +299,31 @@ def test_a_user_without_capabilities_gets_the_same_lab(
     asyncio.run(cut())
     ctl("lab", "down")
     nothing_remains(lab)
+
+
+@pytest.mark.mongod
+def test_loggers_in_namespaces_forward_to_a_database_outside_of_them(
+    rights: None, labs_folder: Path, tmp_path: Path, ctl: Ctl, nothing_remains: Gone
+) -> None:
+    server = Mongod(tmp_path / "mongod")
+    server.start()
+    try:
+        # without capabilities, as the gateway needs none
+        done = start(
+            labs_folder, "unshare", "--user", "--map-user=1000", "--map-group=1000", mongodb=server.uri
+        )
+        assert done.returncode == 0, done.stderr
+        lab = labs.find()
+        deadline = time.monotonic() + PATIENCE_S
+        stored: set[str] = set()
+        while stored != {"gcs", "ugv1", "uav1"}:
+            assert time.monotonic() < deadline, f"stored of {stored}"
+            found = ctl("log", "query", "/*/health/state", "--mongodb", "-", "--json", code=None)
+            stored = {json.loads(line)["path"].split("/")[1] for line in found.stdout.splitlines()}
+        ctl("lab", "down")
+        nothing_remains(lab)
+    finally:
+        server.stop()
 
 
 NONE = 'echo 0 > /proc/sys/user/max_user_namespaces; exec setpriv --bounding-set=-all --inh-caps=-all "$@"'

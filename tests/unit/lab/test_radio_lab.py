@@ -12,6 +12,7 @@ import pytest
 from swarmctl.session import labs, processes
 from swarmlab.provision import provisioning
 from swarmlab.provision.command_line import run_command
+from swarmlab.provision.database import address_for_nodes
 from swarmlab.provision.provisioning import LabSpec
 from swarmlab.radio import namespace
 from swarmlab.radio.namespace import check_rights
@@ -48,6 +49,18 @@ def test_each_node_gets_an_address_and_a_namespace_of_its_own(rights: None) -> N
         provisioning.remove(lab)
 
 
+def test_loggers_behind_a_radio_reach_the_database_by_a_socket_of_the_lab(rights: None) -> None:
+    lab = provisioning.make(msgspec.structs.replace(SPEC, mongodb_uri="mongodb://127.0.0.1:27018"))
+    try:
+        assert lab.mongodb_uri == "mongodb://127.0.0.1:27018", "commands of the operator need no socket"
+        for node in lab.nodes:
+            logger = tomllib.loads((node.config_dir / "services/logger.toml").read_text())
+            assert logger["mongodb_uri"] == address_for_nodes(lab.mongodb_uri, Path(lab.folder))
+            assert logger["mongodb_database"] == lab.mongodb_database
+    finally:
+        provisioning.remove(lab)
+
+
 def test_on_loopback_nodes_have_neither(rights: None) -> None:
     lab = provisioning.make(msgspec.structs.replace(SPEC, net="loopback"))
     try:
@@ -63,8 +76,8 @@ def test_on_loopback_nodes_have_neither(rights: None) -> None:
     [
         ({"net": "loopback", "radio": "s3"}, InvalidInput, "--net loopback has no radio"),
         ({"radio": "s9"}, NotFound, "expected one of lan, s3"),
-        ({"mongodb_uri": "mongodb://127.0.0.1"}, InvalidInput, "no way to a database"),
-        ({"net": "wifi"}, InvalidInput, "expected one of loopback, netns"),
+        ({"mongodb_uri": "mongodb+srv://db.example.org"}, InvalidInput, "needs several connections"),
+        ({"net": "relay"}, InvalidInput, "expected one of loopback, netns"),
     ],
 )
 def test_options_that_contradict_each_other_are_refused_before_anything_is_made(
@@ -81,7 +94,7 @@ def test_what_is_missing_for_namespaces_is_named_with_what_to_do(
     monkeypatch.setattr(namespace, "_TUN", str(tmp_path / "tun"))
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(
-        Denied, match=r"nsenter \(.*\), unshare \(.*\), .*tun cannot be used; expected root"
+        Denied, match=r"nsenter \(.*\), unshare \(.*\), .*tun cannot be used; expected them"
     ) as caught:
         provisioning.make(SPEC)
     assert caught.value.exit_code == 5
