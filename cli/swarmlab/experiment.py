@@ -44,8 +44,6 @@ PAGE: Final = "report.html"
 LOGS: Final = "logs"
 PICTURE: Final = "paths.png"
 """The paths as a picture, for documents."""
-OLD_PICTURES: Final = ("formation-error.png", "command-to-receipt.png", "topology.png", "traffic.png")
-"""Pictures of earlier versions, whose charts are in the page now."""
 MERGED: Final = "run.mcap"
 """The logs of all nodes in one file, for viewers."""
 DATA_LOST: Final = 3
@@ -154,7 +152,7 @@ def prepare(out_dir: Path) -> None:
     """Removes an earlier report from the folder; other files are not changed."""
     shutil.rmtree(out_dir / LOGS, ignore_errors=True)
     (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
-    for name in (RUN_FILE, REPORT, PAGE, PICTURE, MERGED, *OLD_PICTURES):
+    for name in (RUN_FILE, REPORT, PAGE, PICTURE, MERGED):
         (out_dir / name).unlink(missing_ok=True)
 
 

@@ -155,8 +155,8 @@ class _Gate:
                     self._show(one, "expired")
                 for one in self._core.expire_receipts(now_ns):
                     self._out.warn(
-                        f"{one.platform} has not confirmed that it has its keys, as nodes of former versions"
-                        f" never do; if its `keys join` failed, invite {one.platform} again"
+                        f"{one.platform} has not confirmed that it has its keys;"
+                        f" if its `keys join` failed, invite {one.platform} again"
                     )
 
     def _permit(self, address: str) -> bool:

@@ -92,9 +92,9 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     """Processor time per node over the mission, in percent of one core."""
     rss_mb: MeanMax
     """Resident memory per node (RSS): pages that its processes or nodes share count in each."""
-    host: HostInfo = HostInfo()
-    pss_mb: MeanMax = MeanMax()
+    pss_mb: MeanMax
     """The same with shared pages divided among those who share them (PSS)."""
+    host: HostInfo
 
 
 class PaperFigures(msgspec.Struct, frozen=True):
@@ -233,15 +233,13 @@ def _rows(report: ExperimentReport) -> list[ComparisonRow]:
             _number(report.rss_mb.mean, "MB"),
             f"max {_number(report.rss_mb.max, 'MB')}; shared pages count in each (RSS)",
         ),
-        *_pss_row(report.pss_mb),
+        ComparisonRow(
+            "memory per node, shared divided",
+            "",
+            _number(report.pss_mb.mean, "MB"),
+            f"max {_number(report.pss_mb.max, 'MB')}; PSS",
+        ),
     ]
-
-
-def _pss_row(pss_mb: MeanMax) -> list[ComparisonRow]:
-    if pss_mb.mean is None:
-        return []  # a report of a former version
-    note = f"max {_number(pss_mb.max, 'MB')}; PSS"
-    return [ComparisonRow("memory per node, shared divided", "", _number(pss_mb.mean, "MB"), note)]
 
 
 def markdown(report: ExperimentReport) -> str:

@@ -15,7 +15,6 @@ from swarmware.model import paths
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.runtime.backoff import pause_after
-from swarmware.runtime.immediate import Immediate
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types.health import (
     OK_STATE,
@@ -43,7 +42,7 @@ Criterion = Callable[[D], str]
 Action = Callable[[D], Awaitable[None] | None]
 
 
-class Check(Immediate, Generic[D]):
+class Check(Generic[D]):
     """One check: data at a frequency, a criterion that makes a state of it, actions for states."""
 
     def __init__(

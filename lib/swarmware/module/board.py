@@ -11,14 +11,13 @@ from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.follower import RingFollower, mirror_of_platform
 from swarmware.node.node import Node
-from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)
 
 
-class BoardReader(Immediate, Generic[T]):
+class BoardReader(Generic[T]):
     """The newest value of a resource of this platform, or of the mirror of another platform's.
 
     It may be opened before there is a writer. `async for value in reader` returns at each step the value that

@@ -12,13 +12,12 @@ from swarmware.model.names import Pattern, check_path
 from swarmware.module.board import BoardReader
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.node import Node
-from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
 
 T = TypeVar("T", bound=msgspec.Struct)
 
 
-class BoardSet(Immediate, Mapping[str, BoardReader[T]], Generic[T]):
+class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
     """Mapping of platform to reader, for every other platform with a mirror of the board on this node.
 
     A pattern with a point is of computers: `/*.*/register/apps`, each unit that is not `main`.

@@ -12,7 +12,6 @@ from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
 from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.node import Node
-from swarmware.runtime.immediate import Immediate
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types import registry
 
@@ -24,7 +23,7 @@ FAIR: Final = 64
 """Messages taken without waiting before control returns to the event loop."""
 
 
-class Inbox(Immediate, Generic[T]):
+class Inbox(Generic[T]):
     """Messages to one address, read with `async for message in inbox`."""
 
     def __init__(

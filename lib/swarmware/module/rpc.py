@@ -11,7 +11,6 @@ from swarmware.errors import KINDS, SwarmError
 from swarmware.model.frame import Frame
 from swarmware.module.accepted import Accepted
 from swarmware.module.meta import Meta
-from swarmware.runtime.immediate import Immediate
 from swarmware.types import registry
 from swarmware.types.rpc import Reply
 
@@ -26,7 +25,7 @@ Start = Callable[[Any, str], object]
 log = logging.getLogger("swarm.rpc")
 
 
-class Server(Immediate):
+class Server:
     """Serves the requests of one path."""
 
     def __init__(

@@ -14,7 +14,6 @@ from swarmware.module.wakeup import Deadline, Wakeup
 from swarmware.node.follower import RingFollower, mirror_of_platform
 from swarmware.node.history_follower import HistoryFollower
 from swarmware.node.node import Node
-from swarmware.runtime.immediate import Immediate
 from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 
@@ -24,7 +23,7 @@ FAIR: Final = 64
 """Items taken without waiting before control returns to the event loop."""
 
 
-class StreamReader(Immediate, Generic[T]):
+class StreamReader(Generic[T]):
     """`async for item in reader` returns every item from now on; items that were written before are
     returned only with `from_oldest`."""
 

@@ -11,7 +11,6 @@ from swarmware.model.resource import Kind as ResourceKind
 from swarmware.model.resource import Resource
 from swarmware.node.node import Node
 from swarmware.node.publication import Publication
-from swarmware.runtime.immediate import Immediate
 from swarmware.types import registry
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -27,7 +26,7 @@ FRAME_KINDS: Final = {
 }
 
 
-class BoardWriter(Immediate, Generic[T]):
+class BoardWriter(Generic[T]):
     """Publishes the values of one resource of this platform; each `write` wakes its readers."""
 
     def __init__(

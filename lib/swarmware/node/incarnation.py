@@ -54,7 +54,7 @@ class NodeIncarnation:
         self.boot_id = _number(self._fd)
         """Number that increases at each start of the node."""
         self.started_mono_ns = int(os.pread(self._fd, 32, _NUMBER_BYTES) or time.monotonic_ns())
-        """Instant of CLOCK_MONOTONIC at which the node started; the present one after an older version."""
+        """Instant of CLOCK_MONOTONIC at which the node started, or the present one if the file is empty."""
 
     def _join(self) -> tuple[int, bool]:
         """Descriptor of the file with a shared lock, and whether another user runs the node."""

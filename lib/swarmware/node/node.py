@@ -22,7 +22,6 @@ from swarmware.node.ending import Ending
 from swarmware.node.incarnation import NodeIncarnation
 from swarmware.node.run_files import Damage, RunFiles, TendFile
 from swarmware.runtime.core import next_multiple_ns
-from swarmware.runtime.immediate import Immediate
 from swarmware.runtime.instant import wait_s
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.messaging.callers import Callers
@@ -75,7 +74,7 @@ class Services(Protocol):
         ...
 
 
-class Node(Immediate):
+class Node:
     """State shared by an event loop: configuration, clock, doorbell, message router, applications.
 
     Modules of one event loop share it: `attach` returns the existing one, and the last `close` closes it.
@@ -340,12 +339,11 @@ class Node(Immediate):
         self._mirror_watchers.notify()
         return publication
 
-    def close(self) -> Immediate:
-        """Release this use of the node; the last user in this process leaves it. The result supports a former
-        `await`."""
+    def close(self) -> None:
+        """Release this use of the node; the last user in this process leaves it."""
         self._users -= 1
         if self._users > 0:
-            return self
+            return
         self._attached.pop((id(self._loop), self.config_dir), None)
         if self._master is not None:
             self.unwatch(self._master)
@@ -363,7 +361,6 @@ class Node(Immediate):
         self.doorbells.close()
         with contextlib.suppress(FileNotFoundError):
             self._incarnation.leave()
-        return self
 
 
 def _stamp(folder: str) -> _FolderStamp | None:

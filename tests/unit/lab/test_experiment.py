@@ -20,7 +20,7 @@ def test_an_older_report_goes_and_whatever_else_is_there_stays(tmp_path: Path) -
     out = tmp_path / "report"
     (out / "logs" / "uav1").mkdir(parents=True)
     (out / "mine").mkdir()
-    for name in ("report.json", "run.json", "report.html", "formation-error.png", "notes.txt"):
+    for name in ("report.json", "run.json", "report.html", "paths.png", "notes.txt"):
         (out / name).write_text("old")
     experiment.prepare(out)
     assert sorted(path.name for path in out.iterdir()) == ["logs", "mine", "notes.txt"]

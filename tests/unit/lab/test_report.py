@@ -30,6 +30,7 @@ GOOD = ExperimentReport(
     clock_error_us=P95(22.25678),
     cpu_percent_of_core=MeanMax(5.1, 8.8),
     rss_mb=MeanMax(77, 81),
+    pss_mb=MeanMax(34, 35),
     host=HostInfo("Some CPU", 2, "6.1", 0.1, 88.0, 12.0),
 )
 

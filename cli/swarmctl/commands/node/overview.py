@@ -41,7 +41,7 @@ class NodeOverview(msgspec.Struct, frozen=True):
     lost_s: float | None
     """Time since the newest sign of a platform without a route; its other values are the last known ones."""
     sync: NodeSync | None = None
-    """Whether its data are synchronised; null: it did not answer, or is the tree of a former version."""
+    """Whether its data are synchronised, or null if its tree did not answer."""
     units: tuple[str, ...] = ()
     """Its computers that have a route; those of the joined platform without this one."""
 

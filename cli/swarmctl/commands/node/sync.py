@@ -66,11 +66,7 @@ async def synchronisation(session: Session, asked: list[str]) -> dict[str, NodeS
     (trees, _), replicas = await asyncio.gather(
         read_boards(session, asked, "tree/stats", TreeStats), _replicas(session)
     )
-    return {
-        name: node_sync(stats, replicas.get(name))
-        for name, stats in trees.items()
-        if stats.digest  # 0: of a former version, which does not say
-    }
+    return {name: node_sync(stats, replicas.get(name)) for name, stats in trees.items()}
 
 
 async def _replicas(session: Session) -> dict[str, TreePlatform]:

@@ -29,7 +29,7 @@ SECOND_NS: Final = 1_000_000_000
 RECEIPT_NS: Final = 30 * SECOND_NS
 """Time from an answer in which its receipt, or the same request again, is waited for.
 
-An operator sees at once that `keys join` failed, and repeats its line. Nodes of former versions send none.
+An operator sees at once that `keys join` failed, and repeats its line.
 """
 
 

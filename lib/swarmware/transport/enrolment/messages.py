@@ -78,7 +78,7 @@ class JoinAnswer(msgspec.Struct, frozen=True, array_like=True):
 
 
 class JoinReceipt(msgspec.Struct, frozen=True, array_like=True):
-    """The node has written what the answer gave it; nodes of former versions send none."""
+    """The node has written the credentials of the answer to its folder of keys."""
 
 
 class JoinFile(msgspec.Struct, frozen=True, array_like=True):
