@@ -92,9 +92,9 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     """Processor time per node over the mission, in percent of one core."""
     rss_mb: MeanMax
     """Resident memory per node (RSS): pages that its processes or nodes share count in each."""
-    pss_mb: MeanMax
-    """The same with shared pages divided among those who share them (PSS)."""
     host: HostInfo
+    pss_mb: MeanMax
+    """`rss_mb` with shared pages divided among those who share them (PSS)."""
 
 
 class PaperFigures(msgspec.Struct, frozen=True):
