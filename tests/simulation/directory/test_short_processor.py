@@ -12,7 +12,9 @@ from typing import Final
 import pytest
 from tests.simulation.directory.brokers import BrokerNode
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.beacon.beacon_rate import Slowdown
+from swarmd.broker.core.reliable.reliable_links import ReliableLinks
 from swarmd.broker.core.topology.link import LinkEvent
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
@@ -27,6 +29,8 @@ AMPLE_MS: Final = 0.1
 """What a datagram costs."""
 SHORT_MS: Final = 23.0
 """At 10 Hz the ten would take 21 processors, and one needs 2.1 s for a round of beacons."""
+LATE_MS: Final = 5.0
+"""The ten keep their links, but many beacons are late: the start of a lab."""
 POSE: Final = data_id("nav/pose", "Pose")
 
 
@@ -37,6 +41,7 @@ class Processor(VirtualSwarm[str]):
         super().__init__(seed, delay_s=(0.001, 0.001))
         self.receive_ms = AMPLE_MS
         self.waiting: Counter[str] = Counter()
+        self.dropped = 0
         self.brokers = []
         for index in range(NODES):
             self.now_ns = self.random.randrange(SECOND // 10)
@@ -58,6 +63,8 @@ class Processor(VirtualSwarm[str]):
         if self.waiting[receiver] < BUFFER:
             self.waiting[receiver] += 1
             super()._carry(sender, receiver, data)
+        else:
+            self.dropped += 1
 
     def _arrive(self, sender: str, receiver: str, data: bytes) -> None:
         self.waiting[receiver] -= 1
@@ -111,3 +118,24 @@ def test_the_same_brokers_lose_their_links_without_slowing_down(monkeypatch: pyt
     processor.shorten(30)
     processor.run_for(20)
     assert processor.silent() > 10
+
+
+def test_late_beacons_without_loss_leave_frames_on_their_connections() -> None:
+    processor = Processor(0)
+    processor.receive_ms = LATE_MS
+    carriers = {node.name: ReliableLinks(Config()) for node in processor.brokers}
+    overdue = 0
+    for _ in range(20):
+        processor.run_for(1)
+        for node in processor.brokers:
+            now_ns = node.clock.now_ns()
+            for hw, quality in node.core.report.link_qualities(now_ns):
+                overdue += quality.silence > 0
+                carriers[node.name].on_quality(hw, quality, now_ns)
+    others = [
+        (one, hw) for one in carriers for hw in (node.hw for node in processor.brokers if node.name != one)
+    ]
+    assert not processor.dropped
+    assert processor.links_up() == NODES * (NODES - 1)
+    assert overdue > 20, "the processor was not short"
+    assert not [one for one, hw in others if carriers[one].uses_datagrams(hw)]

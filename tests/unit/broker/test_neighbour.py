@@ -16,6 +16,7 @@ from swarmd.broker.core.topology.neighbour import (
     EXPECTED_MIN,
     LISTING_NS,
     LISTINGS,
+    MEASURED,
     UNLISTED_SLACK_NS,
     Neighbour,
 )
@@ -260,6 +261,34 @@ def test_loss_is_judged_over_the_last_16_datagrams(
         peer.datagram(slot * 100 * MS, skip=skip)
     assert abs(peer.neighbour.quality - quality) <= 16
     assert peer.neighbour.lost == lost
+
+
+def test_overdue_datagrams_are_no_loss_of_the_wire(table: NeighbourTable, peer: Peer) -> None:
+    for slot in range(MEASURED):
+        peer.datagram(slot * 100 * MS, hello=True)
+    table.advance((MEASURED + 4) * 100 * MS)
+    assert peer.neighbour.missed == 4
+    assert peer.neighbour.quality < 255
+    assert peer.neighbour.wire_loss == 0.0
+    peer.datagram((MEASURED + 4) * 100 * MS, skip=3)
+    assert peer.neighbour.wire_loss == 3 / 16
+
+
+def test_only_what_two_reports_say_after_the_first_datagrams_is_a_loss(
+    table: NeighbourTable, peer: Peer
+) -> None:
+    def losses(numbers: range, *qualities: int) -> list[float | None]:
+        """Loss after each report; own beacons have these numbers."""
+        found = []
+        for number, quality in zip(numbers, qualities, strict=True):
+            table.sent(number, number * 100 * MS)
+            peer.datagram(number * 100 * MS + MS, Echo(ME, number, 0, quality))
+            found.append(peer.neighbour.wire_loss)
+        return found
+
+    assert not any(losses(range(MEASURED), *[32] * MEASURED)), "it has hardly received any"
+    assert losses(range(20, 24), 255, 191, 255, 128) == [0.0] * 4
+    assert losses(range(24, 25), 128) == [pytest.approx(0.5, abs=0.01)]
 
 
 def test_a_late_datagram_is_late_and_not_lost(peer: Peer) -> None:

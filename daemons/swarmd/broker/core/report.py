@@ -31,12 +31,6 @@ from swarmware.types.outage import NodeLinks
 
 _FULL: Final = 255
 """Quality of a link without loss."""
-MEASURED: Final = 12
-"""Datagrams of a neighbour after which the loss of both directions is known: before, a missing measurement
-looks like a loss."""
-NOTICED: Final = 2
-"""Losses among the first datagrams of a neighbour that show a lossy link before it is measured."""
-
 _FRAMES_NS: Final = 5_000_000_000
 """A medium by which packets came in this time is shown as that of the direction to here."""
 _USES: Final = {
@@ -130,18 +124,15 @@ class NetReport:
         several media, of the one that carries the frames."""
         found: list[tuple[int, LinkQuality]] = []
         for one in self._neighbours.up():
-            if one.expected >= MEASURED:
-                found.append((one.hw, LinkQuality(1 - self._quality(one, now_ns) / _FULL, one.rtt_ns)))
-            elif (lost := one.expected - one.window.bit_count()) >= NOTICED:
-                found.append((one.hw, LinkQuality(lost / one.expected, one.rtt_ns)))
+            loss = one.wire_loss
+            if loss is None:
+                continue
+            silence = 1 - min(one.quality, one.reported) / _FULL
+            best = None if self._media is None else self._media.best(one.hw)
+            if best is not None:
+                loss = silence = 1 - min(best.quality_in(now_ns), best.quality_out(now_ns)) / _FULL
+            found.append((one.hw, LinkQuality(loss, one.rtt_ns, silence)))
         return found
-
-    def _quality(self, neighbour: Neighbour, now_ns: int) -> int:
-        """Quality of the worse direction."""
-        best = None if self._media is None else self._media.best(neighbour.hw)
-        if best is None:
-            return min(neighbour.quality, neighbour.reported)
-        return min(best.quality_in(now_ns), best.quality_out(now_ns))
 
     def links(self, waiting: Callable[[int], tuple[int, int]], outages: int, now_ns: int) -> NodeLinks:
         """Summary of all links, for health rules.

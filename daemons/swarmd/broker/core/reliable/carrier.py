@@ -31,9 +31,11 @@ class LinkQuality(msgspec.Struct, frozen=True):
     """What beacons measured of the link to a neighbour."""
 
     loss: float
-    """Loss of the worse direction."""
+    """Share of beacons that were lost on the way, in the worse direction; late ones do not count."""
     rtt_ns: int = 0
     """0: not measured."""
+    silence: float = 0.0
+    """The same share if beacons that are overdue count as lost."""
     is_opening: bool = False
     """Whether a connection to it is not open."""
 

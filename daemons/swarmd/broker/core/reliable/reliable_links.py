@@ -96,7 +96,7 @@ class ReliableLinks:
         link = self._links.get(hw)
         if link is not None:
             link.rate.on_link_loss(carrier.loss)
-            if link.is_blocked and quality.loss < OUTAGE:
+            if link.is_blocked and max(quality.loss, quality.silence) < OUTAGE:
                 carrier.on_block(now_ns + BLOCKED_NS)
                 return [UseConnection(hw, link.clear(now_ns))]
         if carrier.by_datagram:

@@ -16,6 +16,10 @@ from swarmd.broker.core.topology.link_cost import COST_MAX, link_cost
 WINDOW: Final = 16
 """Datagrams over which loss is measured: the hello history of Babel (RFC 8966, appendix A.1)."""
 _WINDOW_MASK: Final = (1 << WINDOW) - 1
+MEASURED: Final = 12
+"""Datagrams after which the loss of a direction is known: before, a missing measurement looks like a loss."""
+NOTICED: Final = 2
+"""Losses among the first datagrams of a neighbour that show a lossy link before it is measured."""
 LONG_WINDOW: Final = 64
 """Datagrams over which the loss is measured that the deadline of a link tolerates."""
 LONG_MASK: Final = (1 << LONG_WINDOW) - 1
@@ -61,6 +65,7 @@ class Neighbour:
     __slots__ = (
         "address",
         "answer_ns",
+        "arrived_out",
         "ask_due_ns",
         "asks",
         "asks_needed",
@@ -74,6 +79,7 @@ class Neighbour:
         "echoed_ns",
         "echoed_quality",
         "expected",
+        "first_listed",
         "hears",
         "hears_badly",
         "hears_well",
@@ -149,7 +155,9 @@ class Neighbour:
         self.ask_due_ns = FAR_NS
         """When the next request is due, or after the last one the end of the link; FAR_NS: none."""
         self.listed_ns = NEVER_NS
-        self.reported = _FULL
+        self.reported = self.arrived_out = _FULL
+        self.first_listed = -1
+        """Own beacon that its first listing answered, or -1 before that."""
         self.rtt_ns = 0
         self.echoed_ns = NEVER_NS
         self.echoed_quality = 0
@@ -166,6 +174,31 @@ class Neighbour:
         expected = max(EXPECTED_MIN, min(WINDOW, self.expected + self.missed))
         received = (self.window << self.missed & _WINDOW_MASK).bit_count()
         return min(round(_FULL * received / expected), _FULL)
+
+    def on_reported(self, quality: int, sequence: int) -> None:
+        """Takes the share of our datagrams that it receives, from a listing that answers our beacon of this
+        number.
+
+        It counts late datagrams as lost. So the better of two reports tells what was lost on the way, because
+        a datagram that is late in one of them has arrived in the other.
+        """
+        if self.first_listed < 0:
+            self.first_listed = sequence
+        if sequence - self.first_listed >= MEASURED:
+            self.arrived_out = max(self.reported, quality)
+        self.reported = quality
+
+    @property
+    def wire_loss(self) -> float | None:
+        """Share of datagrams that were lost on the way, in the worse direction, or None if not measured.
+
+        A datagram that a busy processor sends or receives late is none of them.
+        """
+        expected = min(WINDOW, self.expected)
+        lost = expected - (self.window & (1 << expected) - 1).bit_count()
+        if self.expected < MEASURED:
+            return lost / expected if lost >= NOTICED else None
+        return max(lost / expected, 1 - self.arrived_out / _FULL)
 
     @property
     def quality_out(self) -> int:

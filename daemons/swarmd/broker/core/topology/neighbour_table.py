@@ -188,7 +188,7 @@ class NeighbourTable:
             if sent_sequence < 0 or not hold_us * 1000 - _SLACK_NS <= rx_ns - sent_ns <= ANSWER_LIMIT_NS:
                 continue
             neighbour.listed_ns = rx_ns
-            neighbour.reported = quality
+            neighbour.on_reported(quality, sent_sequence)
             self._event(neighbour, LinkEvent.LISTED, rx_ns, changes)
             if known:
                 forward_ns = (clock_us - hold_us) * 1000 - sent_ns
