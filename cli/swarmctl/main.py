@@ -9,7 +9,7 @@ from typing import Final, TextIO
 
 import click
 
-from swarmctl.commandline.lazy import Lazy, LazyGroup
+from swarmctl.commandline.lazy import Command, Lazy, LazyGroup
 from swarmctl.commandline.settings import PREFIX, CliSettings, Nodes, settings, wants_structured
 from swarmctl.commandline.shared_options import shared_options
 from swarmware import __version__
@@ -30,51 +30,76 @@ _KEPT: Final = 800
 
 _WRITE_FAILURES: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
-COMMANDS: Final[dict[str, Lazy]] = {
-    "node": Lazy("swarmctl.commands.node.command:cmd", "Nodes of the swarm."),
-    "keys": Lazy("swarmctl.commands.keys.command:cmd", "Keys of the swarm: its root, members, invitations."),
-    "app": Lazy("swarmctl.commands.app.command:cmd", "Applications that run on the nodes."),
-    "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
-    "call": Lazy("swarmctl.commands.call.command:call", "Send a request to a command and print the answer."),
-    "pub": Lazy("swarmctl.commands.pub.command:pub", "Publish a value as a resource of the joined node."),
-    "wait": Lazy("swarmctl.commands.wait.command:wait", "Wait until a condition on a resource holds."),
-    "topo": Lazy("swarmctl.commands.topo.command:cmd", "The links of the swarm as a graph."),
-    "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
-    "traffic": Lazy(
-        "swarmctl.commands.traffic.command:cmd", "Bytes and frames per channel; set a channel's rate."
-    ),
-    "video": Lazy("swarmctl.commands.video.command:cmd", "Video of cameras and recordings."),
-    "mission": Lazy("swarmctl.commands.mission.command:cmd", "Check, start, watch and abort missions."),
-    "takeoff": Lazy("swarmctl.commands.manoeuvre.command:takeoff", "Arm vehicles, climb and hold."),
-    "goto": Lazy("swarmctl.commands.manoeuvre.command:goto", "Move vehicles to a place."),
-    "drive": Lazy("swarmctl.commands.drive.command:drive", "Drive one vehicle by hand."),
-    "hold": Lazy("swarmctl.commands.manoeuvre.command:hold", "Stop vehicles and hold their positions."),
-    "land": Lazy("swarmctl.commands.manoeuvre.command:land", "Land vehicles at their positions."),
-    "return": Lazy(
-        "swarmctl.commands.manoeuvre.command:return_", "Return vehicles to their start and land them."
-    ),
-    "arm": Lazy("swarmctl.commands.motors.command:arm", "Arm vehicles on the ground."),
-    "disarm": Lazy("swarmctl.commands.motors.command:disarm", "Disarm vehicles on the ground."),
-    "kill": Lazy("swarmctl.commands.motors.command:kill", "Stop the motors of one vehicle, also in the air."),
-    "hal": Lazy("swarmctl.commands.hal.command:cmd", "Drivers of sensors and actuators."),
-    "time": Lazy("swarmctl.commands.time.command:cmd", "Clock conversions between nodes."),
-    "health": Lazy("swarmctl.commands.health.command:cmd", "State and faults of the nodes."),
-    "file": Lazy("swarmctl.commands.file.command:cmd", "Send files to nodes, and get them."),
-    "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),
-    "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
-    "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes."),
-    "host": Lazy("swarmctl.commands.host.command:cmd", "This computer: set it up for a node, or remove it."),
-    "fleet": Lazy("swarmctl.commands.fleet.command:cmd", "Nodes on other hosts, over SSH."),
-    "doctor": Lazy("swarmctl.commands.doctor.command:cmd", "Check this machine and its node for problems."),
-    "new": Lazy("swarmctl.commands.new.command:cmd", "Make a module, driver or service to begin with."),
-    "docs": Lazy("swarmctl.commands.docs.command:cmd", "Open the documentation in a browser."),
+SECTIONS: Final[dict[str, dict[str, Lazy]]] = {
+    "Fly": {
+        "takeoff": Lazy("swarmctl.commands.manoeuvre.command:takeoff", "Arm vehicles, climb and hold."),
+        "goto": Lazy("swarmctl.commands.manoeuvre.command:goto", "Move vehicles to a place."),
+        "hold": Lazy("swarmctl.commands.manoeuvre.command:hold", "Stop vehicles and hold their positions."),
+        "land": Lazy("swarmctl.commands.manoeuvre.command:land", "Land vehicles at their positions."),
+        "return": Lazy(
+            "swarmctl.commands.manoeuvre.command:return_", "Return vehicles to their start and land them."
+        ),
+        "drive": Lazy("swarmctl.commands.drive.command:drive", "Drive one vehicle by hand."),
+        "arm": Lazy("swarmctl.commands.motors.command:arm", "Arm vehicles on the ground."),
+        "disarm": Lazy("swarmctl.commands.motors.command:disarm", "Disarm vehicles on the ground."),
+        "kill": Lazy(
+            "swarmctl.commands.motors.command:kill", "Stop the motors of one vehicle, also in the air."
+        ),
+    },
+    "Missions": {
+        "mission": Lazy("swarmctl.commands.mission.command:cmd", "Check, start, watch and abort missions."),
+    },
+    "Inspect": {
+        "node": Lazy("swarmctl.commands.node.command:cmd", "Nodes of the swarm."),
+        "app": Lazy("swarmctl.commands.app.command:cmd", "Applications that run on the nodes."),
+        "health": Lazy("swarmctl.commands.health.command:cmd", "State and faults of the nodes."),
+        "hal": Lazy("swarmctl.commands.hal.command:cmd", "Drivers of sensors and actuators."),
+        "time": Lazy("swarmctl.commands.time.command:cmd", "Clock conversions between nodes."),
+        "doctor": Lazy(
+            "swarmctl.commands.doctor.command:cmd", "Check this machine and its node for problems."
+        ),
+    },
+    "Network": {
+        "topo": Lazy("swarmctl.commands.topo.command:cmd", "The links of the swarm as a graph."),
+        "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
+        "traffic": Lazy(
+            "swarmctl.commands.traffic.command:cmd", "How often and how values travel, and what that costs."
+        ),
+    },
+    "Data": {
+        "tree": Lazy("swarmctl.commands.tree.command:cmd", "Resources: list, read, set and watch them."),
+        "wait": Lazy("swarmctl.commands.wait.command:wait", "Wait until a condition on a resource holds."),
+        "call": Lazy(
+            "swarmctl.commands.call.command:call", "Send a request to a command and print the answer."
+        ),
+        "pub": Lazy("swarmctl.commands.pub.command:pub", "Publish a value as a resource of the joined node."),
+        "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),
+        "file": Lazy("swarmctl.commands.file.command:cmd", "Send files to nodes, and get them."),
+        "video": Lazy("swarmctl.commands.video.command:cmd", "Video of cameras and recordings."),
+    },
+    "Set up": {
+        "host": Lazy(
+            "swarmctl.commands.host.command:cmd", "This computer: set it up for a node, or remove it."
+        ),
+        "keys": Lazy(
+            "swarmctl.commands.keys.command:cmd", "Keys of the swarm: its root, members, invitations."
+        ),
+        "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes, and their origin."),
+        "fleet": Lazy("swarmctl.commands.fleet.command:cmd", "Nodes on other hosts, over SSH."),
+        "completion": Lazy("swarmctl.main:completion", "Print the completion script of a shell."),
+    },
+    "Develop": {
+        "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
+        "new": Lazy("swarmctl.commands.new.command:cmd", "Make a module, driver or service to begin with."),
+        "docs": Lazy("swarmctl.commands.docs.command:cmd", "Open the documentation in a browser."),
+    },
 }
-"""All commands with their modules, which are imported when they are called."""
+"""All commands with their modules, which are imported when they are called, in the sections of the help."""
 
 
 @click.group(
     cls=LazyGroup,
-    commands_table=COMMANDS,
+    sections=SECTIONS,
     context_settings={
         "auto_envvar_prefix": PREFIX,
         "help_option_names": ["-h", "--help"],
@@ -96,7 +121,7 @@ def cli(ctx: click.Context) -> None:
 cli.params += shared_options(set())
 
 
-@cli.command(nodes=Nodes.NONE)
+@click.command(cls=Command, nodes=Nodes.NONE)
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the completion script of a shell.

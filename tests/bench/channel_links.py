@@ -32,9 +32,9 @@ from swarmware.types.channel import (
     ChannelSettings,
     ChannelStates,
     ClearChannels,
+    ListChannels,
     SetChannel,
 )
-from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Blob
 
 R = TypeVar("R", bound=Struct)
@@ -102,7 +102,7 @@ class Lidar:
 
     async def counted(self) -> tuple[int, int]:
         """Items that the owner counts as dropped, and as left out by the rate."""
-        states = await self.ask("sys/tree/channels", Empty(), ChannelStates)
+        states = await self.ask("sys/tree/channels", ListChannels(), ChannelStates)
         found = [one for one in states.channels if one.path == STREAM and one.link == READER]
         return sum(one.dropped for one in found), sum(one.held_back for one in found)
 

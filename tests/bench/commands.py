@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 from lab import formation_lab, options
 from rows import REFUSED, Bare
 
-from swarmctl.main import COMMANDS as TOP_COMMANDS
+from swarmctl.main import SECTIONS
 from swarmctl.terminal.table import Column, fitted_table
 
 OWN: Final = "bench-commands"
@@ -133,9 +133,10 @@ def main() -> int:
     with formation_lab(args.lab, OWN, NODES) as lab:
         env = {**os.environ, "SWARMCTL_LAB": lab.name, "NO_COLOR": "1"}
         env.pop("PYTHONDONTWRITEBYTECODE", None)  # an installed package is compiled
+        helps = [f"{name} --help" for section in SECTIONS.values() for name in section]
         bare = Bare.measured(lambda: medians_ms([PYTHON], args.runs, env)[0])
         found: dict[str, Found] = {}
-        for line in (*COMMANDS, *(f"{name} --help" for name in TOP_COMMANDS)):
+        for line in (*COMMANDS, *helps):
             command = [sys.executable, "-m", "swarmctl", *line.split()]
             ms, python_ms = medians_ms([command, PYTHON], args.runs, env)
             found[line] = Found(ms, python_ms, bare.refusal(python_ms))

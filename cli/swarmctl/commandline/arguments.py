@@ -43,6 +43,7 @@ ARGUMENTS: Final = {
     "config set value": "JSON or a plain word.",
     "tree type name": "Name of a type, or path of a resource.",
     "wait path": "/PLATFORM/RESOURCE, which may not exist yet; the platform may be a pattern.",
+    "traffic channels pattern": f"Only channels of these resources; none: all. {PATHS}",
     "traffic set pattern": f"RESOURCE, or a pattern: {PATHS}",
     "health clear pattern": f"Name of a check, such as age/nav/pose, or a pattern: {PATHS}",
     "file send file": "File of this computer.",

@@ -107,25 +107,31 @@ Group.group_class = Group
 
 
 class LazyGroup(Group):
-    """The top group: a table of commands that are imported when called, and programs on PATH."""
+    """The top group: commands in titled sections, which are imported when called, and programs on PATH."""
 
-    def __init__(self, *args: Any, commands_table: Mapping[str, Lazy], **kwargs: Any) -> None:
+    def __init__(self, *args: Any, sections: Mapping[str, Mapping[str, Lazy]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self._table = commands_table
+        self._sections = sections
+
+    @property
+    def _table(self) -> dict[str, Lazy]:
+        """The commands of all sections."""
+        return {name: lazy for section in self._sections.values() for name, lazy in section.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the table, not of the alphabet."""
-        return [*self._table, *(name for name in super().list_commands(ctx) if name not in self._table)]
+        """Names in the order of the sections, not of the alphabet."""
+        return list(self._table)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Imports and returns the command."""
-        if cmd_name in self._table:
-            module, _, attribute = self._table[cmd_name].target.partition(":")
-            found = getattr(import_module(module), attribute)
-            if not isinstance(found, click.Command):
-                raise TypeError(f"{module}:{attribute} is not a click command")
-            return found
-        return super().get_command(ctx, cmd_name) or external(cmd_name)
+        lazy = self._table.get(cmd_name)
+        if lazy is None:
+            return external(cmd_name)
+        module, _, attribute = lazy.target.partition(":")
+        found = getattr(import_module(module), attribute)
+        if not isinstance(found, click.Command):
+            raise TypeError(f"{module}:{attribute} is not a click command")
+        return found
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -144,19 +150,20 @@ class LazyGroup(Group):
         """Names with this prefix, from the table alone."""
         from click.shell_completion import CompletionItem
 
-        known = {name: lazy.summary for name, lazy in self._table.items()}
-        known |= {name: command.get_short_help_str() for name, command in self.commands.items()}
         found = [
-            CompletionItem(name, help=text) for name, text in known.items() if name.startswith(incomplete)
+            CompletionItem(name, help=lazy.summary)
+            for name, lazy in self._table.items()
+            if name.startswith(incomplete)
         ]
         return found + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of commands, from the table alone: nothing is imported for it."""
-        rows = [(name, lazy.summary) for name, lazy in self._table.items()]
-        rows += [(name, cmd.get_short_help_str(SENTENCE)) for name, cmd in self.commands.items()]
-        with formatter.section("Commands"):
-            formatter.write_dl(rows)
+        """The sections of commands, from the table alone: nothing is imported for it."""
+        width = max(map(len, self._table))
+        for title, section in self._sections.items():
+            with formatter.section(title):
+                # names of one width: the summaries of all sections begin in one column
+                formatter.write_dl([(name.ljust(width), lazy.summary) for name, lazy in section.items()])
         if others := externals(os.environ.get("PATH", "")):
             with formatter.section("Programs on PATH"):
                 formatter.write_dl([(name, f"{EXTERNAL}{name}") for name in others])

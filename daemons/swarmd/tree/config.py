@@ -23,7 +23,7 @@ class RuleConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     deadband: Annotated[float, msgspec.Meta(ge=0)] = 0.0
     """A number must differ by more than this from the value sent last; 0: any change."""
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 0.0
-    """Minimum time between two notifications."""
+    """Minimum time between two notifications, unless the owner of the value has set its rate."""
     max_interval_s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
     """Time after which a value is sent again without a change; 0: never."""
 
@@ -45,7 +45,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     coalesce_s: Annotated[float, msgspec.Meta(ge=0, le=10)] = 0.2
     """Delay of a change of the structure, so that several are sent together."""
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.1
-    """Minimum time between two notifications of a board without a rule or a rate."""
+    """Minimum time between two notifications of a board, unless a rule sets its rate."""
     lease_s: Annotated[float, msgspec.Meta(ge=1, le=3600)] = 120.0
     """Time for which a platform may be unreachable before its subscription ends; it is renewed after half of
     that."""

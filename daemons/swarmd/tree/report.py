@@ -8,8 +8,7 @@ from swarmd.tree.rate_log import RateLog
 from swarmd.tree.tree_exchange import TreeExchange
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
-from swarmware.types.channel import ChannelStates
-from swarmware.types.rpc import Empty
+from swarmware.types.channel import ChannelStates, ListChannels
 from swarmware.types.tree import StreamLoss, StreamLosses, TreeStats
 
 
@@ -41,12 +40,11 @@ class TreeReport:
 
     def serve(self) -> None:
         """Registers the handler of the request."""
-        self._module.serve("sys/tree/channels", Empty, self._channels, reply=ChannelStates)
+        self._module.serve("sys/tree/channels", ListChannels, self._channels, reply=ChannelStates)
 
-    def _channels(self, _request: Empty, _meta: object) -> ChannelStates:
-        return ChannelStates(
-            self._tree.subscribers.channels(self._module.now_ns()), self._exchange.coder.states()
-        )
+    def _channels(self, request: ListChannels, _meta: object) -> ChannelStates:
+        found = self._tree.subscribers.channels(self._module.now_ns(), every=request.all)
+        return ChannelStates(found, self._exchange.coder.states())
 
     def write(self) -> None:
         """Write the present counters, and record rates that have changed."""

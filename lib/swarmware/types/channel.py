@@ -17,6 +17,8 @@ RATE_MAX_HZ: Final = 1e6
 BUFFER_MAX_BYTES: Final = 64 * 1024 * 1024
 BUFFER_MAX_S: Final = 3600.0
 SPAN_MAX_S: Final = 86_400.0
+BEACON_LINK: Final = "*"
+"""Link of a board in beacons, which go to all neighbours."""
 
 
 class ChannelProtocol(OpenEnum):
@@ -199,6 +201,42 @@ class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
         return not self.link or (bool(link) and _names(self.link).matches(link))
 
 
+class RateSource(OpenEnum):
+    """Origin of the rate at which values are sent, by precedence: the first that states one decides alone."""
+
+    OPERATOR = "traffic set"
+    """Rule of a channel by an operator; of several that match, the newest."""
+    NOTIFICATION_RULE = "tree rule"
+    """Minimum interval of the operator's notification rule."""
+    FILE = "channels.toml"
+    """First matching entry of the owner's file."""
+    SUBSCRIBER = "tree.toml"
+    """Minimum interval of the first matching entry in the subscriber's file."""
+    RESOURCE = "rate_hz"
+    """Rate that the application or the template states; notifications come at twice this rate at most."""
+    DEFAULT = "min_interval_s"
+    """Default interval of notified boards and settings, from the owner's `tree.toml`."""
+    BEACON = "tick_hz"
+    """Rate of the beacons, from the owner's `broker.toml`."""
+    UNLIMITED = "none"
+    """Each item of an event or a stream is sent."""
+
+
+@register
+class ChannelRate(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Maximum rate of a channel, and the place where it was set."""
+
+    source: RateSource = RateSource.UNLIMITED
+    max_hz: float | None = None
+    """0 if nothing is sent; None if every value is sent."""
+    platform: str = ""
+    """Platform on which it was set: the owner, or the subscriber."""
+    pattern: str = ""
+    """Pattern of the rule that decides; empty unless a rule decides."""
+    link: str = ""
+    """Receivers of that rule; empty if it holds for all."""
+
+
 @register
 class ChannelRefusal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """A resource to which a change does not apply."""
@@ -235,11 +273,11 @@ class CompressionState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class ChannelState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A resource on the way to one subscriber, by notification."""
+    """A resource on the way to one subscriber by notification, or to all subscribers in beacons."""
 
     path: str
     link: str
-    """The subscriber."""
+    """The subscriber; `*` for a board in beacons, of which `traffic top` shows the counters."""
     settings: ChannelSettings
     """In force."""
     waiting: int
@@ -251,14 +289,24 @@ class ChannelState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Items that the limit of the rate left out; values of a board that were replaced while the link had not
     acknowledged the one before."""
     rate_hz: float | None = None
-    """Limit of the rate at present; None: there is none."""
+    """Present limit of the rate, or None if nothing limits it."""
     reason: str = ""
-    """Why: `set` by a rule, or what the link shows."""
+    """Reason of the present limit: `set` by a rule, or what the link shows."""
+    rate: ChannelRate = ChannelRate()
+    """Rate in force, and the place where it was set."""
+
+
+@register
+class ListChannels(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Request of `sys/tree/channels`."""
+
+    all: bool = False
+    """Also list channels that no rule concerns and no link limits, and boards in beacons."""
 
 
 @register
 class ChannelStates(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """State of the channels by notification (`sys/tree/channels`)."""
+    """State of the channels (`sys/tree/channels`)."""
 
     channels: tuple[ChannelState, ...] = ()
     compressions: tuple[CompressionState, ...] = ()
@@ -277,6 +325,13 @@ def settings_of(rules: Iterable[ChannelLimit], path: str, link: str = "") -> Cha
                     found["adaptive"] = True  # a rate of another rule is none that follows the link
                 found.setdefault(name, value)
     return msgspec.structs.replace(NO_SETTINGS, **found) if found else NO_SETTINGS
+
+
+def rate_rule(rules: Iterable[ChannelLimit], path: str, link: str = "") -> ChannelLimit | None:
+    """The first rule that sets the rate of a resource on the way to a platform, or None."""
+    return next(
+        (rule for rule in rules if rule.settings.max_hz is not None and rule.matches(path, link)), None
+    )
 
 
 def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[str] = ()) -> ChannelSettings:

@@ -436,7 +436,9 @@ class BoardPublication(msgspec.Struct, frozen=True, array_like=True, gc=False):
     data_id: Uint32
     type: str
     min_interval_ms: Count = 0
-    """Minimum interval of its values; 0: every beacon."""
+    """Minimum interval of its values; 0 for every beacon."""
+    is_ruled: bool = False
+    """True if an operator's notification rule sets the interval, which precedes `channels.toml`."""
 
 
 @register

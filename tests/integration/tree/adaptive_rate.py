@@ -17,8 +17,14 @@ import uvloop
 from tests.integration.tree.pair import platforms
 from tests.patience import PATIENCE_S
 
-from swarmware.types.channel import RATE_MAX_HZ, ChannelLimits, ChannelSettings, ChannelStates, SetChannel
-from swarmware.types.rpc import Empty
+from swarmware.types.channel import (
+    RATE_MAX_HZ,
+    ChannelLimits,
+    ChannelSettings,
+    ChannelStates,
+    ListChannels,
+    SetChannel,
+)
 from swarmware.types.scalar import Blob
 
 FAST_BIT_S: Final = 5_000_000
@@ -67,7 +73,7 @@ async def measure(root: Path, rate: str) -> None:
             await asyncio.sleep(1.0)
             came = sorted(ages_ms)
             states = await uav.probe.request(
-                "sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+                "sys/tree/channels", ListChannels(), ChannelStates, timeout_s=PATIENCE_S
             )
             state = next((one for one in states.channels if one.path == PATH), None)
             held, hz, reason = (

@@ -20,10 +20,10 @@ from swarmware.types.channel import (
     ChannelSettings,
     ChannelState,
     ChannelStates,
+    ListChannels,
     SetChannel,
     UndoChannel,
 )
-from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Blob, Float
 from swarmware.types.tree import TreeChange, TreeEntry
 
@@ -83,7 +83,7 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             assert len(stamps) <= (stamps[-1] - stamps[0]) / (S / 10) + 2
             assert {payload for _, payload in limited} <= set(packets), "bit for bit"
             states = await gcs.probe.request(
-                "/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+                "/uav1/sys/tree/channels", ListChannels(), ChannelStates, timeout_s=PATIENCE_S
             )
             [channel] = [one for one in states.channels if one.path == PATH]
             assert isinstance(channel, ChannelState)
@@ -101,7 +101,7 @@ async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_ta
             followed_ns = uav.probe.now_ns()
             assert await collect(reader, followed_ns + S // 2)
             states = await gcs.probe.request(
-                "/uav1/sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+                "/uav1/sys/tree/channels", ListChannels(), ChannelStates, timeout_s=PATIENCE_S
             )
             [channel] = [one for one in states.channels if one.path == PATH]
             assert channel.settings == AUTO
@@ -185,7 +185,7 @@ async def test_a_board_with_a_buffer_hands_its_values_of_an_outage_later_and_nev
 
         async def waiting() -> int:
             states = await uav.probe.request(
-                "sys/tree/channels", Empty(), ChannelStates, timeout_s=PATIENCE_S
+                "sys/tree/channels", ListChannels(), ChannelStates, timeout_s=PATIENCE_S
             )
             return max((channel.waiting for channel in states.channels), default=0)
 

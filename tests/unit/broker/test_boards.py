@@ -16,7 +16,7 @@ from swarmd.broker.core.boards.relay_cache import (
     RemoteValue,
 )
 from swarmware.errors import InvalidInput
-from swarmware.types.channel import ChannelSettings, SetChannel
+from swarmware.types.channel import ChannelLimit, ChannelSettings, SetChannel
 from swarmware.types.net import BoardPublication
 
 MS: Final = 1_000_000
@@ -28,6 +28,9 @@ OFFERS = (
     BoardPublication("power/battery", BATTERY, "BatteryState", 1000),
 )
 UAV2, UAV3, UAV4 = 20, 30, 40
+OPERATOR = ChannelLimit("nav/*", ChannelSettings(2.0))
+FILE = ChannelLimit("**", ChannelSettings(4.0), from_file=True)
+UNLIMITED = ChannelLimit("nav/pose", ChannelSettings(1e6))
 NOBODY: Final[frozenset[int]] = frozenset()
 
 
@@ -39,7 +42,7 @@ def channels() -> ChannelTable:
 @pytest.fixture
 def published(channels: ChannelTable) -> PublishedBoards:
     published = PublishedBoards()
-    published.offer(OFFERS, channels.max_hz)
+    published.offer(OFFERS, channels.board_max_hz)
     return published
 
 
@@ -110,7 +113,7 @@ def test_a_board_that_is_offered_no_more_is_not_sent(
     published: PublishedBoards, channels: ChannelTable
 ) -> None:
     published.boards[POSE].put(b"x", True, 0)
-    published.offer(OFFERS[1:], channels.max_hz)
+    published.offer(OFFERS[1:], channels.board_max_hz)
     assert sent(published, 0) == []
 
 
@@ -118,7 +121,7 @@ def test_a_channel_limits_the_rate_and_gives_it_back(
     published: PublishedBoards, channels: ChannelTable
 ) -> None:
     def rate_hz(start_ns: int) -> int:
-        published.offer(OFFERS, channels.max_hz)
+        published.offer(OFFERS, channels.board_max_hz)
         count = 0
         for slot in range(20):
             published.boards[POSE].put(b"%d" % slot, True, start_ns + slot * PERIOD)
@@ -133,6 +136,30 @@ def test_a_channel_limits_the_rate_and_gives_it_back(
     assert rate_hz(20 * SECOND) == 2
     channels.advance(5 * SECOND)
     assert rate_hz(30 * SECOND) == 10
+
+
+@pytest.mark.parametrize(
+    ("is_ruled", "rules", "expected_s"),
+    [
+        (False, (), 1.0),
+        (True, (), 1.0),
+        (False, (OPERATOR, FILE), 0.5),
+        (True, (OPERATOR, FILE), 0.5),
+        (False, (FILE,), 0.25),
+        (True, (FILE,), 1.0),
+        (True, (FILE, UNLIMITED), 1e-6),
+    ],
+)
+def test_rate_of_board_in_beacons_follows_precedence(
+    is_ruled: bool, rules: tuple[ChannelLimit, ...], expected_s: float
+) -> None:
+    channels = ChannelTable(rule for rule in rules if rule.from_file)
+    for rule in rules:
+        if not rule.from_file:
+            channels.set(SetChannel(rule.pattern, rule.settings), 0)
+    published = PublishedBoards()
+    published.offer((BoardPublication("nav/pose", POSE, "Pose", 1000, is_ruled),), channels.board_max_hz)
+    assert published.boards[POSE].period_ns == expected_s * SECOND
 
 
 def test_the_newest_limit_that_matches_counts(channels: ChannelTable) -> None:

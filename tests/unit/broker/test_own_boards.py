@@ -23,7 +23,7 @@ class Rig:
 
     def __init__(self, node: Node) -> None:
         self.published = PublishedBoards()
-        self.published.offer((BoardPublication(PATH, NOTE, "Note"),), ChannelTable().max_hz)
+        self.published.offer((BoardPublication(PATH, NOTE, "Note"),), ChannelTable().board_max_hz)
         self.counters = Counters()
         self.boards = OwnBoards(node, self.published, self.counters)
         self.writer = node.publication(PATH, slots=8, slot_bytes=256)
@@ -76,7 +76,7 @@ async def test_a_board_whose_writer_comes_later_is_found_and_one_not_offered_is_
         rig.write(b"later")
         rig.boards.poll(LOOK_AGAIN_NS)
         assert rig.sent() == [b"later"]
-        rig.published.offer((), ChannelTable().max_hz)
+        rig.published.offer((), ChannelTable().board_max_hz)
         rig.boards.poll(LOOK_AGAIN_NS + 1)
         assert await asyncio.to_thread(maps, node) == 1, "only the writer's"
         rig.boards.close()

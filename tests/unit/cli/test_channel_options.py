@@ -16,16 +16,19 @@ from swarmctl.commands.traffic.channels import (
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.types import registry
 from swarmware.types.channel import (
+    NO_SETTINGS,
     RATE_MAX_HZ,
     ChannelLimit,
     ChannelLimits,
     ChannelPriority,
     ChannelProtocol,
+    ChannelRate,
     ChannelRefusal,
     ChannelSettings,
     ChannelState,
     ChannelStates,
     CompressionState,
+    RateSource,
     SetChannel,
 )
 from swarmware.types.tree import TreeValue
@@ -37,6 +40,9 @@ LIMITS = ChannelLimits(
         ChannelLimit("**", ChannelSettings(RATE_MAX_HZ), from_file=True),
     )
 )
+
+POSE_RATE = ChannelRate(RateSource.RESOURCE, 10.0, "uav1")
+LIDAR_RATE = ChannelRate(RateSource.OPERATOR, 5.0, "uav1", "sensor/**", "gcs")
 
 
 def options(**given: str) -> tuple[ChannelSettings, tuple[str, ...]]:
@@ -136,9 +142,13 @@ async def test_undo_and_clear_print_the_rules_that_are_left() -> None:
         assert "uav1: no rule is set for channels" in one.stdout.getvalue() + one.stderr.getvalue()
 
 
-async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved() -> None:
+def channels_session(**options: str) -> ScriptedSession:
+    """A session with a node that has two channels, of which one is compressed."""
     states = ChannelStates(
-        (ChannelState("sensor/lidar", "gcs", WHOLE, 7, 8442, 3, 1234, 62.46, "queue of 84 ms"),),
+        (
+            ChannelState("nav/pose", "*", NO_SETTINGS, 0, 0, 0, 0, rate=POSE_RATE),
+            ChannelState("sensor/lidar", "gcs", WHOLE, 7, 8442, 3, 1234, 62.46, "queue of 84 ms", LIDAR_RATE),
+        ),
         (
             CompressionState("sensor/lidar", "on", 100_000, 28_000, 0.25),
             CompressionState("camera", "", 0, 0, 0.0, "expected an Image"),
@@ -159,13 +169,41 @@ async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved()
         "sys/tree/channels": states,
         "/uav1/sys/tree/channels": states,
     }
-    one = ScriptedSession(answers, node="uav1")
+    return ScriptedSession(answers, node="uav1", **options)
+
+
+async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved() -> None:
+    one = channels_session()
     await list_channels(one)
     text = one.stdout.getvalue()
     for word in ("sensor/lidar", "gcs", "8442", "1234", "62.5 Hz", "queue of 84 ms", "72.0", "0.25"):
         assert word in text
     assert " 8.0s " in text, "12.5 s were left when the rules were published, 4.5 s ago"
     assert "camera: sent without its compression: expected an Image" in one.stderr.getvalue()
-    structured = ScriptedSession(answers, node="uav1", output="json")
+    structured = channels_session(output="json")
     await list_channels(structured)
-    assert structured.document["states"]["channels"][0]["dropped"] == 3
+    [lidar] = structured.document["states"]["channels"][1:]
+    assert lidar["dropped"] == 3
+    assert lidar["rate"] == {
+        "source": "traffic set",
+        "max_hz": 5.0,
+        "platform": "uav1",
+        "pattern": "sensor/**",
+        "link": "gcs",
+    }
+
+
+async def test_channels_show_rate_and_place_where_it_was_set() -> None:
+    one = channels_session()
+    await list_channels(one)
+    lines = [line.split() for line in one.stdout.getvalue().splitlines()]
+    assert ["nav/pose", "*", "10", "Hz", "rate_hz", "uav1"] in [words[:6] for words in lines]
+    [lidar] = [words for words in lines if words[:1] == ["sensor/lidar"] and "gcs" in words]
+    assert lidar[2:4] == ["62.5", "Hz"], "the link is slower than what was set"
+    assert " ".join(lidar[4:10]) == "traffic set uav1 sensor/** --link gcs"
+
+
+async def test_channels_of_pattern_leave_out_others() -> None:
+    one = channels_session(output="json")
+    await list_channels(one, "nav/*")
+    assert [state["path"] for state in one.document["states"]["channels"]] == ["nav/pose"]

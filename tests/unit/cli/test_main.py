@@ -51,7 +51,7 @@ def probe(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
     module.cmd = cmd  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "swarmctl_probe", module)
-    monkeypatch.setitem(swarmctl.COMMANDS, "probe", Lazy("swarmctl_probe:cmd", "Probe."))
+    monkeypatch.setitem(swarmctl.SECTIONS["Develop"], "probe", Lazy("swarmctl_probe:cmd", "Probe."))
     return module
 
 
@@ -118,12 +118,23 @@ def test_an_unknown_command_is_answered_with_the_nearest(capsys: pytest.CaptureF
     assert "did you mean 'mission'?" in capsys.readouterr().err
 
 
-def test_the_list_of_commands_is_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_commands_in_titled_sections(capsys: pytest.CaptureFixture[str]) -> None:
     assert swarmctl.main(["--help"]) == 0
     shown = capsys.readouterr().out
-    for name, lazy in swarmctl.COMMANDS.items():
-        assert name in shown
-        assert lazy.summary in shown
+    columns = set()
+    for title, section in swarmctl.SECTIONS.items():
+        lines = shown.partition(f"\n{title}:\n")[2].partition("\n\n")[0].splitlines()
+        assert [line.split()[0] for line in lines] == list(section), title
+        for line, lazy in zip(lines, section.values(), strict=True):
+            assert line.endswith(lazy.summary)
+            columns.add(line.index(lazy.summary))
+    assert len(columns) == 1, "the summaries of all sections begin in one column"
+
+
+def test_every_command_has_one_section() -> None:
+    listed = [name for section in swarmctl.SECTIONS.values() for name in section]
+    assert sorted(listed) == sorted(set(listed))
+    assert set(swarmctl.cli.list_commands(click.Context(swarmctl.cli))) == set(listed)
 
 
 @pytest.mark.parametrize("group", ["tree", "fleet", "keys", "log", "lab"])
@@ -139,7 +150,7 @@ def test_the_list_of_subcommands_has_their_whole_first_sentences(
 def test_the_summary_in_the_table_is_the_first_sentence_of_the_commands_help() -> None:
     from swarmlab.command import cmd
 
-    assert cmd.get_short_help_str(limit=200) == swarmctl.COMMANDS["lab"].summary
+    assert cmd.get_short_help_str(limit=200) == swarmctl.SECTIONS["Develop"]["lab"].summary
 
 
 def test_completions_come_from_the_table_and_import_nothing() -> None:

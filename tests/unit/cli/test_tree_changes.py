@@ -16,8 +16,11 @@ from swarmctl.resources.undoing import undo_resource
 from swarmctl.session.each_node import at_each
 from swarmware.errors import InvalidInput, NotFound, Partial, SwarmError
 from swarmware.model.resource import Kind
+from swarmware.types import registry
+from swarmware.types.channel import ChannelLimit, ChannelLimits, ChannelSettings
 from swarmware.types.tree import (
     LoggedChange,
+    Quality,
     Rule,
     TreeChange,
     TreeEntry,
@@ -27,6 +30,7 @@ from swarmware.types.tree import (
     TreeRules,
     TreeSetDone,
     TreeUndo,
+    TreeValue,
 )
 
 
@@ -70,6 +74,11 @@ async def test_the_record_of_changes_shows_values_requesters_and_refusals() -> N
         await print_log(session, "**", **more | {"since": "5"})
 
 
+def limits(rules: tuple[ChannelLimit, ...]) -> TreeValue:
+    data = registry.encode(ChannelLimits(rules))
+    return TreeValue("/uav1/net/limits", "ChannelLimits", data, 1, 1, 1, 0.5, Quality.LIVE)
+
+
 async def test_a_rule_is_shown_with_what_it_does_not_reach_and_asked_for_where_a_mission_waits() -> None:
     asked: list[TreeRule] = []
 
@@ -86,6 +95,7 @@ async def test_a_rule_is_shown_with_what_it_does_not_reach_and_asked_for_where_a
         "/uav1/sys/tree/rule": TreeRules("uav1", (Rule("power/*", 0.5, 2.0),)),
         "/uav1/sys/tree/list": TreeListing((beacon,)),
         LIST: TreeListing((beacon,)),
+        "/uav1/sys/tree/get /uav1/net/limits": limits((ChannelLimit("power/*", ChannelSettings(1.0)),)),
     }
     none: dict[str, Any] = {
         "deadband": None,
@@ -99,6 +109,7 @@ async def test_a_rule_is_shown_with_what_it_does_not_reach_and_asked_for_where_a
     assert asked == [TreeRule("power/*", 0.5, 2.0)]
     assert session.stdout.getvalue().splitlines()[1].split() == ["power/*", "0.5", "2", "-"]
     assert "power/battery: in the beacon, which keeps the min interval only" in session.stderr.getvalue()
+    assert "power/battery: `traffic set --rate` decides the rate" in session.stderr.getvalue()
     with pytest.raises(click.UsageError, match="barriers of a mission wait"):
         await set_rule(session, "**", **none | {"min_interval": "2s"})
     assert len(asked) == 1

@@ -67,18 +67,17 @@ def test_a_rule_sets_the_interval_in_the_beacon_and_subscribers_know_it() -> Non
     assert uav.plan_changed()
     uav.on_rules((Rule("nav/*", 0.0, 0.5), Rule("power/*", 0.0, 4.0)), both.now_ns)
     assert uav.plan_changed()
-    assert uav.subscribers.offers() == [BoardPublication("nav/pose", POSE.data_id, "Pose", 500)]
+    assert uav.subscribers.offers() == [BoardPublication("nav/pose", POSE.data_id, "Pose", 500, True)]
     both.wait(1.0)
     assert interval_s(both, "nav/pose") == 0.5
     assert interval_s(both, "power/battery") == 4.0
-    # a limit of the rate and a rule: the slower one is in force, and known
-    uav.on_limits((ChannelLimit("**", ChannelSettings(0.1)),), both.now_ns)
-    both.wait(1.0)
-    assert interval_s(both, "nav/pose") == 10.0
+    # a rule of channels by an operator precedes it, the file of channels does not
     uav.on_limits((ChannelLimit("**", ChannelSettings(1.0)),), both.now_ns)
     both.wait(1.0)
-    assert interval_s(both, "power/battery") == 4.0
-    assert interval_s(both, "nav/pose") == 1.0
+    assert (interval_s(both, "nav/pose"), interval_s(both, "power/battery")) == (1.0, 1.0)
+    uav.on_limits((ChannelLimit("**", ChannelSettings(1.0), from_file=True),), both.now_ns)
+    both.wait(1.0)
+    assert (interval_s(both, "nav/pose"), interval_s(both, "power/battery")) == (0.5, 4.0)
 
 
 def test_the_first_rule_that_matches_is_that_of_a_resource() -> None:

@@ -9,7 +9,11 @@ from swarmctl.commandline.settings import settings
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Settings of the nodes: keys of configuration files, and live settings, in one list.
+    """Settings of the nodes, and their origin.
+
+    A setting has a key SERVICE/NAME, here with its meaning, default, origin and history. Keys of
+    configuration files are shown too; live settings can be changed. For values of any other resource use
+    `tree get` and `tree set`.
 
     Example: swarmctl config get --node uav1
     """
@@ -21,6 +25,8 @@ def cmd() -> None:
 @click.pass_context
 def get(ctx: click.Context, key: str, changed: bool) -> None:
     """Print the value in force of a key, or all keys that match a pattern, with their origin.
+
+    Poses, states and other values that are measured have `tree get`.
 
     Example: swarmctl config get 'navigator/*' --node uav1
     """
@@ -68,6 +74,8 @@ def show(ctx: click.Context, key: str, changed: bool) -> None:
 @click.pass_context
 def set_(ctx: click.Context, key: str, value: str | None, default: bool, yes: bool) -> None:
     """Set a live setting of a platform; it is checked, stored, and takes effect at once.
+
+    Other resources that can be set have `tree set`. How often values are sent has `traffic set`.
 
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """

@@ -8,13 +8,14 @@ from swarmctl.resources.limits import MISSION_STATE
 from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import rate_hz, size_bytes, span_s, spoken
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model import names
 from swarmware.model.compression import Compression
 from swarmware.model.names import Pattern
 from swarmware.types import registry
 from swarmware.types.channel import (
+    BEACON_LINK,
     NO_SETTINGS,
     RATE_MAX_HZ,
     SPAN_MAX_S,
@@ -22,14 +23,16 @@ from swarmware.types.channel import (
     ChannelLimits,
     ChannelPriority,
     ChannelProtocol,
+    ChannelRate,
     ChannelRefusal,
     ChannelSettings,
+    ChannelState,
     ChannelStates,
     ClearChannels,
+    ListChannels,
     SetChannel,
     UndoChannel,
 )
-from swarmware.types.rpc import Empty
 
 AUTO = "auto"
 """In an option: this rule sets it no longer; of the rate: what the link carries."""
@@ -136,12 +139,17 @@ async def clear_channels(session: Session, pattern: str) -> None:
     _show_rules(session, await session.ask(path, ClearChannels(pattern), ChannelLimits))
 
 
-async def list_channels(session: Session) -> None:
-    """Prints the rules and the state of the channels. Raises: as `Session.ask`."""
-    target = session.platform
+async def list_channels(session: Session, pattern: str = "**") -> None:
+    """Prints the rules, and of matching channels the rate in force, its origin and their state.
+
+    Raises: as `Session.ask`.
+    """
+    target, wanted = session.platform, Pattern(pattern)
     found = await owned(session, names.join(target, "net/limits"))
     limits = _after(registry.decode(ChannelLimits, found.data), found.age_s or 0.0)
-    states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
+    states = await session.ask("sys/tree/channels", ListChannels(all=True), ChannelStates)
+    shown = tuple(one for one in states.channels if wanted.matches(one.path))
+    states = msgspec.structs.replace(states, channels=shown)
     if session.settings.structured:
         session.out.document(ChannelsView(target, limits, states))
         return
@@ -150,29 +158,30 @@ async def list_channels(session: Session) -> None:
     columns = [
         Column("CHANNEL"),
         Column("LINK"),
-        Column("SETTINGS", drop=2),
         Column("RATE", right=True),
-        Column("REASON", drop=1),
+        Column("SET BY"),
+        Column("SET AT"),
+        Column("SETTINGS", drop=3),
+        Column("REASON", drop=2),
         Column("WAITING", right=True),
-        Column("BYTES", right=True),
+        Column("BYTES", right=True, drop=1),
         Column("DROPPED", right=True),
         Column("HELD BACK", right=True),
     ]
-    rows = [
+    rows: list[tuple[Cell, ...]] = [
         (
             one.path,
             one.link,
+            _rate_text(one),
+            str(one.rate.source),
+            _place(one.rate),
             str(one.settings),
-            "" if one.rate_hz is None else f"{one.rate_hz:.1f} Hz",
             one.reason,
-            one.waiting,
-            one.waiting_bytes,
-            one.dropped,
-            one.held_back,
+            *_counters(one),
         )
         for one in states.channels
     ]
-    session.out.table(columns, rows, empty=f"{target}: nothing is set for what it notifies")
+    session.out.table(columns, rows, empty=f"{target}: no other platform subscribes to a matching resource")
     if not states.compressions:
         return
     session.out.text("")
@@ -199,6 +208,25 @@ async def list_channels(session: Session) -> None:
     for one in states.compressions:
         if one.refused:
             session.out.warn(f"{one.path}: sent without its compression: {one.refused}")
+
+
+def _rate_text(state: ChannelState) -> str:
+    """The present limit of the rate, else the rate in force; empty if every value is sent."""
+    found_hz = state.rate.max_hz if state.rate_hz is None else state.rate_hz
+    return "" if found_hz is None else f"{found_hz:.3g} Hz"
+
+
+def _counters(state: ChannelState) -> tuple[Cell, ...]:
+    """What waits, was dropped and was held back; the broker alone counts what beacons carry."""
+    if state.link == BEACON_LINK:
+        return (None,) * 4
+    return state.waiting, state.waiting_bytes, state.dropped, state.held_back
+
+
+def _place(rate: ChannelRate) -> str:
+    """Node and pattern of the rule that decides a rate: `uav1 nav/* --link gcs`."""
+    link = f"--link {rate.link}" if rate.link else ""
+    return " ".join(filter(None, (rate.platform, rate.pattern, link)))
 
 
 def _after(limits: ChannelLimits, age_s: float) -> ChannelLimits:

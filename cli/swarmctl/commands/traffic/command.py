@@ -1,4 +1,4 @@
-"""`swarmctl traffic`: bytes and frames per channel, and the rules of channels."""
+"""`swarmctl traffic`: rules of channels, bytes and frames per link and channel."""
 
 from typing import Final
 
@@ -24,7 +24,11 @@ SORT_KEYS: Final = (
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """Bytes and frames per link and channel; how resources travel.
+    """How often and how values travel, and what that costs.
+
+    `channels` shows how often each resource is sent to each platform, and where that was set; `set`, `undo`
+    and `clear` change it. `top` follows the traffic of this moment, `ls` has its totals since the start, and
+    `needs` compares it with the capacity of a link.
 
     Example: swarmctl traffic top --node uav1
     """
@@ -34,6 +38,8 @@ def cmd() -> None:
 @click.pass_context
 def ls(ctx: click.Context) -> None:
     """List the traffic of platforms since the start of their brokers: by link, by channel, and refused input.
+
+    `traffic top` shows the present rates.
 
     Example: swarmctl traffic ls --node uav1
     """
@@ -69,6 +75,8 @@ def ls(ctx: click.Context) -> None:
 @click.pass_context
 def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only: str | None) -> None:
     """Follow what links and channels offer, send, repeat, hold back, drop and deliver; Ctrl-C ends it.
+
+    `traffic ls` shows the totals since the start, `traffic channels` the rates that are set.
 
     Example: swarmctl traffic top --node uav1 --sort dropped --count 5
     """
@@ -167,16 +175,21 @@ def clear(ctx: click.Context, pattern: str) -> None:
 
 
 @cmd.command()
+@click.argument("pattern", default="**")
 @click.pass_context
-def channels(ctx: click.Context) -> None:
-    """Show the rules of channels, what waits, what was dropped, and what compression saved.
+def channels(ctx: click.Context, pattern: str) -> None:
+    """Show how often each resource is sent to each platform and where that was set, and what waits for it.
 
-    Example: swarmctl traffic channels --node uav1
+    SET BY names what decides the rate: traffic set, tree rule, channels.toml, tree.toml of the subscriber,
+    rate_hz of the resource, or a default. SET AT has the node and the pattern of the rule.
+
+    Example: swarmctl traffic channels 'nav/**' --node uav1
     """
     from swarmctl.commands.traffic.channels import list_channels
     from swarmctl.session.each_node import run_each
 
-    run_each(settings(ctx), list_channels)
+    chosen, local = at_path(ctx, pattern)
+    run_each(chosen, list_channels, local)
 
 
 @cmd.command()

@@ -14,7 +14,7 @@ from swarmware.model import names
 from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
 from swarmware.types import registry
-from swarmware.types.channel import ChannelLimit, ChannelLimits, ChannelStates, settings_of
+from swarmware.types.channel import ChannelLimit, ChannelLimits, ChannelStates, ListChannels, settings_of
 from swarmware.types.net import Traffic
 from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeEntry
@@ -135,7 +135,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
     entries = [one for one in listed.entries if one.kind in VALUED and one.measured_hz]
     if not entries:
         raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
-    states = await session.ask("sys/tree/channels", Empty(), ChannelStates)
+    states = await session.ask("sys/tree/channels", ListChannels(), ChannelStates)
     board = await owned(session, names.join(target, "net/limits"))
     # of what was compressed the broker has counted compressed bytes: the size is that of its newest value
     compressed = {one.path for one in states.compressions if one.plain_bytes}

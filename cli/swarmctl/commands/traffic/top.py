@@ -14,7 +14,7 @@ from swarmctl.session.session import Session
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmware.errors import Partial, SwarmError
 from swarmware.runtime.instant import until
-from swarmware.types.channel import ChannelStates
+from swarmware.types.channel import ChannelStates, ListChannels
 from swarmware.types.net import UNACCEPTED, ChannelTraffic, LinkTraffic, Traffic
 from swarmware.types.rpc import Empty
 
@@ -163,7 +163,7 @@ class TrafficTop:
         """States of the channels by notification; a node without a tree service has none."""
         if TrafficTable.LIMITED not in self._parts:
             return {}
-        found, _ = await ask_all(self._session, asked, "sys/tree/channels", Empty(), ChannelStates)
+        found, _ = await ask_all(self._session, asked, "sys/tree/channels", ListChannels(), ChannelStates)
         return found
 
     def _sorted(self, found: TrafficRates) -> TrafficRates:

@@ -31,6 +31,9 @@ WINDOW = click.option(
 def cmd() -> None:
     """Resources: list, read, set and watch them, of one platform or of the whole swarm.
 
+    Settings are resources too, below `config/`; `swarmctl config` shows them with default, origin and
+    meaning.
+
     Example: swarmctl tree ls '/*/nav/**'
     """
 
@@ -79,6 +82,8 @@ def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> N
     """Print the newest value of a resource, or of fields of it, with its time (UTC, by the clock of this
     machine), age and measured rate; a pattern gives the values of all.
 
+    Of a setting, `config get` also shows the origin.
+
     Example: swarmctl tree get /uav1/nav/pose.x_m
     """
     from swarmctl.commands.tree.reading import print_values
@@ -104,7 +109,8 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
     """Set a resource, or one of its fields; the owner checks type, range and permission.
 
     It asks for a confirmation where the template of the resource requires one. Several platforms are set at
-    the same time: '/uav*/config/navigator/altitude_kp'.
+    the same time: '/uav*/config/navigator/altitude_kp'. Of a setting it does the same as `config set`, which
+    takes its key.
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """
@@ -182,9 +188,10 @@ def rule(
     reset: bool,
     yes: bool,
 ) -> None:
-    """Set when a platform notifies its subscribers of a resource; without an option print the rules in force.
+    """Set which changes a platform notifies to its subscribers; without an option print the rules in force.
 
-    A rule is stored at the platform, holds for all its subscribers and replaces their own rules.
+    A rule is stored at the platform, holds for all its subscribers and replaces their own rules. A rate that
+    `traffic set` gives precedes the minimum interval; `traffic channels` shows which one is in force.
 
     Example: swarmctl tree rule '/*/power/**' --deadband 0.5 --min-interval 2s
     """

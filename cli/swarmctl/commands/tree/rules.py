@@ -2,12 +2,15 @@
 
 from swarmctl.resources.limits import MISSION_STATE
 from swarmctl.resources.listing import pages
+from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import span_s
 from swarmctl.terminal.table import Column
 from swarmware.model import names
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind
+from swarmware.types import registry
+from swarmware.types.channel import ChannelLimits, rate_rule
 from swarmware.types.tree import Rule, TreeRule, TreeRules
 
 
@@ -76,14 +79,31 @@ def _effect(request: TreeRule) -> str:
 
 
 async def _warn(session: Session, request: TreeRule) -> None:
-    """Says where a rule has no effect."""
+    """Names the resources on which a rule has no effect."""
     found = await pages(session, names.join(session.platform, request.pattern), session.platform)
     valued = [one for one in found.entries if one.kind not in {Kind.BRANCH, Kind.COMMAND, Kind.FILE}]
     if not valued:
         session.out.warn(
             f"{session.platform}: no resource matches {request.pattern} now; the rule is in force"
         )
+    await _warn_of_channels(session, request, [names.split(one.path)[1] for one in valued])
     beacon = [names.split(one.path)[1] for one in valued if one.link == "tick"]
     if beacon and (request.deadband or request.max_interval_s):
-        shown = ", ".join(beacon[:3]) + (f" and {len(beacon) - 3} more" if len(beacon) > 3 else "")
-        session.out.warn(f"{shown}: in the beacon, which keeps the min interval only")
+        session.out.warn(f"{_some(beacon)}: in the beacon, which keeps the min interval only")
+
+
+async def _warn_of_channels(session: Session, request: TreeRule, paths: list[str]) -> None:
+    """Names the resources whose rate is set by a rule of channels, which precedes an interval."""
+    if not request.min_interval_s:
+        return
+    board = await owned(session, names.join(session.platform, "net/limits"))
+    limits = registry.decode(ChannelLimits, board.data).limits
+    rules = [rule for rule in limits if not rule.from_file and not rule.link]
+    if preceded := [path for path in paths if rate_rule(rules, path) is not None]:
+        session.out.warn(
+            f"{_some(preceded)}: `traffic set --rate` decides the rate, the interval is not in force"
+        )
+
+
+def _some(paths: list[str]) -> str:
+    return ", ".join(paths[:3]) + (f" and {len(paths) - 3} more" if len(paths) > 3 else "")

@@ -128,7 +128,7 @@ class BeaconProtocol:
         self.hellos.set_plan(plan, self._now_ns)
         self._plan = plan
         structures = self.structures.set_plan(plan)
-        self.published.offer(plan.offers, self.channels.max_hz)
+        self.published.offer(plan.offers, self.channels.board_max_hz)
         return self._received.subscribe(plan.wants), structures
 
     def require_proofs(self, signs: bool, from_ns: int) -> None:
@@ -238,7 +238,7 @@ class BeaconProtocol:
         self.channels.advance(now_ns)
         if self.channels.version != self._limits_version:
             self._limits_version = self.channels.version
-            self.published.offer(self._plan.offers, self.channels.max_hz)
+            self.published.offer(self._plan.offers, self.channels.board_max_hz)
         if now_ns >= self._forget_ns:
             self._forget_ns = now_ns + _FORGET_NS
             self.relay_cache.forget(now_ns)

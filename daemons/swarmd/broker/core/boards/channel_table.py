@@ -20,8 +20,10 @@ from swarmware.types.channel import (
     SetChannel,
     check_rule_names,
     merged,
+    rate_rule,
     settings_of,
 )
+from swarmware.types.net import BoardPublication
 
 UNDO_LIMIT: Final = 32
 """Changes that can be taken back."""
@@ -153,8 +155,14 @@ class ChannelTable:
         self.advance(now_ns)
 
     def max_hz(self, path: str) -> float | None:
-        """Rate limit of a local path towards all platforms; None: unlimited."""
+        """Rate limit of a local path towards all platforms, or None if no rule sets one."""
         return settings_of(self._all(None), path).max_hz
+
+    def board_max_hz(self, board: BoardPublication) -> float | None:
+        """Rate of a board in beacons, or None if no rule of channels decides it; words of operators precede
+        the file."""
+        found = rate_rule(self._all(None), board.path)
+        return None if found is None or (found.from_file and board.is_ruled) else found.settings.max_hz
 
     def limits(self, now_ns: int) -> ChannelLimits:
         """All present rules, for the tree and for reports."""

@@ -71,19 +71,20 @@ class PublishedBoards:
         self.boards: dict[int, PublishedBoard] = {}
         """Boards by data id."""
 
-    def offer(self, offers: Iterable[BoardPublication], max_hz: Callable[[str], float | None]) -> None:
-        """Sets the published boards and their rate limits."""
+    def offer(
+        self, offers: Iterable[BoardPublication], max_hz: Callable[[BoardPublication], float | None]
+    ) -> None:
+        """Sets the published boards and their rates: by a rule of channels, else by the offered interval."""
         boards: dict[int, PublishedBoard] = {}
         for offer in offers:
             board = self.boards.get(offer.data_id) or PublishedBoard(offer)
             board.period_ns = max(offer.min_interval_ms * 1_000_000, _ALWAYS_NS)
             board.limited = False
-            limit_hz = max_hz(offer.path)
+            limit_hz = max_hz(offer)
             if limit_hz is not None:
                 limit_ns = round(1e9 / limit_hz) if limit_hz > 0 else 0
-                if limit_ns == 0 or limit_ns > board.period_ns:
-                    board.period_ns = limit_ns
-                    board.limited = True
+                board.limited = limit_ns == 0 or limit_ns > board.period_ns
+                board.period_ns = limit_ns
             boards[offer.data_id] = board
         self.boards = boards
 

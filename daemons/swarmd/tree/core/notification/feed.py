@@ -35,6 +35,7 @@ class Feed:
         "_may_keep",
         "_newest",
         "_outpaced_ns",
+        "_own_interval_ns",
         "_pending",
         "_queue",
         "_repeat_ns",
@@ -60,10 +61,10 @@ class Feed:
         self.latest_only = resource.kind in LATEST_ONLY
         wanted_ns = _ns(rule.min_interval_s)
         if not wanted_ns and self.latest_only:
-            period_ns = round(1e9 / resource.rate_hz) if resource.rate_hz > 0 else 0
-            # up to twice the board's rate: a value does not wait because the one before was late
-            wanted_ns = max(0 if over_wire else default_interval_ns, period_ns // 2)
+            wanted_ns = max(0 if over_wire else default_interval_ns, half_period_ns(resource))
+        self._own_interval_ns = wanted_ns
         self._interval_ns = wanted_ns
+        """Minimum interval by rule or resource; 0 while a rule of channels sets the rate."""
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._each = over_wire and rule.deadband <= 0
         """Whether a value that equals the one sent last is sent, too."""
@@ -150,6 +151,7 @@ class Feed:
             return
         is_limited = channel.limit_ns != self._channel.limit_ns
         self._channel = channel
+        self._interval_ns = 0 if channel.is_rate_set else self._own_interval_ns
         if is_limited:
             self._admit_ns = None
             self._thin()
@@ -332,6 +334,11 @@ class Feed:
         self._queue.extendleft(reversed(items))
         self._size += sum(len(item.data) for item in items)
         self._shorten()
+
+
+def half_period_ns(resource: Resource) -> int:
+    """Half of a board's period: a value does not wait because the one before was late; 0 without a rate."""
+    return round(1e9 / resource.rate_hz) // 2 if resource.rate_hz > 0 else 0
 
 
 def _ns(interval_s: float) -> int:

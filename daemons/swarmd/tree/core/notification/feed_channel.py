@@ -34,6 +34,8 @@ class FeedChannel(msgspec.Struct, frozen=True):
     """Feeds of a higher one are served first."""
     is_adaptive: bool = False
     """Whether the rate of a stream follows its link."""
+    is_rate_set: bool = False
+    """True if a rule of channels sets the rate, which then takes the place of all other intervals."""
     is_buffered: bool = False
     """Whether a buffer is set: then a board keeps the values that it could not send."""
 
@@ -46,6 +48,7 @@ class FeedChannel(msgspec.Struct, frozen=True):
     def of(cls, settings: ChannelSettings, *, may_be_video: bool = False) -> Self:
         """The settings with the defaults of those that are not set; what goes as video is not notified."""
         max_hz, size = settings.max_hz, settings.buffer_bytes
+        is_rate_set = max_hz is not None
         if settings.is_video:
             max_hz = 0.0 if may_be_video else max_hz
             settings = msgspec.structs.replace(settings, compression=str(Method.NONE))
@@ -57,5 +60,6 @@ class FeedChannel(msgspec.Struct, frozen=True):
             Compression.parse(settings.compression or "none"),
             0 if settings.priority is None else _PRIORITIES.get(settings.priority, 0),
             bool(settings.adaptive) and not settings.is_video,
+            is_rate_set,
             size is not None or settings.buffer_s is not None,
         )

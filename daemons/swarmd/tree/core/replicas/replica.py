@@ -99,10 +99,10 @@ class Replica:
         return self.up and self.subscription.is_held and subscribable(item, patterns)
 
     def interval_s(self, path: str) -> float:
-        """Time between two values of a board where subscription or operator set one; 0: its period holds."""
-        interval_s = rule_for(path, self.subscription.wanted.rules).min_interval_s
+        """Minimum time between two values of a board by its owner's rules, else by the own subscription;
+        0 if only its period is known."""
         max_hz = next((one.max_hz for one in self.limits if pattern(one.pattern).matches(path)), 0.0)
-        return max(interval_s, 1 / max_hz) if max_hz > 0 else interval_s
+        return 1 / max_hz if max_hz > 0 else rule_for(path, self.subscription.wanted.rules).min_interval_s
 
     def set_limits(self, limits: tuple[BoardLimit, ...]) -> None:
         """Its owner sent the limits in force. Raises: InvalidInput for an invalid pattern."""

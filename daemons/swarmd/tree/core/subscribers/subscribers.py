@@ -17,11 +17,20 @@ from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmd.tree.core.timers import Timers
 from swarmware.model.access import Access, Role, Sender
 from swarmware.model.names import Address
-from swarmware.types.channel import NO_SETTINGS, ChannelLimit, ChannelState
+from swarmware.types.channel import (
+    BEACON_LINK,
+    NO_SETTINGS,
+    ChannelLimit,
+    ChannelRate,
+    ChannelState,
+    RateSource,
+)
 from swarmware.types.net import BoardPublication
 from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 LEASE_MAX_S: Final = 3600.0
+CHANNELS_LIMIT: Final = 5000
+"""Listed channels; an answer must fit into a frame."""
 SUBSCRIBERS_LIMIT: Final = 2000
 """Bounds the memory that invented names can take; twenty times the swarm of `tests/simulation/tree`."""
 
@@ -53,7 +62,7 @@ class Subscribers:
         self._tree = tree
         self._intervals = intervals
         self._emit = emit
-        self._planner = SubscriptionPlanner(tree, intervals.min_interval_ns, access)
+        self._planner = SubscriptionPlanner(self._name, tree, intervals.min_interval_ns, access)
         self._subscribers: dict[str, Subscriber] = {}
         self._watched = WatchedResources(emit)
         self._timers: Timers[str] = Timers()
@@ -90,19 +99,40 @@ class Subscribers:
         """Number of pairs of subscriber and resource."""
         return sum(len(one.feeds) for one in self._subscribers.values())
 
-    def channels(self, now_ns: int) -> tuple[ChannelState, ...]:
+    def channels(self, now_ns: int, *, every: bool = False) -> tuple[ChannelState, ...]:
         """State of the feeds of which something is set, was lost, or has its link as limit, by path and
-        subscriber."""
+        subscriber; `every`: of all feeds, and of the boards in beacons."""
         found = []
         for one in self._subscribers.values():
             for path, feed in one.feeds.items():
                 settings = self._planner.settings(path, one.platform)
                 is_thinned = feed.is_outpaced(now_ns) if feed.latest_only else feed.held_back
-                if settings != NO_SETTINGS or feed.lost or is_thinned:
+                if every or settings != NO_SETTINGS or feed.lost or is_thinned:
                     lost = (feed.lost, feed.held_back)
                     figures = (*feed.waiting, *lost, *feed.pace(now_ns))
-                    found.append(ChannelState(path, one.platform, settings, *figures))
-        return tuple(sorted(found, key=lambda state: (state.path, state.link)))
+                    rate = self._planner.rate(
+                        feed.resource, one.subscription, one.platform, over_wire=one.over_wire
+                    )
+                    found.append(ChannelState(path, one.platform, settings, *figures, rate))
+        if every:
+            found += self._beacon_channels()
+        return tuple(sorted(found, key=lambda state: (state.path, state.link))[:CHANNELS_LIMIT])
+
+    def _beacon_channels(self) -> list[ChannelState]:
+        """Boards in beacons; of the intervals that subscribers want, the shortest is in force."""
+        rates: dict[str, ChannelRate] = {}
+        for one in self._subscribers.values():
+            for resource in one.plan.beacon_boards:
+                rate = self._planner.rate(resource, one.subscription, "")
+                if rate.source is RateSource.SUBSCRIBER:
+                    rate = msgspec.structs.replace(rate, platform=one.platform)
+                known = rates.get(resource.path)
+                if known is None or _is_faster(rate, known):
+                    rates[resource.path] = rate
+        return [
+            ChannelState(path, BEACON_LINK, self._planner.settings(path, ""), 0, 0, 0, 0, rate=rate)
+            for path, rate in rates.items()
+        ]
 
     def adapted(self) -> dict[tuple[str, str], tuple[float, str]]:
         """Streams that their link limits, by path and subscriber: the rate in Hz and the reason."""
@@ -128,7 +158,11 @@ class Subscribers:
                 known = found.get(resource.path)
                 if known is None or interval_ms < known.min_interval_ms:
                     found[resource.path] = BoardPublication(
-                        resource.path, resource.data_id, resource.type, interval_ms
+                        resource.path,
+                        resource.data_id,
+                        resource.type,
+                        interval_ms,
+                        self._planner.has_interval(resource.path),
                     )
         return [found[path] for path in sorted(found)]
 
@@ -372,6 +406,10 @@ class Subscribers:
     def _notify(self, one: Subscriber, notify: TreeNotify) -> None:
         codings = one.codings({item.path for item in notify.items})
         self._emit(SendNotify(one.platform, notify, codings))
+
+
+def _is_faster(one: ChannelRate, other: ChannelRate) -> bool:
+    return other.max_hz is not None and (one.max_hz is None or one.max_hz > other.max_hz)
 
 
 def _asked(request: SubscribeRequest) -> Subscription:

@@ -1,4 +1,4 @@
-"""How the values of a subscription are sent: in beacons, by notification, with the limits of operators."""
+"""How the values of a subscription are sent: in beacons or by notification, how often, and who decided it."""
 
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -6,13 +6,21 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.notification.condition import first_rule, rule_for
-from swarmd.tree.core.notification.feed import LATEST_ONLY, Feed
+from swarmd.tree.core.notification.feed import LATEST_ONLY, Feed, half_period_ns
 from swarmd.tree.core.structure.index import Leaf
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.subscription import Subscription, subscribable
 from swarmware.model.access import Access, Sender, Verb
 from swarmware.model.resource import Resource
-from swarmware.types.channel import ChannelLimit, ChannelSettings, settings_of
+from swarmware.types.channel import (
+    RATE_MAX_HZ,
+    ChannelLimit,
+    ChannelRate,
+    ChannelSettings,
+    RateSource,
+    rate_rule,
+    settings_of,
+)
 from swarmware.types.tree import BOARD_LIMITS_LIMIT, BoardLimit, Rule, TreeItem
 
 CACHE_LIMIT: Final = 2000
@@ -36,9 +44,10 @@ class SubscriptionPlan(msgspec.Struct, frozen=True):
 class SubscriptionPlanner:
     """Plans subscriptions at this platform by its structure and the limits that operators have set."""
 
-    def __init__(self, tree: LocalTree, min_interval_ns: int, access: Access) -> None:
-        """`min_interval_ns`: between notifications of a board without a rule or a rate; `access`: rules of
-        this platform."""
+    def __init__(self, own: str, tree: LocalTree, min_interval_ns: int, access: Access) -> None:
+        """`own`: name of this node; `min_interval_ns`: between notifications of a board without a rule or a
+        rate; `access`: rules of this platform."""
+        self._own = own
         self._access = access
         self._tree = tree
         self._min_interval_ns = min_interval_ns
@@ -110,8 +119,12 @@ class SubscriptionPlanner:
             feed.set_channel(self.settings(path, platform))
         beacons = {resource.path for resource in plan.beacon_boards}
         paths = plan.board_paths
-        # exact paths come first: a pattern of an operator's limit would hide a slower rule
-        found = [limit for path in paths if (limit := self._rule_limit(path, platform)) is not None]
+        # exact paths come first: a pattern of `channels.toml` would hide the rule that precedes it
+        found = [
+            limit
+            for path in paths
+            if (limit := self._rule_limit(path, "" if path in beacons else platform)) is not None
+        ]
         for rule in self._limits:
             max_hz = rule.settings.max_hz
             if max_hz is not None and any(
@@ -122,16 +135,59 @@ class SubscriptionPlanner:
 
     def settings(self, path: str, platform: str) -> ChannelSettings:
         """The settings in force of a resource on the way to a subscriber."""
-        return settings_of(self._limits, path, platform)
+        found = settings_of(self._limits, path, platform)
+        if found.max_hz is not None and self._rate_rule(path, platform) is None:
+            return msgspec.structs.replace(found, max_hz=None, adaptive=None)
+        return found
+
+    def rate(
+        self, resource: Resource, subscription: Subscription, platform: str, *, over_wire: bool = False
+    ) -> ChannelRate:
+        """The rate in force of a resource on the way to a subscriber, and where it was set.
+
+        `platform`: empty for a board in the beacons, which go to all.
+        """
+        path, own = resource.path, self._own
+        if (channel := self._rate_rule(path, platform)) is not None:
+            source = RateSource.FILE if channel.from_file else RateSource.OPERATOR
+            max_hz = channel.settings.max_hz
+            limit_hz = None if max_hz == RATE_MAX_HZ else max_hz
+            return ChannelRate(source, limit_hz, own, channel.pattern, channel.link)
+        rule = self.own_rule(path)
+        if rule is not None and rule.min_interval_s > 0:
+            return ChannelRate(RateSource.NOTIFICATION_RULE, 1 / rule.min_interval_s, own, rule.pattern)
+        wanted = first_rule(path, subscription.rules) if rule is None else None
+        if wanted is not None and wanted.min_interval_s > 0:
+            return ChannelRate(RateSource.SUBSCRIBER, 1 / wanted.min_interval_s, platform, wanted.pattern)
+        if resource.link == "tick" and not over_wire:
+            if resource.rate_hz > 0:
+                return ChannelRate(RateSource.RESOURCE, resource.rate_hz, own)
+            return ChannelRate(RateSource.BEACON, None, own)
+        if resource.kind not in LATEST_ONLY:
+            return ChannelRate(platform=own)
+        half_ns, default_ns = half_period_ns(resource), 0 if over_wire else self._min_interval_ns
+        if not half_ns and not default_ns:
+            return ChannelRate(platform=own)
+        source = RateSource.RESOURCE if half_ns >= default_ns else RateSource.DEFAULT
+        return ChannelRate(source, 1e9 / max(half_ns, default_ns), own)
+
+    def _rate_rule(self, path: str, platform: str) -> ChannelLimit | None:
+        """The rule of channels that sets the rate, or None; words of operators precede the file."""
+        found = rate_rule(self._limits, path, platform)
+        is_ruled = found is not None and found.from_file and self.has_interval(path)
+        return None if is_ruled else found
+
+    def has_interval(self, path: str) -> bool:
+        """Whether an operator's notification rule sets the interval of a path."""
+        rule = self.own_rule(path)
+        return rule is not None and rule.min_interval_s > 0
 
     def _rule_limit(self, path: str, platform: str) -> BoardLimit | None:
         """The minimum interval of the operators' rule: subscribers know by it what age to expect."""
         rule = self.own_rule(path)
-        if rule is None or rule.min_interval_s <= 0:
+        if rule is None or rule.min_interval_s <= 0 or self._rate_rule(path, platform) is not None:
             return None
-        limited = self.settings(path, platform).max_hz
-        rule_hz = 1 / rule.min_interval_s
-        return BoardLimit(path, rule_hz if limited is None else min(rule_hz, limited))
+        return BoardLimit(path, 1 / rule.min_interval_s)
 
     def _match(self, subscription: Subscription) -> tuple[Leaf, ...]:
         matched = self._matched.get(subscription.digest)
