@@ -245,7 +245,7 @@ def _keep_logs(lab: LabState, out_dir: Path) -> None:
 
 
 def _merge_logs(out_dir: Path, world: str, out: Output) -> None:
-    from swarmctl.commands.log.mcap_export import write_mcap
+    from swarmctl.viewers.mcap_export import write_mcap
     from swarmware.geometry.world import World
     from swarmware.recorder.query import FolderSource, Query
 

@@ -24,6 +24,8 @@ variable SWARM_CONFIG, else /etc/swarm. `swarmd` and `swarmctl` read the same va
 
 from __future__ import annotations
 
+from swarmware.version import __version__
+
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
     from typing import Any
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from swarmware.module.module import Module
     from swarmware.service.service import Service
 
-__version__ = "0.1.0"
 __all__ = ["Module", "Service", "__version__"]
 
 _HOMES = {"Module": "swarmware.module.module", "Service": "swarmware.service.service"}

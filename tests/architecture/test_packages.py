@@ -45,6 +45,7 @@ THIN = {
     "cli/swarmctl/membership/options.py": "options that --help imports, without what the commands do",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
     "cli/swarmlab/provision/command_line.py": "the command that repeats a run",
+    "lib/swarmware/version.py": "the version, below all that records or shows it",
     "lib/swarmware/model/clashes.py": "paths with equal numbers in frames",
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""

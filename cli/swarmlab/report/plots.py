@@ -15,7 +15,7 @@ from matplotlib.patches import Circle as CirclePatch
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
-from swarmctl.commands.topo.picture import COLOURS, colour
+from swarmctl.viewers.picture import COLOURS, colour
 from swarmlab.report.plot_data import PlotData
 from swarmware.geometry.world import Circle, Obstacle
 from swarmware.model.names import natural

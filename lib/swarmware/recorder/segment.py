@@ -8,7 +8,6 @@ from typing import BinaryIO, Final
 
 import msgspec
 
-from swarmware import __version__
 from swarmware.errors import InvalidInput
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.growing_file import GrowingFile
@@ -29,6 +28,7 @@ from swarmware.recorder.scan import (
     Scan,
     has_end,
 )
+from swarmware.version import __version__
 
 _I64: Final = 1 << 63
 _U64: Final = 1 << 64

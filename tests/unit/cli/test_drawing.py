@@ -7,8 +7,8 @@ import msgspec
 
 from swarmctl.commands.topo import graph
 from swarmctl.commands.topo.graph import between_platforms, edges, to_dot, to_png
-from swarmctl.commands.topo.picture import DrawnLink, draw_topology
 from swarmctl.commands.tree.drawing import tree
+from swarmctl.viewers.picture import DrawnLink, draw_topology
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
 from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState

@@ -19,8 +19,8 @@ from mcap.reader import make_reader
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.export import export
 from swarmctl.commands.log.origins import origins
-from swarmctl.commands.log.viewer_form import viewer_schema
 from swarmctl.terminal.output import Output
+from swarmctl.viewers.viewer_form import viewer_schema
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.geometry.geodesy import Origin
 from swarmware.geometry.world import World

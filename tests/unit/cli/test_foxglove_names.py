@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.commands.log.mcap_export import write_mcap
+from swarmctl.viewers.mcap_export import write_mcap
 from swarmware.model.config import share_dir
 from swarmware.recorder.entry import LogEntry
 

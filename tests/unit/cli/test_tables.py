@@ -14,8 +14,8 @@ import pytest
 
 from swarmctl.commands.log.columns import ColumnKind, columns_of
 from swarmctl.commands.log.export import export
-from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.commands.log.tables import TABLES_LIMIT, safe_name, write_tables
+from swarmctl.viewers.lost_values import LostValues
 from swarmware.errors import InvalidInput, NotFound, Partial
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.payload_type import logged_description

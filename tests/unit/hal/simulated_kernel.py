@@ -108,8 +108,5 @@ class UpperChip(Chip):
 def simulated_kernel(folder: Path) -> Iterator[Kernel]:
     """Takes the place of the kernel below the device files of a folder."""
     kernel = Kernel(folder)
-    with (
-        patch("swarmd.hal.buses.i2c.fcntl.ioctl", kernel.ioctl),
-        patch("swarmd.hal.buses.spi.fcntl.ioctl", kernel.ioctl),
-    ):
+    with patch("swarmd.hal.buses.registers.fcntl.ioctl", kernel.ioctl):
         yield kernel

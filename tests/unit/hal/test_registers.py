@@ -8,9 +8,7 @@ import pytest
 from tests.unit.hal.simulated_kernel import SPI_SETTINGS, Chip, simulated_kernel
 
 from swarmd.hal.buses.bus import opening_error, transfer_error
-from swarmd.hal.buses.i2c import I2cBus
-from swarmd.hal.buses.registers import open_registers
-from swarmd.hal.buses.spi import SpiBus
+from swarmd.hal.buses.registers import I2cBus, SpiBus, open_registers
 from swarmd.hal.driver import DeviceError, DeviceGone
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.log import export, sources, tail
-from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.commands.log.origins import origins as map_origins
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
+from swarmctl.viewers.lost_values import LostValues
 from swarmware.errors import Partial
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import LogSource, Query, QueueStats, stats

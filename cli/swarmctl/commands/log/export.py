@@ -9,8 +9,8 @@ from typing import BinaryIO
 
 import msgspec
 
-from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.terminal.quantities import utc_text
+from swarmctl.viewers.lost_values import LostValues
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.geometry.geodesy import Origin
 from swarmware.model.visible import json_escaped
@@ -44,7 +44,7 @@ def export(
     with _binary(target) as file:
         match form:
             case "mcap":
-                from swarmctl.commands.log.mcap_export import write_mcap
+                from swarmctl.viewers.mcap_export import write_mcap
 
                 return write_mcap(found, file, origins or {}, lost)
             case "msgpack":

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, BinaryIO, Final, Protocol, TextIO
 
 from swarmctl.commands.log.columns import HEAD, ColumnKind, Content, TableColumn, exact, text
-from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.terminal.quantities import utc_text
+from swarmctl.viewers.lost_values import LostValues
 from swarmware.errors import missing_extra
 from swarmware.model.visible import visible
 from swarmware.recorder.entry import LogEntry

@@ -10,8 +10,8 @@ from typing import Any, BinaryIO, Final, TextIO, cast
 
 from swarmctl.commands.log.columns import TableColumn, cells_of, columns_of
 from swarmctl.commands.log.found_columns import FoundColumns
-from swarmctl.commands.log.lost_values import LostValues
 from swarmctl.commands.log.table_writers import CsvWriter, ParquetWriter, TableWriter, check_parquet
+from swarmctl.viewers.lost_values import LostValues
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.recorder import spool
 from swarmware.recorder.entry import LogEntry

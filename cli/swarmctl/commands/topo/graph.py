@@ -6,7 +6,7 @@ from typing import Any, BinaryIO
 
 import msgspec
 
-from swarmctl.commands.topo.picture import DrawnLink, draw_topology
+from swarmctl.viewers.picture import DrawnLink, draw_topology
 from swarmware.errors import missing_extra
 from swarmware.model import names
 from swarmware.model.platform_kind import NO_KIND, PlatformKind

@@ -5,9 +5,9 @@ from typing import Any, BinaryIO, Final
 
 import msgspec
 
-from swarmctl.commands.log.lost_values import LostValues
-from swarmctl.commands.log.panels import panel_messages
-from swarmctl.commands.log.viewer_form import viewer_schema, viewer_value
+from swarmctl.viewers.lost_values import LostValues
+from swarmctl.viewers.panels import panel_messages
+from swarmctl.viewers.viewer_form import viewer_schema, viewer_value
 from swarmware import __version__
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.config import share_dir

@@ -1,0 +1,99 @@
+"""Imports have one direction: no circles between the rooms of a package, no climb to a package above.
+
+A room is a file or a folder directly in a package. Imports for type checking alone and imports in functions
+count as well: whoever reads a room must know what it imports.
+"""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pytest
+from tests.architecture.sources import nodes
+
+ROOT: Final = Path(__file__).parents[2]
+CLIMBS: Final = {
+    ("swarmware.types.registry", "swarmware.types"): "lists the files of the package, to import them",
+    ("swarmd.parent", "swarmd"): "needs the folder of the package, to start its own program",
+}
+"""Imports of a package by a module in it, each with its reason."""
+
+
+def module(folder: Path, path: Path) -> str:
+    """Name of the module or package in a file."""
+    parts = path.relative_to(folder).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES: Final = {
+    module(ROOT / root, path): path
+    for root in ("lib", "daemons", "cli")
+    for path in sorted((ROOT / root).rglob("*.py"))
+}
+PACKAGES: Final = [name for name, path in FILES.items() if path.name == "__init__.py"]
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Modules of this project that a file imports."""
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in FILES)
+        elif isinstance(node, ast.ImportFrom) and node.module in FILES:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in FILES else node.module
+
+
+IMPORTS: Final = {name: set(imported(path)) for name, path in FILES.items()}
+
+
+def rooms(package: str) -> dict[str, set[str]]:
+    """The rooms of a package, and the other rooms that each imports."""
+    start = f"{package}."
+    arrows: dict[str, set[str]] = {}
+    for name, targets in IMPORTS.items():
+        if name.startswith(start):
+            room = name.removeprefix(start).partition(".")[0]
+            others = {one.removeprefix(start).partition(".")[0] for one in targets if one.startswith(start)}
+            arrows.setdefault(room, set()).update(others - {room})
+    return arrows
+
+
+def circles(arrows: dict[str, set[str]]) -> set[frozenset[str]]:
+    """Rooms that reach each other; none when the arrows have one direction."""
+    reached: dict[str, set[str]] = {}
+    for start in arrows:
+        found: set[str] = set()
+        waiting = [start]
+        while waiting:
+            fresh = arrows.get(waiting.pop(), set()) - found
+            found |= fresh
+            waiting += fresh
+        reached[start] = found
+    return {
+        frozenset(other for other in found if start in reached.get(other, ()))
+        for start, found in reached.items()
+        if start in found
+    }
+
+
+def test_circles_of_any_length_are_found() -> None:
+    assert circles({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == set()
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b", "d"}}) == {frozenset("bc")}
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}}) == {frozenset("abc")}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_rooms_of_a_package_import_in_one_direction(package: str) -> None:
+    assert circles(rooms(package)) == set()
+
+
+def test_no_module_imports_a_package_above_it() -> None:
+    found = {
+        (name, target)
+        for name, targets in IMPORTS.items()
+        for target in targets
+        if name.startswith(f"{target}.") and target in PACKAGES
+    }
+    assert found == set(CLIMBS), "move what is imported below both, or give a reason"
