@@ -11,7 +11,12 @@ SITE ?= share/doc/site
 # tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
-.PHONY: lab test simulations kills lint check quick hooks bench bench-links figures docs site dist boot-test clean
+# packages of decisions, whose coverage is measured
+CORES = $(shell find lib daemons cli -type d -name core | sort)
+comma := ,
+space := $(subst ,, )
+
+.PHONY: lab test coverage simulations kills lint check quick hooks bench bench-links figures docs site dist boot-test clean
 
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
@@ -20,6 +25,12 @@ test: $(VENV)/.test ## all tests; those that compute one per core, those that wa
 	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
 	$(RUN) pytest -q -n 4 --dist loadfile $(LABS:%=--ignore=%) tests/integration
 	$(RUN) pytest -q -n 3 --dist loadfile --no-loadscope-reorder $(LABS)
+
+coverage: $(VENV)/.test ## branch coverage of all cores by unit tests and simulations; less than 95 % is an error
+	@rm -rf .coverage
+	$(BIN)/coverage run --source=$(subst $(space),$(comma),$(CORES)) -m pytest -q -n auto --dist worksteal tests/simulation tests/unit
+	$(BIN)/coverage combine -q
+	$(BIN)/coverage report
 
 simulations: $(VENV)/.test ## simulations with all their seeds, properties with all their examples; test runs a part
 	SWARM_SEEDS=all $(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/unit
@@ -71,7 +82,7 @@ boot-test: $(VENV)/.test ## boots a systemd (root, systemd-container, debootstra
 	SWARM_BOOT_TEST=1 $(RUN) pytest -q tests/boot
 
 clean:
-	rm -rf $(VENV) report dist build share/doc/site .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) report dist build share/doc/site .mypy_cache .ruff_cache .hypothesis .coverage
 
 # Debian's python3 comes without ensurepip unless python3-venv is there: say so instead of failing in a trace.
 $(VENV)/bin/python:

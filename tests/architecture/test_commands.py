@@ -1,27 +1,15 @@
 """Every command has help and an example, and stands in the documentation."""
 
-import importlib.util
 import re
 import shlex
 from pathlib import Path
-from types import ModuleType
 
 import click
 import pytest
+from tests.architecture.pages import ROOT, generator
 
 from swarmctl.commandline.arguments import ARGUMENTS, meaning
 from swarmctl.main import cli, main
-
-ROOT = Path(__file__).parents[2]
-
-
-def generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "share/doc/generate.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
 
 COMMANDS = {
     words: command

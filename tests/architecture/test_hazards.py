@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 import pytest
-from tests.architecture.test_requirements import accept
+from tests.architecture.pages import accept
 
 PAGE = Path(__file__).parents[2] / "share/doc/hazards.md"
 ROWS = [

@@ -1,26 +1,21 @@
 """The page of requirements: every capability once, with a state, and with tests and commands that exist."""
 
-import ast
 import re
-import shlex
-from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import click
-from tests.architecture.sources import parsed
-from tests.architecture.test_commands import generator
+from tests.architecture.pages import (
+    ROOT,
+    accept,
+    generator,
+)
 
-from swarmctl.main import cli
-
-ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "share/doc/requirements.md"
 COUNTS = {"S0": 92, "S1": 85, "S2": 56, "S3": 32, "S4": 43}
 
 THEMES = ("node", "links", "missions", "record", "ground", "scale")
 STATE = re.compile(rf"done|none|part: \S.{{5,}}|later: ({'|'.join(THEMES)})")
 CITATION = re.compile(r"\b(S[0-4])\.(\d+)(?:(?:–| to )(?:S[0-4]\.)?(\d+))?")
-DAEMON_COMMANDS = ("run", "node", "units", "ls")
 FOLDERS = ("lib", "daemons", "cli", "etc", "share", "tests")
 
 
@@ -52,53 +47,6 @@ LINES = lines()
 
 def names_of(source: str) -> list[str]:
     return [f"{source}.{number}" for number in range(1, COUNTS[source] + 1)]
-
-
-@cache
-def functions(path: Path) -> frozenset[str]:
-    tree = parsed(path)
-    return frozenset(n.name for n in tree.body if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef))
-
-
-@cache
-def targets() -> frozenset[str]:
-    return frozenset(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-
-
-def accept_swarmctl(words: list[str]) -> None:
-    """Raises: click.ClickException, when the command or an option of it does not exist."""
-    command: click.Command = cli
-    context = click.Context(cli, info_name="swarmctl")
-    while isinstance(command, click.Group) and words:
-        found = command.get_command(context, words[0])
-        if found is None:
-            raise click.UsageError(f"no command {words[0]!r} in {context.command_path!r}")
-        command, words = found, words[1:]
-        context = click.Context(command, parent=context, info_name=command.name)
-    if not isinstance(command, click.Group):
-        command.make_context(command.name, words, parent=context.parent)
-
-
-def accept(shown: str) -> None:
-    """Raises: click.ClickException, when the test or command does not exist."""
-    if "::" in shown:
-        path, _, function = shown.partition("::")
-        if not path.startswith("tests/") or not (ROOT / path).is_file():
-            raise click.UsageError("no such file below tests/")
-        if not function.startswith("test_") or function not in functions(ROOT / path):
-            raise click.UsageError("no such test in the file")
-        return
-    program, *words = shlex.split(shown)
-    if program == "swarmctl":
-        accept_swarmctl(words)
-    elif not (
-        (program == "swarmd" and words and words[0] in DAEMON_COMMANDS)
-        or (program == "make" and words and words[0] in targets())
-        or (program == "python" and words and (ROOT / words[0]).is_file())
-    ):
-        raise click.UsageError(
-            "expected a test, or a command of swarmctl, swarmd, make or python that exists"
-        )
 
 
 def faults_of(line: Line) -> list[str]:

@@ -37,6 +37,12 @@ def test_no_file_is_named_after_what_it_is_not() -> None:
     assert [name(path) for path in SOURCES if habit.search(path.stem)] == []
 
 
+def test_no_file_imports_a_test_file() -> None:
+    """What tests share is in a module that its name describes, or in a conftest."""
+    importing = re.compile(r"^\s*(?:from|import) tests\.(?:\w+\.)*test_\w+", re.MULTILINE)
+    assert [name(path) for path in SOURCES if importing.search(path.read_text("utf-8"))] == []
+
+
 def test_a_package_says_what_may_live_there() -> None:
     packages = [path for path in SOURCES if path.name == "__init__.py"]
     assert [name(path) for path in packages if not path.read_text("utf-8").lstrip().startswith('"""')] == []

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from tests.simulation.directory.test_boards_in_the_air import Air, SignedAir
+from tests.simulation.directory.air import Air, SignedAir
 
 from swarmd.broker.config import Config
 

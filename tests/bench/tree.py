@@ -16,7 +16,7 @@ from swarmd.tree.core.structure.index import Index, leaf
 from swarmware.model.resource import Resource
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from tests.simulation.tree.test_join_bytes import Cell
+from tests.simulation.tree.cell import Cell
 
 REST_S: Final = 60.0
 BEACONS_HZ: Final = 2.0

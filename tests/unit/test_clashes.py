@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from tests.numbers import equal_numbers
 from tests.unit.tree.pair import core
-from tests.unit.tree.test_units import Units
+from tests.unit.tree.units import Units
 
 from swarmd.tree.core.replicas.number_watch import NumberWatch
 from swarmware.errors import ConfigError, Conflict

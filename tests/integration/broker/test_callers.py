@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.integration.broker.hostile import found_by_doctor
 from tests.integration.broker.swarm import LINE, Recorder, Station, on_uvloop, swarm
-from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.patience import PATIENCE_S
 
 from swarmd.tree.change_log import ChangeLog

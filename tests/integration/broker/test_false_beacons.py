@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 import pytest
+from tests.integration.broker.hostile import found_by_doctor
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
-from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 

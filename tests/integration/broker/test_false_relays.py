@@ -9,8 +9,8 @@ from typing import Final
 
 import msgspec
 import pytest
+from tests.integration.broker.hostile import found_by_doctor
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
-from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.patience import PATIENCE_S
 
 from swarmd.broker.core.beacon.beacon import RelayedValue

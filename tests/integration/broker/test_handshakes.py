@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 import pytest
 import zmq
-from tests.integration.broker.swarm import Station, on_uvloop, swarm
+from tests.integration.broker.hostile import counted, found_by_doctor
+from tests.integration.broker.swarm import on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmctl.commands.doctor.checks import CheckResult, examine
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import make_swarm
-from swarmware.types.net import Refused
 from swarmware.types.scalar import Text
 
 TRIES = 1000
@@ -69,19 +68,6 @@ def _ends(monitors: list["zmq.Socket[bytes]"]) -> list[int]:
         assert monitor.poll(round(PATIENCE_S * 1000)), "the server keeps a stranger"
         found.append(int.from_bytes(monitor.recv_multipart()[0][:2], "little"))
     return found
-
-
-async def counted(station: Station, name: str, number: int) -> Refused:
-    """The counters when one has reached a number."""
-    async with asyncio.timeout(PATIENCE_S):
-        while getattr(refused := (await station.traffic()).refused, name) < number:
-            pass  # each request waits for its reply
-    return refused
-
-
-async def found_by_doctor(station: Station, check: str) -> CheckResult:
-    results = await asyncio.to_thread(examine, {"uav1": station.config_dir}, fix=False)
-    return next(result for result in results if result.check == check)
 
 
 @on_uvloop

@@ -3,15 +3,14 @@
 import asyncio
 import logging
 import socket
-from collections.abc import AsyncIterator, Iterable
-from contextlib import asynccontextmanager
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
 import pytest
 import zmq
+from tests.integration.broker.hostile import PATH, TRIES, dealer, found_by_doctor, order
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
-from tests.integration.broker.test_handshakes import found_by_doctor
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
@@ -19,49 +18,17 @@ from swarmd.broker.core.media.medium_table import Use
 from swarmd.broker.links.frame_datagrams import FrameDatagrams
 from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
-from swarmware.model.names import data_id, hardware_id
+from swarmware.model.names import hardware_id
 from swarmware.transport.delivery import signature
-from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import make_swarm
 from swarmware.types import registry
 from swarmware.types.net import Denial, Refused
 from swarmware.types.scalar import Text
 
-TRIES = 1000
 REFUSED = "refused"
 """Check of `swarmctl doctor` on what the broker refused."""
 NAMES = ("uav1", "uav2", "uav3")
-PATH = "cmd/note"
-
-
-def order(sender: str, number: int, stamp_ns: int, *, hops: int = 24, life_s: float = 5.0) -> Frame:
-    """A message from one platform's application to uav1."""
-    return Frame(
-        FrameKind.MESSAGE,
-        data_id(PATH, "Text"),
-        hardware_id(sender),
-        1,
-        hardware_id("uav1"),
-        sequence=number,
-        stamp_ns=stamp_ns,
-        hops_left=hops,
-        extension=with_lifetime(life_s),
-        payload=registry.encode(Text("hostile")),
-    )
-
-
-@asynccontextmanager
-async def dealer(keys: Keys, server: bytes, port: int) -> AsyncIterator["zmq.Socket[bytes]"]:
-    """A connection to uav1 with these keys, as no broker makes it."""
-    with zmq.Context() as context, context.socket(zmq.DEALER) as made:
-        made.setsockopt(zmq.LINGER, 0)
-        made.setsockopt(zmq.SNDHWM, 0)
-        made.setsockopt(zmq.CURVE_SERVERKEY, server)
-        made.setsockopt(zmq.CURVE_PUBLICKEY, keys.curve_public)
-        made.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
-        made.connect(f"tcp://127.0.0.1:{port}")
-        yield made
 
 
 def denied_lines(caplog: pytest.LogCaptureFixture, reason: str) -> list[str]:

@@ -8,9 +8,8 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
+from tests.integration.broker.hostile import PATH, TRIES, dealer, found_by_doctor, order
 from tests.integration.broker.swarm import Station, on_uvloop, swarm
-from tests.integration.broker.test_handshakes import found_by_doctor
-from tests.integration.broker.test_hostile_frames import PATH, TRIES, dealer, order
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.integration.broker.hostile import counted, dealer, found_by_doctor
 from tests.integration.broker.swarm import Recorder, on_uvloop, swarm
-from tests.integration.broker.test_handshakes import counted, found_by_doctor
-from tests.integration.broker.test_hostile_frames import dealer
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from tests.integration.cli.conftest import Ctl
-from tests.integration.cli.test_deeds import GAIN
+
+GAIN = "/uav2/config/navigator/altitude_kp"
 
 
 def test_a_dump_is_compared_with_now_and_loaded_back(ctl: Ctl, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from tests.integration.hal.test_vehicle import VEHICLE, node
+from tests.integration.hal.nodes import VEHICLE, node
 from tests.patience import PATIENCE_S
 
 from swarmd.sim.config import BatteryConfig

@@ -9,14 +9,13 @@ from typing import TypeVar
 
 import msgspec
 import pytest
+from tests.integration.hal.nodes import DRIVERS, pulsed_node
 from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.hal.config import (
     CrsfDriver,
-    MotorPulse,
     NmeaDriver,
-    PwmFlightDriver,
     RecognitionRule,
     SerialChassisDriver,
     SonarDriver,
@@ -50,7 +49,6 @@ from swarmware.types.vehicle import (
 
 T = TypeVar("T", bound=msgspec.Struct)
 ARM = "sys/vehicle/arm"
-DRIVERS = ("nmea", "vectornav", "sonar", "crsf", "serial_chassis")
 
 
 async def until(board: BoardReader[T], right: Callable[[T], bool]) -> T:
@@ -129,24 +127,6 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
 
     with no_leaks(tmp_path):
         asyncio.run(fly())
-
-
-def pulsed_node(root: Path) -> Path:
-    """A quadrotor whose sensors are behind lines, and its motors behind pulses, in the folder `dev`."""
-    lines = root / "dev"
-    hal = HalConfig(
-        drivers=(*DRIVERS[:-1], "pwm_flight"),
-        retry_s=0.2,
-        nmea=NmeaDriver(device=str(lines / "gnss")),
-        vectornav=VectorNavDriver(device=str(lines / "imu"), path="sensor/imu_raw"),
-        sonar=SonarDriver(device=str(lines / "sonar"), rate_hz=20.0, max_m=6.4),
-        crsf=CrsfDriver(device=str(lines / "rc")),
-        pwm_flight=PwmFlightDriver(
-            device=str(lines / "pwmchip0"), motors=tuple(MotorPulse(channel=index) for index in range(4))
-        ),
-    )
-    sim = SimConfig(serial=SerialConfig(folder=str(lines)))
-    return make_node(root, services={"sim": sim, "hal": hal}, airframe="quad_1k5")
 
 
 def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_motors_alone(

@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import msgspec
 import pytest
-from tests.integration.hal.test_serial_vehicle import pulsed_node
+from tests.integration.hal.nodes import pulsed_node
 from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from tests.integration.hal.nodes import VEHICLE, node
 from tests.patience import PATIENCE_S
 
 from swarmd.hal.config import Config as HalConfig
@@ -17,7 +18,6 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
-from swarmware.testing.tmpnode import make_node
 from swarmware.types.scalar import Blob, Float
 from swarmware.types.system import SystemLoad
 from swarmware.types.vehicle import (
@@ -34,16 +34,7 @@ from swarmware.types.vehicle import (
     VehicleState,
 )
 
-VEHICLE = ("sim", "hal", "control", "navigator")
 ARM = "sys/vehicle/arm"
-
-
-def node(
-    root: Path, platform: str, sim: SimConfig | None = None, hal: HalConfig | None = None, **settings: str
-) -> Path:
-    kind = platform.rstrip("0123456789")
-    services = {"sim": sim or SimConfig(), "hal": hal or HalConfig()}
-    return make_node(root, platform, kind=kind, services=services, **settings)
 
 
 async def until(

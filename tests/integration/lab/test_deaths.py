@@ -11,30 +11,14 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.integration.lab.processes import answer, child_of, kill
 from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
-from swarmctl.session.processes import NODE_MARK, ProcessIdentity
+from swarmctl.session.processes import NODE_MARK
 from swarmlab.report.run_metadata import RunMetadata
 from swarmlab.run.notify import Restarts
-from swarmware.errors import SwarmError
-from swarmware.module.module import Module
-from swarmware.types.net import Routes
-from swarmware.types.rpc import Empty
-from swarmware.types.system import NodeInfo
-
-
-def child_of(node: LabNode) -> ProcessIdentity:
-    """The process with the services of a one-process node."""
-    (child,) = [who for who in processes.marked(node.folder, NODE_MARK) if who != node.identity]
-    return child
-
-
-def kill(*victims: ProcessIdentity) -> None:
-    for victim in victims:
-        victim.send(signal.SIGKILL)
-    assert processes.wait_gone(victims, PATIENCE_S) == []
 
 
 def kill_whole(node: LabNode) -> None:
@@ -68,17 +52,6 @@ def command(*words: str) -> "subprocess.Popen[str]":
         env=dict(os.environ),
         start_new_session=True,
     )
-
-
-async def answer(lab: LabState, platform: str) -> NodeInfo:
-    """What the node says of itself, asked from the ground station as soon as there is a way."""
-    async with Module("probe", config_dir=lab.station.config_dir) as module, asyncio.timeout(PATIENCE_S):
-        routes = module.reader("net/routes", Routes)
-        while True:
-            try:
-                return await module.request(f"/{platform}/sys/node/info", Empty(), NodeInfo, timeout_s=1)
-            except SwarmError:
-                await routes.changed()  # written once a second, and when the way there changes
 
 
 def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(

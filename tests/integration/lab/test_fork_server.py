@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.integration.lab.conftest import Ctl
-from tests.integration.lab.test_deaths import answer, child_of, kill
+from tests.integration.lab.processes import answer, child_of, kill
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState

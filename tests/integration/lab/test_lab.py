@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tests.patience import PATIENCE_S
-from tests.unit.service.test_kept_folders import is_left_alone
+from tests.unit.service.folders import is_left_alone
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.logger.test_logger import counted, events, flushed
+from tests.integration.logger.events import counted, events, flushed
 from tests.patience import PATIENCE_S
 
 from swarmctl.commands.doctor.checks import examine

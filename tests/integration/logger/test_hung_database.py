@@ -8,35 +8,19 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import tomli_w
-from tests.integration.logger.test_logger import COUNT, counted, events, flushed, forwarded
+from tests.integration.logger.events import COUNT, counted, events, fault, flushed, forwarded
 from tests.integration.recorder.mongod import Mongod
-from tests.patience import PATIENCE_S
 
-from swarmware.errors import SwarmError
 from swarmware.module.module import Module
 from swarmware.recorder.mongo import MongoStore
 from swarmware.recorder.query import Query
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
-from swarmware.types.health import Fault, FaultList, FaultQuery
 from swarmware.types.log import LogStats
 from swarmware.types.scalar import Int
 
-CHECK = "logger/mongodb"
 HUNG_S = 60.0
 """An answer that is waited for longer than the test waits for anything."""
-
-
-async def fault(module: Module) -> Fault:
-    """What the monitor shows of the database, as soon as it does."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            with contextlib.suppress(SwarmError):  # the monitor may still start
-                found = await module.request("sys/health/faults", FaultQuery(), FaultList)
-                for one in found.faults:
-                    if one.check == CHECK:
-                        return one
-            await asyncio.sleep(0.05)
 
 
 @asynccontextmanager

@@ -3,36 +3,19 @@
 import statistics
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
+from tests.integration.logger.events import COUNT, counted, events, flushed, forwarded
 from tests.integration.recorder.mongod import Mongod
 from tests.patience import PATIENCE_S
 
 from swarmware.module.module import Module
-from swarmware.module.streamwriter import STREAM_SLOTS
-from swarmware.module.writer import BoardWriter
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
-from swarmware.types.log import LogGap, LogStats, LogStatsRequest
+from swarmware.types.log import LogGap, LogStats
 from swarmware.types.mission import MissionAbort
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import ArmRequest, VehicleState
-
-COUNT = "test/count"
-
-
-def counted(folder: Path, path: str = COUNT) -> list[int]:
-    found = (entry.value() for entry in FolderSource([folder]).entries(Query(pattern=f"/uav1/{path}")))
-    return [value.value for value in found if isinstance(value, Int)]
-
-
-async def flushed(module: Module) -> LogStats:
-    return await module.request("sys/log/stats", LogStatsRequest(flush=True), LogStats, timeout_s=PATIENCE_S)
-
-
-def events(module: Module, slots: int = STREAM_SLOTS) -> BoardWriter[Int]:
-    return module.stream_writer(COUNT, Int, kind="event", log="all", slots=slots)
 
 
 async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_middle(tmp_path: Path) -> None:
@@ -143,13 +126,6 @@ async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp
         assert found == [Int(number) for number in range(400)]
     finally:
         server.stop()
-
-
-async def forwarded(stats: Any, count: int) -> None:
-    """Waits until the logger says that so many entries are in the database and none is left."""
-    async for value in stats:
-        if value.forwarded >= count and value.backlog == 0:
-            return
 
 
 async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(tmp_path: Path) -> None:

@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 from pymongo import MongoClient
-from tests.integration.logger.test_hung_database import fault
-from tests.integration.logger.test_logger import COUNT, events, forwarded
+from tests.integration.logger.events import COUNT, events, fault, forwarded
 from tests.integration.recorder.mongod import Mongod
 
 from swarmware.module.module import Module

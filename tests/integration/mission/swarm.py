@@ -27,7 +27,13 @@ from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.sender import with_sender
 from swarmware.types import registry
 from swarmware.types.health import HealthState
-from swarmware.types.mission import MissionProgress, MissionState, MissionStatus, OrderReceipt
+from swarmware.types.mission import (
+    MissionFile,
+    MissionProgress,
+    MissionState,
+    MissionStatus,
+    OrderReceipt,
+)
 from swarmware.types.rpc import Empty
 from swarmware.types.time import Conversion, TimeFunctions
 from swarmware.types.vehicle import (
@@ -332,3 +338,21 @@ async def _follow(radio: Module, found: Swarm, member: Member) -> None:
 async def _collect(receipts: Any, found: Swarm) -> None:
     async for receipt in receipts:
         found.orders.append(receipt)
+
+
+TASK = "sys/mission/task"
+
+
+def hover(seconds: float) -> MissionFile:
+    """Arm, meet, wait, meet."""
+    return MissionFile(
+        "hover.json",
+        f"""{{"mission": {{
+            "s": {{"type": "Start", "next": "arm"}},
+            "arm": {{"type": "Arm", "next": "a"}},
+            "a": {{"type": "Barrier", "id": "a", "timeout_s": 20, "next": "w"}},
+            "w": {{"type": "Wait", "s": {seconds}, "next": "b"}},
+            "b": {{"type": "Barrier", "id": "b", "timeout_s": 20, "next": "e"}},
+            "e": {{"type": "End"}}
+        }}}}""",
+    )

@@ -5,8 +5,7 @@ from typing import Literal
 
 import msgspec
 import pytest
-from tests.integration.mission.swarm import FAST, on_uvloop, swarm
-from tests.integration.mission.test_swarm import TASK, hover
+from tests.integration.mission.swarm import FAST, TASK, hover, on_uvloop, swarm
 
 from swarmware.errors import Conflict
 from swarmware.mission.reaction import ReactionRow

@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from tests.integration.mission.swarm import Swarm, on_uvloop, swarm
-from tests.unit.devices.test_nmea import CLASSIC
-from tests.unit.hal.test_service import status
+from tests.unit.devices.receivers import CLASSIC
+from tests.unit.hal.status import status
 
 from swarmd.hal.config import Config, RecognitionRule
 from swarmd.hal.service import Hal

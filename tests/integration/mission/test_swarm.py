@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.integration.mission.swarm import FAST, on_uvloop, swarm
+from tests.integration.mission.swarm import FAST, TASK, hover, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 
 from swarmware.errors import MissionError, NotFound
@@ -23,25 +23,9 @@ from swarmware.types.mission import (
 from swarmware.types.rpc import Empty
 from swarmware.types.vehicle import ArmRequest
 
-TASK = "sys/mission/task"
 SILENT_S = 1.0
 """Time without a word of the navigator after which a motion fails, where that is tested."""
 FORMATION = MissionTask("formation", params={"speed_m_s": 2.5})
-
-
-def hover(seconds: float) -> MissionFile:
-    """Arm, meet, wait, meet."""
-    return MissionFile(
-        "hover.json",
-        f"""{{"mission": {{
-            "s": {{"type": "Start", "next": "arm"}},
-            "arm": {{"type": "Arm", "next": "a"}},
-            "a": {{"type": "Barrier", "id": "a", "timeout_s": 20, "next": "w"}},
-            "w": {{"type": "Wait", "s": {seconds}, "next": "b"}},
-            "b": {{"type": "Barrier", "id": "b", "timeout_s": 20, "next": "e"}},
-            "e": {{"type": "End"}}
-        }}}}""",
-    )
 
 
 @on_uvloop

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integration.node.test_members import VEHICLE, swarmctl
+from tests.integration.node.operator import VEHICLE, swarmctl
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 

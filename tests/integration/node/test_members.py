@@ -3,7 +3,6 @@
 import asyncio
 import os
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import pytest
 from tests.integration.node import member
+from tests.integration.node.operator import VEHICLE, swarmctl
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
@@ -21,19 +21,6 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import FaultList, FaultQuery
 
 MEMBER, GROUP = 60_102, 60_100
-VEHICLE = (
-    "broker",
-    "tree",
-    "register",
-    "timesync",
-    "health",
-    "guard",
-    "mission",
-    "hal",
-    "sim",
-    "control",
-    "navigator",
-)
 PROGRAM = str(Path(member.__file__))
 
 pytestmark = [
@@ -62,24 +49,6 @@ def node_with_group(root: Path, processes: str) -> Path:
     run_dir.mkdir(mode=0o750)
     os.chown(run_dir, 0, GROUP)
     return config
-
-
-async def swarmctl(config: Path, *words: str, code: int | None = 0) -> str:
-    """`swarmctl …` of root at this node, to its end; both of its outputs."""
-    child = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-m",
-        "swarmctl",
-        *words,
-        "--config",
-        str(config),
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.STDOUT,
-    )
-    output = (await child.communicate())[0].decode()
-    assert code is None or child.returncode == code, f"{words}: {child.returncode}\n{output}"
-    return output
 
 
 @pytest.mark.parametrize("processes", ["one", "per-daemon"])

@@ -4,8 +4,8 @@ from collections import Counter
 from typing import Final
 
 import pytest
+from tests.simulation.directory.air import POSE, Air
 from tests.simulation.directory.brokers import datagram, header_of
-from tests.simulation.directory.test_boards_in_the_air import POSE, Air
 from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.action import ReportImpersonation

@@ -10,8 +10,8 @@ from typing import Final
 
 import msgspec
 import pytest
+from tests.simulation.directory.air import POSE, Air
 from tests.simulation.directory.brokers import BrokerNode, beacon_of, datagram, header_of
-from tests.simulation.directory.test_boards_in_the_air import POSE, Air
 from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.action import ReportContradictions

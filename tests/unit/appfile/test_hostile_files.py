@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.unit.shm.test_shared_file import folder, full_folder, link, listener
+from tests.unit.shm.folders import folder, full_folder, link, listener
 
 from swarmware.errors import OutOfRange
 from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, encode

@@ -1,7 +1,7 @@
 """What neighbours receive themselves: nodes that all of them receive, and values that they need relayed."""
 
 import pytest
-from tests.unit.broker.test_neighbour import ME, MS, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up, listed
+from tests.unit.broker.neighbours import ME, MS, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up, listed
 
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo
 from swarmd.broker.core.topology.neighbour_table import WELL, NeighbourTable

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.unit.security.test_roster import Swarm
+from tests.unit.security.swarm import Swarm
 
 from swarmd.broker.core.admission import roster_update
 from swarmd.broker.core.admission.group_epochs import ACCEPT_NS, SWITCH_NS, GroupEpochs

@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from tests.unit.broker.pair import PERIOD, Pair
 from tests.unit.broker.signed_beacons import SESSION, Member
-from tests.unit.broker.test_sources import PERIOD, Pair
 
 from swarmd.broker.core.admission.own_signatures import ALL_NS, SLACK_NS
 from swarmd.broker.core.admission.sessions import ALIVE_NS, ENDED_NS, Sessions, digest

@@ -3,7 +3,7 @@
 from typing import Final
 
 import pytest
-from tests.unit.broker.test_neighbour import AT, ME, MS, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up, listed
+from tests.unit.broker.neighbours import AT, ME, MS, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up, listed
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello, PlatformCode

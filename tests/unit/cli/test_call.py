@@ -6,7 +6,7 @@ from typing import Any, cast
 import click
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import LIST, ScriptedSession
+from tests.unit.cli.session import LIST, ScriptedSession
 
 from swarmctl.commands.call.request import call_resource
 from swarmctl.resources.entering import entered

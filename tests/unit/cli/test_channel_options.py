@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commands.traffic.channels import (
     change,

@@ -3,15 +3,23 @@
 import io
 import json
 import re
-from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import click
 import msgspec
 import pytest
+from tests.unit.cli.session import (
+    GAIN,
+    GET,
+    LIST,
+    SET,
+    UNDO,
+    ScriptedSession,
+    listing,
+    receipt,
+    value,
+)
 
-from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app.listing import list_applications
 from swarmctl.commands.config.changes import undo_setting
 from swarmctl.commands.health.report import clear_faults, list_faults
@@ -25,20 +33,16 @@ from swarmctl.commands.tree.reading import print_values
 from swarmctl.commands.tree.types import print_type
 from swarmctl.resources.access import set_resource
 from swarmctl.resources.listing import valued
-from swarmctl.session.session import Session
-from swarmctl.terminal.output import Output
-from swarmware.errors import NoAnswer, NotFound, Partial, SwarmError
-from swarmware.model.names import MAIN, Address
+from swarmware.errors import NoAnswer, NotFound, Partial
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Kind
-from swarmware.module.module import Module
 from swarmware.types import registry
 from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
 from swarmware.types.config import ConfigKey, ConfigOrigin, EffectiveConfig
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.health import FaultList
-from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, OrderReceipt, TaskAnswer
-from swarmware.types.net import Neighbours, Routes, RouteState, Traffic
+from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, TaskAnswer
+from swarmware.types.net import Neighbours, Routes, Traffic
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
 from swarmware.types.tree import (
@@ -51,84 +55,12 @@ from swarmware.types.tree import (
 )
 from swarmware.types.vehicle import Pose
 
-R = TypeVar("R", bound=msgspec.Struct)
-GET, SET, UNDO, RESET = (f"/uav1/sys/tree/{verb}" for verb in ("get", "set", "undo", "reset"))
-COPY, LIST = "/gcs/sys/tree/get", "/gcs/sys/tree/list"
-GAIN = "/uav1/config/gain"
-
-
-class ScriptedSession(Session):
-    """Answers by path, or by path and resource; an error among them is raised. Keeps what was asked."""
-
-    def __init__(self, answers: Mapping[str, Any], **options: Any) -> None:
-        self.stdout, self.stderr = io.StringIO(), io.StringIO()
-        settings = CliSettings(**options)
-        module = SimpleNamespace(platform="gcs", node=SimpleNamespace(address=Address("gcs", MAIN)))
-        super().__init__(cast("Module", module), settings, Output(settings, self.stdout, self.stderr))
-        self.answers = answers
-        self.asked: list[str] = []
-
-    async def ask(
-        self,
-        path: str,
-        value: msgspec.Struct,
-        reply: type[R],
-        *,
-        about: str = "",
-        timeout_s: float | None = None,
-    ) -> R:
-        self.asked.append(path)
-        if path == COPY and f"{path} {about}".strip() not in self.answers:
-            raise NotFound(f"{about}: gcs has no copy of it")
-        found = self.answers[f"{path} {about}".strip()]
-        if isinstance(found, SwarmError):
-            raise found
-        assert isinstance(found, reply), path
-        return found
-
-    def age_s(self, platform: str, stamp_ns: int) -> float | None:
-        return None
-
-    async def routes(self) -> Routes:
-        route = RouteState("uav1", 1, "uav1", 256, 1, 1, 0)
-        return Routes((route,))
-
-    async def known(self) -> tuple[str, ...]:
-        return ("gcs", "uav1")
-
-    async def reach(self, platform: str) -> None:
-        assert platform in {"gcs", "uav1"}
-
-    @property
-    def document(self) -> Any:
-        return json.loads(self.stdout.getvalue())
-
 
 @pytest.fixture(autouse=True)
 def nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO())
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
-
-
-def value(path: str, number: float, **more: Any) -> TreeValue:
-    data = msgspec.msgpack.encode([number])
-    known: dict[str, Any] = {
-        "stamp_ns": 1,
-        "sequence": 1,
-        "version": 1,
-        "age_s": 0.25,
-        "quality": "live",
-        "unit": "m",
-    }
-    return TreeValue(path, "Float", data, **(known | more))
-
-
-def listing(*paths: str, confirm: str = "") -> TreeListing:
-    entries = [
-        TreeEntry(path, Kind.SETTING, "Float", unit="m", access="rw", confirm=confirm) for path in paths
-    ]
-    return TreeListing(tuple(entries))
 
 
 async def test_applications_of_a_platform_without_a_register_are_not_found() -> None:
@@ -378,10 +310,6 @@ async def test_a_setting_that_was_not_changed_cannot_be_taken_back() -> None:
     with pytest.raises(NotFound, match="nothing to undo"):
         await undo_setting(session, "gain", yes=False)
     assert session.stdout.getvalue() == ""
-
-
-def receipt(platform: str, *, accepted: bool) -> OrderReceipt:
-    return OrderReceipt("formation", 1, platform, "member", 10, 20 if accepted else 0, 15, accepted)
 
 
 async def test_a_mission_is_not_started_before_the_operator_agrees() -> None:

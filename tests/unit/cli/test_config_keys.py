@@ -8,8 +8,8 @@ from typing import Any
 import click
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, LIST, RESET, SET, ScriptedSession
-from tests.unit.cli.test_commands import value as tree_value
+from tests.unit.cli.session import GET, LIST, RESET, SET, ScriptedSession
+from tests.unit.cli.session import value as tree_value
 
 from swarmctl.commandline import word_cache
 from swarmctl.commandline.settings import CliSettings

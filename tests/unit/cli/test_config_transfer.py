@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, LIST, SET, ScriptedSession
-from tests.unit.cli.test_commands import value as tree_value
+from tests.unit.cli.session import GET, LIST, SET, ScriptedSession
+from tests.unit.cli.session import value as tree_value
 
 from swarmctl.commands.config.transfer import diff, dump, load
 from swarmware.errors import Denied, InvalidInput, NotFound

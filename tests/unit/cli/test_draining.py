@@ -7,8 +7,8 @@ import click
 import jsonschema
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import COPY, ScriptedSession
-from tests.unit.tree.test_small_cores import neighbour
+from tests.unit.cli.session import COPY, ScriptedSession
+from tests.unit.tree.neighbours import neighbour
 
 from swarmctl.commands.node import draining
 from swarmctl.commands.node.identity import show_node

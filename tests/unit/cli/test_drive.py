@@ -8,8 +8,8 @@ import click
 import msgspec
 import pytest
 from click.testing import CliRunner
-from tests.unit.cli.test_commands import ScriptedSession
-from tests.unit.cli.test_vehicle_observer import DOWN, UP, sight
+from tests.unit.cli.session import ScriptedSession
+from tests.unit.cli.sights import DOWN, UP, sight
 
 from swarmctl.commands.drive.keyboard import FIRST_S, REPEAT_S, Keyboard, Rates, keys_in
 from swarmctl.commands.drive.stick import UNDER_WAY, Stick, drive_by_hand, line

@@ -15,6 +15,7 @@ import jsonschema
 import msgspec
 import pytest
 from mcap.reader import make_reader
+from tests.unit.cli.flight import UTC, entry, flight
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.export import export
@@ -29,12 +30,10 @@ from swarmware.model.config import load, share_dir
 from swarmware.recorder.entry import LogEntry
 from swarmware.testing.tmpnode import make_node
 from swarmware.types import registry
-from swarmware.types.health import Fault, Phase
 from swarmware.types.scalar import Blob, Float
-from swarmware.types.vehicle import BatteryState, GnssFix, Goal, GoalKind, Imu, Pose, Range
+from swarmware.types.vehicle import BatteryState, Pose
 
 LOCATION = "foxglove.LocationFix"
-UTC = 1_700_000_000_000_000_000
 
 
 @registry.register
@@ -45,38 +44,10 @@ class Sighting(msgspec.Struct, frozen=True):
     species: str = msgspec.field(name="class")
 
 
-def entry(path: str, value: msgspec.Struct, number: int, kind: str = "board") -> LogEntry:
-    name = type(value).__name__
-    stamp, payload = 5 * number, registry.encode(value)
-    sent = UTC + number - 1000
-    return LogEntry(
-        "uav1:hal:out", number, "uav1", path, kind, name, stamp, UTC + number, payload, sent_utc_ns=sent
-    )
-
-
 def entries() -> Iterator[LogEntry]:
     yield entry("power/battery", BatteryState(11.1, 2.0, 0.5), 1)
     yield entry("config/gain", Float(2.5), 2)
     yield entry("power/battery", BatteryState(11.0, 2.0, 0.49), 3)
-
-
-def packet() -> bytes:
-    """One packet of a VLP-16: every laser at 10 m."""
-    block = struct.pack("<HH", 0xEEFF, 9000) + struct.pack("<HB", 5000, 7) * 32
-    return block * 12 + bytes(6)
-
-
-def flight() -> Iterator[LogEntry]:
-    yield entry("nav/pose", Pose.planar(1.0, 2.0, 3.0, yaw_rad=1.0), 1)
-    yield entry("sim/truth", Pose(1.0, 2.0, 3.1), 2)
-    yield entry("sensor/gnss", GnssFix(48.1, 11.5, math.nan, 0.5, 12), 3)
-    yield entry("sensor/range", Range(0.0, math.pi / 2, 30.0, (1.0, 2.0, math.inf, 4.0)), 4)
-    yield entry("sensor/lidar", Blob(packet()), 5, "stream")
-    yield entry("sensor/camera", Blob(b"\xff\xd8\xff\xe0 picture"), 6, "stream")
-    fault = Fault("battery", "low", "error", Phase.CONFIRMED, 1, 2, 1, "11.0 V", "Battery")
-    yield entry("health/faults", fault, 7, "event")
-    yield entry("sensor/imu", Imu(0.1, math.nan, 0.0, 0.0, 0.0, 9.8), 8)
-    yield entry("nav/goal", Goal(1, GoalKind.FORMATION, offset_m=(1.0, 2.0, 3.0), course=((1.0, 2.0),)), 9)
 
 
 def messages(path: Path) -> list[tuple[str, str, dict[str, Any], Any]]:
@@ -211,7 +182,7 @@ def test_bytes_are_base64_in_a_recording_and_its_schema_says_so(tmp_path: Path) 
 
 WRITE = """
 from swarmctl.commands.log.export import export
-from tests.unit.cli.test_export import flight
+from tests.unit.cli.flight import flight
 export(flight(), "mcap", "-")
 """
 

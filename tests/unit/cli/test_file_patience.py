@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import R, ScriptedSession
+from tests.unit.cli.session import R, ScriptedSession
 
 from swarmctl.commands.file.getting import get_file
 from swarmctl.commands.file.sending import send_file

@@ -1,7 +1,7 @@
 """`swarmctl hal`: the drivers of platforms as a table and a document, and the calibration of one vehicle."""
 
 import pytest
-from tests.unit.cli.test_commands import COPY, ScriptedSession
+from tests.unit.cli.session import COPY, ScriptedSession
 
 from swarmctl.commands.hal.calibration import calibrate_motors, calibrate_sensor
 from swarmctl.commands.hal.drivers import list_drivers

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.keys.making import make_root

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tests.unit.cli.test_keys import Station, inviting_at, plan
+from tests.unit.cli.invitation import Station, inviting_at, plan
 
 from swarmctl.commands.keys.listing import list_members, show_member
 from swarmctl.commands.keys.making import make_root

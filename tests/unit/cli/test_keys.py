@@ -1,8 +1,6 @@
 """`swarmctl keys` with files and sockets of this computer: each step, each error, and what a kill leaves."""
 
-import io
 import json
-import os
 import shutil
 import socket
 import threading
@@ -13,16 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.ports import free_port
+from tests.unit.cli.invitation import WAIT_S, Station, inviting_at, plan
 
-from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.keys.listing import list_members, show_member
 from swarmctl.commands.keys.making import make_root
 from swarmctl.membership import changing, node_keys
-from swarmctl.membership.inviting import InvitationPlan, invite_nodes
+from swarmctl.membership.inviting import invite_nodes
 from swarmctl.membership.joining import join
 from swarmctl.membership.root_folder import RootFolder
-from swarmctl.terminal.output import Output
 from swarmware.errors import (
     ConfigError,
     Conflict,
@@ -36,28 +32,7 @@ from swarmware.errors import (
 from swarmware.runtime.filewriter import replace_file
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.enrolment.token import JoinToken
-from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import Root
-
-WAIT_S = 30.0
-"""Limit of a test, for a loaded computer; a step takes milliseconds."""
-
-
-class Station(Output):
-    """A computer with a node, and what a command printed there."""
-
-    def __init__(self, config_dir: Path, **options: Any) -> None:
-        self.stdout, self.stderr = io.StringIO(), io.StringIO()
-        super().__init__(CliSettings(config=str(config_dir), **options), self.stdout, self.stderr)
-        self.keys_dir = config_dir.parent / "keys"
-
-    def keys(self, platform: str) -> Keys:
-        return Keys.load(self.keys_dir, platform)
-
-
-@pytest.fixture(autouse=True)
-def no_usual_root(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
 
 
 @pytest.fixture
@@ -69,53 +44,18 @@ def base(tmp_path: Path) -> Station:
 
 
 @pytest.fixture
-def vehicle(tmp_path: Path) -> Station:
-    return Station(make_node(tmp_path, "uav1"))
-
-
-@pytest.fixture
 def root(tmp_path: Path) -> Path:
     return tmp_path / "root"
 
 
-def plan(*platforms: str, valid_s: float = WAIT_S, role: str = "node", **more: str) -> InvitationPlan:
-    address = more.pop("address", "" if "file" in more else f"127.0.0.1:{free_port()}")
-    return InvitationPlan(platforms or ("uav1",), role, valid_s, address, **more)
+@pytest.fixture(autouse=True)
+def no_usual_root(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
 
 
-@contextmanager
-def inviting_at(base: Station, root: Path, wanted: InvitationPlan) -> Iterator[Callable[[str], str]]:
-    """`keys invite` in another thread; the token of a platform as soon as it is printed."""
-    failures: list[SwarmError] = []
-
-    def run() -> None:
-        try:
-            invite_nodes(base, root, wanted)
-        except SwarmError as error:
-            failures.append(error)
-
-    thread = threading.Thread(target=run, name="invite")
-    before = len(base.stdout.getvalue().splitlines())
-    thread.start()
-
-    def token(platform: str) -> str:
-        place, deadline = wanted.platforms.index(platform), time.monotonic() + WAIT_S
-        while time.monotonic() < deadline:
-            lines = base.stdout.getvalue().splitlines()[before:]
-            if len(lines) > place:
-                return lines[place].split()[3]
-            assert thread.is_alive(), failures
-            os.sched_yield()
-        raise AssertionError(base.stderr.getvalue())
-
-    try:
-        yield token
-        thread.join(WAIT_S)
-        assert not thread.is_alive()
-    finally:
-        thread.join(2 * WAIT_S)
-    if failures:
-        raise failures[0]
+@pytest.fixture
+def vehicle(tmp_path: Path) -> Station:
+    return Station(make_node(tmp_path, "uav1"))
 
 
 def test_two_nodes_become_members_of_one_swarm(base: Station, vehicle: Station, root: Path) -> None:

@@ -4,7 +4,7 @@ import io
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession, receipt
+from tests.unit.cli.session import ScriptedSession, receipt
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.mission import members

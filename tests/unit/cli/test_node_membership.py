@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession
-from tests.unit.cli.test_keys import WAIT_S, Station, inviting_at, plan
+from tests.unit.cli.invitation import WAIT_S, Station, inviting_at, plan
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commands.keys.listing import list_members
 from swarmctl.commands.keys.making import make_root

@@ -19,8 +19,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.patience import PATIENCE_S
-from tests.unit.cli.test_commands import ScriptedSession
-from tests.unit.cli.test_main import probe  # noqa: F401 - a fixture
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commandline import completion, completion_cache
 from swarmctl.commandline.lazy import Command
@@ -111,7 +110,7 @@ def test_each_part_of_a_selection_must_match_a_node(text: str, wrong: str) -> No
         ([], ""),
     ],
 )
-def test_options_that_select_nodes_add_up(probe: Any, words: list[str], node: str) -> None:  # noqa: F811
+def test_options_that_select_nodes_add_up(probe: Any, words: list[str], node: str) -> None:
     assert swarmctl(["probe", "show", *words]) == 0
     assert probe.seen.node == node
     assert swarmctl([*words, "probe", "show"]) == 0
@@ -119,7 +118,7 @@ def test_options_that_select_nodes_add_up(probe: Any, words: list[str], node: st
 
 
 def test_all_goes_before_the_environment_and_not_beside_node(
-    probe: Any,  # noqa: F811
+    probe: Any,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert swarmctl(["probe", "show", "--all", "-n", "uav1"]) == 2

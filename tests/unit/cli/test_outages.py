@@ -1,7 +1,7 @@
 """`swarmctl link outages`: what a person and a program read of the outages of a node."""
 
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commands.link.outages import list_outages
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase, OutageTable

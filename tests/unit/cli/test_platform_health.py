@@ -3,7 +3,7 @@
 from typing import Any
 
 import pytest
-from tests.unit.cli.test_commands import COPY, ScriptedSession
+from tests.unit.cli.session import COPY, ScriptedSession
 
 from swarmctl.commands.health.report import list_states
 from swarmctl.resources.platform_health import merged

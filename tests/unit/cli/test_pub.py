@@ -9,7 +9,7 @@ from typing import Any, cast
 import click
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import LIST, ScriptedSession
+from tests.unit.cli.session import LIST, ScriptedSession
 
 from swarmctl.commands.pub import publishing
 from swarmctl.commands.pub.publishing import ValuesToPublish, publish

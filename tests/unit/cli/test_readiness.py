@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import COPY, ScriptedSession
+from tests.unit.cli.session import COPY, ScriptedSession
 
 from swarmctl.commands.health import readiness
 from swarmctl.commands.health.readiness import show_readiness

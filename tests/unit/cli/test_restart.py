@@ -5,7 +5,7 @@ from typing import Any
 import click
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, ScriptedSession
+from tests.unit.cli.session import GET, ScriptedSession
 
 from swarmctl.resources import restart as restarting
 from swarmctl.resources.restart import restart

@@ -7,7 +7,7 @@ import click
 import jsonschema
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import GET, ScriptedSession
+from tests.unit.cli.session import GET, ScriptedSession
 
 from swarmctl.commandline import completion, completion_cache
 from swarmctl.commandline.settings import CliSettings

@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commands.traffic.needs import ChannelNeed, compare, show_needs
 from swarmware.errors import NotFound

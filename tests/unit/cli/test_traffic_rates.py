@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import R, ScriptedSession
+from tests.unit.cli.session import R, ScriptedSession
 
 from swarmctl.commands.traffic import top
 from swarmctl.commands.traffic.command import SORT_KEYS

@@ -6,8 +6,8 @@ from typing import Any
 
 import click
 import pytest
-from tests.unit.cli.test_commands import GAIN, LIST, ScriptedSession, listing
-from tests.unit.cli.test_commands import value as tree_value
+from tests.unit.cli.session import GAIN, LIST, ScriptedSession, listing
+from tests.unit.cli.session import value as tree_value
 
 from swarmctl.commands.tree.change_log import print_log
 from swarmctl.commands.tree.listing import list_resources

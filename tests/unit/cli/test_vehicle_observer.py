@@ -4,6 +4,7 @@ import math
 
 import msgspec
 import pytest
+from tests.unit.cli.sights import HOLDING, UP, sight
 
 from swarmctl.vehicles.observer import (
     BUILT_IN,
@@ -22,22 +23,6 @@ from swarmware.types.mission import MissionPhase, MissionState
 from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
 
 S = 1_000_000_000
-DOWN = VehicleState(False, True)
-UP = VehicleState(True, False)
-HOLDING = NavStatus(3, NavState.HOLDING)
-
-
-def sight(
-    state: str = "done",
-    vehicle: VehicleState | None = DOWN,
-    kind: str = "uav",
-    nav: NavStatus | None = HOLDING,
-    pose: Pose | None = Pose.planar(0.0, 0.0),  # noqa: B008 - frozen
-    home: Pose | None = None,
-) -> VehicleSnapshot:
-    return VehicleSnapshot(
-        PlatformKind(kind), MissionState(7, "00112233", MissionPhase(state)), vehicle, nav, pose, home
-    )
 
 
 def run(epoch: int, state: str) -> MissionState:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.cli.test_commands import ScriptedSession
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commands.video import sessions
 from swarmctl.terminal.quantities import bit_s

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import msgspec
 import pytest
-from tests.unit.cli.test_commands import COPY, GET, LIST, ScriptedSession
+from tests.unit.cli.session import COPY, GET, LIST, ScriptedSession
 
 from swarmctl.commands.wait.condition_watch import ConditionWatch
 from swarmctl.commands.wait.waiting import wait_until

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.unit.devices.test_nmea import CLASSIC, RMC, SOUTH, UBLOX, sentence
-from tests.unit.devices.test_ubx import pvt
+from tests.unit.devices.receivers import CLASSIC, RMC, SOUTH, UBLOX, pvt, sentence
 
 from swarmware.devices import ubx
 from swarmware.devices.gnss_receiver import NO_SENTENCE, ReceiverDecoder

@@ -1,27 +1,14 @@
 """Sentences of receivers become fixes; damaged and foreign ones are refused, counted, and named."""
 
-from functools import reduce
-from operator import xor
-
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from tests.unit.devices.receivers import CLASSIC, RMC, SOUTH, sentence
 
 from swarmware.devices.gnss_receiver import LINE_BYTES, ReceiverDecoder
 from swarmware.devices.nmea import fix_sentences
 from swarmware.types import registry
 from swarmware.types.vehicle import GnssFix
-
-UBLOX = b"$GNGGA,092725.00,4717.11399,N,00833.91590,E,1,08,1.01,499.6,M,48.0,M,,*45\r\n"
-"""Source: u-blox M8 receiver description, GGA (with talker GN)."""
-CLASSIC = b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\r\n"
-"""Source: the example of NMEA 0183 descriptions."""
-SOUTH = "GPGGA,001038.00,3334.2313457,S,11211.0576940,W,2,04,5.4,354.682,M,-26.574,M,7.0,0138"
-RMC = b"$GPRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W*6A\r\n"
-
-
-def sentence(text: str) -> bytes:
-    return b"$%s*%02X\r\n" % (text.encode(), reduce(xor, text.encode(), 0))
 
 
 def test_fixes_of_real_receivers() -> None:

@@ -1,30 +1,16 @@
 """Frames of u-blox receivers: their check, and the position in NAV-PVT."""
 
 import math
-import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.unit.devices.receivers import pvt
 
 from swarmware.devices import ubx
 from swarmware.devices.gnss_receiver import ReceiverDecoder
 from swarmware.errors import WireError
 from swarmware.types.vehicle import GnssFix
-
-
-def pvt(
-    fix_type: int = 3, flags: int = 1, satellites: int = 12, accuracy_mm: int = 812, **more: int
-) -> bytes:
-    """The payload of NAV-PVT, field by field as in the receiver description."""
-    place = {"lat_e7": 472852330, "lon_e7": 85652650, "height_mm": 547600, "flags3": 0} | more
-    time = struct.pack("<IHBBBBBBIi", 1000, 2026, 11, 27, 23, 59, 58, 0x37, 20, -500_000_000)
-    fix = struct.pack("<BBBB", fix_type, flags, 0, satellites)
-    where = struct.pack(
-        "<iiiiII", place["lon_e7"], place["lat_e7"], place["height_mm"], 499600, accuracy_mm, 1300
-    )
-    motion = struct.pack("<iiiiiIIH", 10, -20, 0, 22, 0, 50, 100, 123)
-    return time + fix + where + motion + struct.pack("<H", place["flags3"]) + bytes(12)
 
 
 def test_the_checksum_is_that_of_the_description() -> None:

@@ -1,7 +1,7 @@
 """Services that an operator stops and starts, in the core of the guard."""
 
 import pytest
-from tests.unit.guard.test_guard_core import SECOND, guard, running, service, spawned, until_something
+from tests.unit.guard.rig import SECOND, guard, running, service, spawned, until_something
 
 from swarmd.guard.config import Config
 from swarmd.guard.core.supervision import Action, GuardCore, Kill, Spawn, Stop, Terminate

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import status
+from tests.unit.hal.status import status
 
 from swarmd.hal.config import AdcDriver, AnalogueChannel, Config
 from swarmd.hal.driver import DeviceError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from tests.patience import PATIENCE_S
-from tests.unit.hal.test_chassis import REST, Bench
+from tests.unit.hal.bench import REST, Bench
 
 from swarmd.hal import arming_gate
 from swarmd.hal.motors import Motors

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.hal.rig import running
 from tests.unit.hal.simulated_kernel import Chip, UpperChip, simulated_kernel
-from tests.unit.hal.test_service import state_of, status
+from tests.unit.hal.status import state_of, status
 
 from swarmd.hal.config import Bmp280Driver, Config
 from swarmd.hal.core.bmp280 import DATA, Calibration, calibration, measurement

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from tests.unit.hal.test_servo import chip, number
+from tests.unit.hal.pwm_chip import chip, number
 
 from swarmd.hal.buses.end_writer import EndWriter
 from swarmd.hal.buses.pwm import PwmChannel

@@ -7,9 +7,9 @@ import tty
 from pathlib import Path
 
 import pytest
-from tests.unit.devices.test_nmea import CLASSIC
+from tests.unit.devices.receivers import CLASSIC
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import state_of, status
+from tests.unit.hal.status import state_of, status
 
 from swarmd.hal.config import Config, RecognitionRule
 from swarmd.hal.core.recognition import DeviceNode, Recognised, Recognition

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.hal.rig import running
 from tests.unit.hal.simulated_kernel import Chip, simulated_kernel
-from tests.unit.hal.test_service import status
+from tests.unit.hal.status import status
 
 from swarmd.hal.config import Axis, Config, InvensenseDriver
 from swarmd.hal.core.invensense import DATA, is_right_handed, measurement

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import Counter, state_of
+from tests.unit.hal.status import Counter, state_of
 
 from swarmd.hal.catalogue import make_all
 from swarmd.hal.config import (

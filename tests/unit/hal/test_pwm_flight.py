@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from tests.unit.hal.flight.frames import SHARE, airframe
-from tests.unit.hal.test_servo import chip, number
+from tests.unit.hal.pwm_chip import chip, number
 
 from swarmd.hal.config import Config, MotorPulse, PwmFlightDriver, ServoPulse
 from swarmd.hal.driver import DeviceGone, Site

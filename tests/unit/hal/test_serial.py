@@ -7,9 +7,9 @@ import tty
 from pathlib import Path
 
 import pytest
-from tests.unit.devices.test_nmea import CLASSIC, RMC
+from tests.unit.devices.receivers import CLASSIC, RMC
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import status
+from tests.unit.hal.status import status
 
 from swarmd.hal.buses.serial_line import SerialLine
 from swarmd.hal.config import ChassisConfig, Config, NmeaDriver, SerialChassisDriver

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import status
+from tests.unit.hal.status import status
 
 from swarmd.hal.buses.serial_line import SerialLine
 from swarmd.hal.config import Config, SonarDriver, VectorNavDriver

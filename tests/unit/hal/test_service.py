@@ -6,36 +6,17 @@ from pathlib import Path
 
 import pytest
 from tests.unit.hal.rig import running
+from tests.unit.hal.status import Counter, state_of, status
 
 from swarmd.hal.blocking import BlockingDevice, BlockingSensor
 from swarmd.hal.config import Config
-from swarmd.hal.driver import Actuator, Sensor
-from swarmware.module.board import BoardReader
+from swarmd.hal.driver import Actuator
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import DriverStatus, DriverTable
+from swarmware.types.vehicle import DriverTable
 
 FAST = Config(drivers=(), retry_s=0.05, failures=2, report_hz=50.0)
-
-
-class Counter(Sensor):
-    """A sensor that counts its reads, and can be unplugged."""
-
-    def __init__(self, name: str, rate_hz: float) -> None:
-        self.name, self.period_s = name, 1 / rate_hz
-        self.plugged = True
-        self.opened = 0
-
-    async def open(self, module: Module) -> None:
-        if not self.plugged:
-            raise FileNotFoundError(f"{self.name} is unplugged")
-        self.opened += 1
-
-    async def read(self, now_ns: int) -> bool:
-        if not self.plugged:
-            raise OSError("gone")
-        return True
 
 
 class Stuck(BlockingSensor[int]):
@@ -71,16 +52,6 @@ class Valve(Actuator):
 
     def failsafe(self, now_ns: int) -> str:
         return "no set-point" if self.starved else ""
-
-
-async def status(board: BoardReader[DriverTable], name: str, **wanted: object) -> DriverStatus:
-    """Waits until a driver has this status."""
-    async with asyncio.timeout(20.0):
-        while True:
-            table = await board.changed()
-            found = next(driver for driver in table.drivers if driver.name == name)
-            if all(getattr(found, key) == value for key, value in wanted.items()):
-                return found
 
 
 async def test_each_driver_has_its_own_rate(tmp_path: Path) -> None:
@@ -160,15 +131,6 @@ async def test_the_check_of_a_fail_safe_is_there_before_it_is_needed(tmp_path: P
     async with running(tmp_path, [Valve()], FAST) as other:
         checks = other.reader("health/checks/hal", CheckReports)
         assert await state_of(checks, "hal/failsafe/valve", "ok")
-
-
-async def state_of(board: BoardReader[CheckReports], check: str, wanted: str) -> bool:
-    async with asyncio.timeout(20.0):
-        while True:
-            reports = board.value
-            if reports is not None and any(r.check == check and r.state == wanted for r in reports.reports):
-                return True
-            await board.changed()
 
 
 class SlowToClose(BlockingDevice):

@@ -5,8 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from tests.unit.hal.pwm_chip import chip, number
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import state_of, status
+from tests.unit.hal.status import state_of, status
 
 from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.config import Config, ServoDriver, ServoOutput
@@ -21,22 +22,6 @@ from swarmware.types.vehicle import DriverTable, VehicleState
 FAST = Config(drivers=(), retry_s=0.05, failures=2, report_hz=50.0)
 RUDDER = ServoOutput(channel=0, path="act/rudder", range_us=400.0)
 MOTOR = ServoOutput(channel=1, path="act/motor", safe_us=1000.0, needs_arming=True)
-
-
-def chip(root: Path, channels: int = 2) -> Path:
-    """A chip whose channels the kernel has made already."""
-    folder = root / "pwmchip0"
-    for channel in range(channels):
-        (folder / f"pwm{channel}").mkdir(parents=True)
-        for name in ("period", "duty_cycle", "enable"):
-            (folder / f"pwm{channel}" / name).write_text("0\n")
-    (folder / "export").touch()
-    return folder
-
-
-def number(folder: Path, name: str) -> int:
-    lines = (folder / name).read_text().splitlines()
-    return int(lines[0]) if lines else -1
 
 
 async def until(folder: Path, name: str, wanted: int, other: Module) -> None:

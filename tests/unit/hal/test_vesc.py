@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.unit.hal.rig import running
-from tests.unit.hal.test_service import status
+from tests.unit.hal.status import status
 
 from swarmd.hal.buses.can import CanBus, CanFrame
 from swarmd.hal.config import Config, VescDriver, VescMotor

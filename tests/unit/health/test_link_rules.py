@@ -1,7 +1,7 @@
 """The summary of a node's links is judged by the rules of the health monitor."""
 
 import msgspec
-from tests.unit.health.test_monitor_core import SECOND, look, monitor, present, told
+from tests.unit.health.monitor import SECOND, look, monitor, present, told
 
 from swarmware.model.resource import Resource
 from swarmware.types.health import Phase

@@ -1,68 +1,22 @@
 """Monitor core: looks, values, reports and deaths in; faults and the state of the platform out."""
 
-from collections.abc import Callable
-from typing import Any
-
 import msgspec
+from tests.unit.health.monitor import SECOND, Monitor, look, monitor, present, told
 
-from swarmd.health.config import Config
 from swarmd.health.core.faults import CheckSample
 from swarmd.health.core.monitor import (
-    Action,
-    FaultChanged,
     FaultsCleared,
     GuardHung,
-    MonitorCore,
     ReadInputs,
     RegistrationChanged,
-    RunningApp,
 )
 from swarmware.model.resource import Resource
 from swarmware.types.health import CheckRegistration, CheckReport, CheckReports, Fault, Phase, StateRule
 from swarmware.types.system import AppState, AppStatus
 
-SECOND = 1_000_000_000
 POSE = Resource(path="nav/pose", type="Pose", rate_hz=20, critical=True)
 GNSS = Resource(path="sensor/gnss", type="GnssFix", rate_hz=10)
 BATTERY = Resource(path="power/battery", type="BatteryState", rate_hz=1)
-
-
-class Monitor:
-    """A monitor whose changes of faults are kept until they are asked for."""
-
-    def __init__(self, **changes: Any) -> None:
-        numbers: dict[str, Any] = {"grace_s": 10.0, "clear_s": 5.0, "hung_s": 4.0}
-        self.core = MonitorCore(Config(**(numbers | changes)))
-        self.changed: list[Fault] = []
-
-    def __getattr__(self, name: str) -> Any:
-        found = getattr(self.core, name)
-        return self._keep(found) if name.startswith("on_") else found
-
-    def _keep(self, event: Callable[..., list[Action]]) -> Callable[..., list[Action]]:
-        def call(*facts: Any) -> list[Action]:
-            actions = event(*facts)
-            self.changed += [action.fault for action in actions if isinstance(action, FaultChanged)]
-            return actions
-
-        return call
-
-    def take(self) -> list[Fault]:
-        changed, self.changed = self.changed, []
-        return changed
-
-
-def monitor(**changes: Any) -> Monitor:
-    return Monitor(**changes)
-
-
-def present(core: Monitor, *resources: Resource, app: str = "hal", pid: int = 7, at_ns: int = 0) -> None:
-    core.on_running(RunningApp(f"{app}#1", app, pid, at_ns, resources), at_ns)
-
-
-def look(core: Monitor, path: str, position: int, now_ns: int) -> None:
-    age = next(age for age in core.ages() if age.path == path)
-    core.on_age_sample(age, position, now_ns)
 
 
 def beat(
@@ -83,10 +37,6 @@ def beat(
 def cleared(core: Monitor, pattern: str, now_ns: int) -> tuple[Fault, ...]:
     (found,) = [action for action in core.on_clear(pattern, now_ns) if isinstance(action, FaultsCleared)]
     return found.faults
-
-
-def told(core: Monitor) -> list[tuple[str, str, Phase]]:
-    return [(fault.check, fault.state, fault.phase) for fault in core.take()]
 
 
 def test_a_resource_that_moves_is_fresh_and_one_that_stops_is_stale_then_lost() -> None:

@@ -9,8 +9,8 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
-from tests.unit.lab.test_analysis import facts
-from tests.unit.lab.test_report import GOOD
+from tests.unit.lab.logs import facts
+from tests.unit.lab.reports import GOOD
 
 from swarmlab.measure.mission_timeline import BarrierPassage, BlockSpan, MemberTimeline
 from swarmlab.measure.tracks import Floats, TimeSeries, VehicleTrack, resample

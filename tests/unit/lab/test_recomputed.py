@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.unit.lab.test_analysis import facts, write_logs
+from tests.unit.lab.logs import facts, write_logs
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.terminal.output import Output

@@ -3,6 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 from swarmd.lidar.core.turn_decoder import ELEVATIONS_DEG
@@ -44,3 +45,14 @@ def wall(ahead_m: float) -> Surroundings:
 def ground(height_m: float) -> Surroundings:
     """Level ground below a lidar at this height."""
     return lambda _, elevation: height_m / -math.sin(elevation) if elevation < 0 else 0.0
+
+
+RECORDING = Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin"
+
+
+PACKET = 1206
+
+
+def recording() -> list[bytes]:
+    data = RECORDING.read_bytes()
+    return [data[at : at + PACKET] for at in range(0, len(data), PACKET)]

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.lidar.packets import turn, wall
-from tests.unit.lidar.test_turn_decoder import recording
+from tests.unit.lidar.packets import recording, turn, wall
 
 from swarmd.lidar.config import Config
 from swarmd.lidar.service import Lidar

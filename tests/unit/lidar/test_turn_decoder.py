@@ -1,19 +1,15 @@
 """Packets of a lidar become the points of whole turns, also of a real recording; garbage is counted."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.unit.lidar.packets import turn, wall
+from tests.unit.lidar.packets import PACKET, recording, turn, wall
 
 from swarmd.lidar.core.turn_decoder import Turn, TurnDecoder
-
-RECORDING = Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin"
-PACKET = 1206
 
 
 def decoded(
@@ -24,11 +20,6 @@ def decoded(
     for at in range(0, len(packets), batch):
         found += decoder.turns(packets[at : at + batch], at)
     return decoder, found
-
-
-def recording() -> list[bytes]:
-    data = RECORDING.read_bytes()
-    return [data[at : at + PACKET] for at in range(0, len(data), PACKET)]
 
 
 def nearest(points: Any, x_m: float, y_m: float) -> float:

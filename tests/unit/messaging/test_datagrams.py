@@ -1,7 +1,7 @@
 """Datagrams of video in the message router: they reach a handler of datagrams alone, and nobody answers."""
 
 import pytest
-from tests.unit.messaging.test_router import (
+from tests.unit.messaging.routing import (
     BROKER,
     ELSEWHERE,
     HERE,

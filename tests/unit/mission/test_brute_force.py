@@ -8,7 +8,7 @@ from typing import Any
 
 from tests.simulation.seeds import examples
 from tests.unit.mission.nets import choice, net
-from tests.unit.mission.test_meetings import findings
+from tests.unit.mission.results import findings
 
 from swarmware.mission import instants
 from swarmware.mission.binding import Binding

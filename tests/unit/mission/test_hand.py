@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from tests.unit.mission.nets import net
 from tests.unit.mission.results import result
-from tests.unit.mission.test_executor import ARM, HOLD, A, Member1, S, words
+from tests.unit.mission.steps import ARM, HOLD, A, Member1, S, words
 
 from swarmd.mission.blocks.motions import ForcedArm
 from swarmd.mission.builtin import MANOEUVRES, manoeuvre

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 from tests.unit.mission.nets import choice, net
+from tests.unit.mission.results import findings
 
 from swarmware.mission.budget import Budget
 from swarmware.mission.check import check_folder
@@ -19,17 +20,6 @@ def meet(barrier: str, after: str, **more: Any) -> dict[str, Any]:
 def late(barrier: str, after: str, other: str = "e", **more: Any) -> dict[str, Any]:
     """A barrier with a way out."""
     return meet(barrier, after, timeout_s=9, nextTimeout=other, **more)
-
-
-def findings(*texts: str, take: tuple[int, ...] = (), budget: Budget | None = None) -> list[Finding]:
-    """Roles a, b, … with these missions; one platform each unless `take` says otherwise."""
-    names = "abcd"[: len(texts)]
-    manifest = 'name = "trial"\n' + "".join(
-        f'[[roles]]\nname = "{name}"\nfile = "{name}.json"\nkinds = ["uav"]\ntake = {number}\n'
-        for name, number in zip(names, take or (1,) * len(texts), strict=True)
-    )
-    files = [MissionFile(f"{name}.json", text) for name, text in zip(names, texts, strict=True)]
-    return check_folder(from_files([MissionFile("mission.toml", manifest), *files], ""), budget=budget)
 
 
 def judged(*texts: str, take: tuple[int, ...] = (), budget: Budget | None = None) -> list[Finding]:

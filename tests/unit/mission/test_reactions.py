@@ -5,7 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 from tests.unit.mission.results import result
-from tests.unit.mission.test_executor import ARM, Member1, S, words
+from tests.unit.mission.steps import ARM, Member1, S, words
 
 from swarmd.mission.config import REACTIONS, Config
 from swarmd.mission.core.reactions import React, ReactionTable, RowChanged, Situation, link_loss_row

@@ -1,7 +1,7 @@
 """A landing without a valid position: down by the height alone."""
 
 import pytest
-from tests.unit.navigator.test_navigator import Rig
+from tests.unit.navigator.rig import Rig
 
 from swarmd.navigator.config import Config
 from swarmware.types.vehicle import Goal, GoalKind

@@ -8,6 +8,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.unit.security.swarm import NAMES, Swarm
 
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound
 from swarmware.transport.enrolment.proof import fingerprint
@@ -21,24 +22,6 @@ from swarmware.transport.security.roster import (
 )
 from swarmware.transport.security.seal import GroupKey
 from swarmware.transport.sodium import SigningKey
-
-NAMES = ("gcs", "uav1", "uav2")
-
-
-class Swarm:
-    """A root and the keys of its members, in memory as brokers hold them."""
-
-    def __init__(self, directory: Path, names: tuple[str, ...] = NAMES) -> None:
-        self.directory = directory
-        make_swarm(directory, names)
-        self.root = Root.load(directory)
-        self.keys = {name: Keys.load(directory / name, name) for name in names}
-
-    def admit(self, platform: str, seed: bytes, role: str = "node") -> bytes:
-        return self.root.admit(candidate(platform, role, seed, self.root.public))
-
-    def reload(self, platform: str) -> Keys:
-        return Keys.load(self.directory / platform, platform)
 
 
 @pytest.fixture

@@ -1,23 +1,11 @@
 """Folders that a cleaner of temporary files must leave alone are locked, by one process each."""
 
-import fcntl
-import os
 import shutil
 from pathlib import Path
 
+from tests.unit.service.folders import is_left_alone
+
 from swarmd.kept_folders import KeptFolders
-
-
-def is_left_alone(folder: Path) -> bool:
-    """Whether a cleaner, which takes a shared lock of each folder that it enters, must leave it."""
-    fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(fd)
-    return False
 
 
 def test_each_folder_is_locked_until_the_end(tmp_path: Path) -> None:

@@ -1,33 +1,16 @@
 """Files of folders that others may write: opened at once or refused, and removed whatever they are."""
 
 import os
-import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.unit.shm.folders import folder, full_folder, link, listener
 
 from swarmware.errors import WireError
 from swarmware.transport.shm.shared_file import discard, kind_at, open_cleared, open_shared
 
 LIMIT = 1000
-
-
-def folder(path: Path) -> None:
-    path.mkdir()
-
-
-def full_folder(path: Path) -> None:
-    (path / "inner").mkdir(parents=True)
-
-
-def link(path: Path) -> None:
-    path.symlink_to("/etc/passwd")
-
-
-def listener(path: Path) -> None:
-    with socket.socket(socket.AF_UNIX) as made:
-        made.bind(str(path))
 
 
 def sparse(path: Path) -> None:

@@ -4,8 +4,8 @@ import itertools
 from functools import partial
 
 import pytest
+from tests.unit.tree.owner import Owner
 from tests.unit.tree.pair import CONFIG, Pair, S, pair
-from tests.unit.tree.test_window import Owner
 
 from swarmd.tree.core.action import SendNotify, WriteMirror
 from swarmd.tree.core.notification.feed import Feed

@@ -1,6 +1,7 @@
 """Reach, quality, repetitions, timers, and the settings of the service."""
 
 import pytest
+from tests.unit.tree.neighbours import neighbour
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.quality import quality
@@ -10,23 +11,14 @@ from swarmd.tree.core.timers import Timers
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
 from swarmware.model.names import hardware_id
-from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Resource
-from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState, Routes, RouteState
+from swarmware.types.net import Neighbours, Routes, RouteState
 from swarmware.types.tree import Rule
 
 
 def route(platform: str, via: str, version: int = 5, hardware: int | None = None) -> RouteState:
     hw = hardware_id(platform) if hardware is None else hardware
     return RouteState(platform, hw, via, 256, 1, version, 0)
-
-
-def neighbour(platform: str, state: str, version: int = 5, unit: str = "main") -> NeighbourState:
-    return NeighbourState(
-        platform, unit, hardware_id(platform, unit), PlatformKind.UAV, LinkStatus(state),
-        "127.0.0.1:1", 0, 0.0, 10.0,
-        0.0, 0.0, None, 256, version, 0, 1, ConnectionStatus.CONNECTED, True,
-    )  # fmt: skip
 
 
 def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:

@@ -10,32 +10,15 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.unit.cli.fleet.test_hosts import HOST, read
+from tests.unit.cli.fleet.hosts import HOST, content, order, push, read
 
 from swarmctl.commands.fleet import agent, remote, ssh
-from swarmctl.commands.fleet.agent import FleetRecord, HostAgent, HostOrder
+from swarmctl.commands.fleet.agent import FleetRecord, HostAgent
 from swarmctl.commands.fleet.plan import HostStatus
 from swarmctl.membership.hosts import digest
 from swarmctl.session.processes import identity
 from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound, SwarmError
 from swarmware.runtime.filewriter import replace_file
-
-
-def order(folder: Path, verb: Any, **more: Any) -> HostOrder:
-    return HostOrder(verb, str(folder / "etc"), str(folder), "none", "swarm.target", **more)
-
-
-def content(folder: Path, **services: bytes) -> dict[str, bytes]:
-    node = f'platform = "uav1"\nrun_dir = "{folder}/run"\ndata_dir = "{folder}/data"\n'
-    return {
-        "config/node.toml": node.encode(),
-        **{f"config/services/{name}.toml": data for name, data in services.items()},
-    }
-
-
-def push(folder: Path, files: dict[str, bytes]) -> HostStatus:
-    sent = order(folder, "push", digest=digest(files))
-    return HostAgent(sent).carry_out(msgspec.msgpack.encode(files))
 
 
 def test_pushed_files_replace_those_of_the_last_push_and_keep_others(tmp_path: Path) -> None:

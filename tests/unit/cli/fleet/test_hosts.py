@@ -6,6 +6,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from tests.unit.cli.fleet.hosts import HOST, read
 
 from swarmctl.commands.fleet.ssh import command_line
 from swarmctl.membership import hosts
@@ -32,19 +33,12 @@ template = "gcs"
 """
 
 
-def read(text: str, folder: Path = Path("/fleet")) -> list[hosts.FleetHost]:
-    return hosts.parse_hosts(text, folder / "HOSTS.toml")
-
-
 def test_keys_of_a_host_replace_the_defaults_also_when_they_have_the_value_of_the_program() -> None:
     uav, gcs = read(TWO)
     assert (uav.keys.user, uav.keys.port, uav.keys.services) == ("pilot", 2222, "services")
     assert (gcs.keys.user, gcs.keys.port, gcs.keys.services) == ("pilot", 22, "")
     assert uav.node == {"kind": "uav", "platform": "uav1"}
     assert gcs.node == {"kind": "gcs", "template": "gcs", "platform": "gcs"}
-
-
-HOST = '[[hosts]]\nname = "uav1"\naddress = "a"\n'
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.cli.fleet.test_agent import content, order, push
+from tests.unit.cli.fleet.hosts import content, order, push
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.fleet import agent, running, ssh
