@@ -20,9 +20,13 @@ SOURCES = [
     for path in sorted((ROOT / folder).rglob("*.py"))
     if "__pycache__" not in path.parts
 ]
+FRONT_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+"""Documents that are read before any other."""
+LONGEST: Final = 110
+"""Lines of such a document, which is read in five minutes."""
 PAGES = [
     path
-    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "share/doc").rglob("*.md")))
+    for path in (*FRONT_PAGES, *sorted((ROOT / "share/doc").rglob("*.md")))
     if path.name != "requirements.md"
 ]
 """Documents; the page of requirements quotes the sources of the capabilities and the names of tests."""
@@ -185,6 +189,21 @@ IN_PROSE: Final = {
 """In docstrings, comments, messages."""
 ANY_IN_PROSE: Final = re.compile("|".join(form.pattern for form in IN_PROSE.values()), re.IGNORECASE)
 """Most texts have none of the words: one search in place of one for each."""
+AVOIDED: Final = {
+    re.compile(pattern, re.IGNORECASE): expected
+    for pattern, expected in (
+        (r"; (?:none|empty|left out|0|1|false|true): ", "`or None if`"),
+        (r"\bth(?:at|ose) of\b", "the noun"),
+        (r"\bones? that\b", "the noun"),
+        (r"\bis none\b", "`is not a …`"),
+        (r"\bwhat (?:was|were) \w+ed\b", "a noun, such as `measurement`"),
+    )
+}
+"""Grammar that is understood only with the lines around it, and what is expected in its place."""
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
 
 
 def test_names_and_texts_use_the_terms_of_the_field() -> None:
@@ -194,6 +213,36 @@ def test_names_and_texts_use_the_terms_of_the_field() -> None:
         for word, line, text in uses(path)
     ]
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("page", FRONT_PAGES, ids=name)
+def test_front_page_is_short_and_understood_at_first_reading(page: Path) -> None:
+    text = re.sub(r"`[^`\n]*`|\]\([^)]*\)", "` `", page.read_text("utf-8"))
+    assert len(text.splitlines()) <= LONGEST
+    found = [
+        f"{name(page)}:{line}: {sentence!r}; expected {AVOIDED[pattern]}"
+        for line, sentence in enumerate(text.splitlines(), 1)
+        for pattern in AVOIDED
+        if pattern.search(sentence)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "expected"),
+    [
+        ("Maximum age; 0: none.", 1),
+        ("Maximum age, or 0 if unlimited.", 0),
+        ("The counter is that of the link.", 1),
+        ("One that was lost is repeated.", 1),
+        ("It is one that answers.", 1),
+        ("A key that is none is refused.", 1),
+        ("It records what was measured.", 1),
+        ("It holds what is needed.", 0),
+    ],
+)
+def test_avoided_grammar_is_found(sentence: str, expected: int) -> None:
+    assert sum(bool(pattern.search(sentence)) for pattern in AVOIDED) == expected
 
 
 def test_documents_use_the_terms_of_the_field() -> None:
@@ -244,10 +293,6 @@ def test_a_public_docstring_has_four_words_or_more() -> None:
 )
 def test_the_words_are_found_in_prose(text: str, word: str) -> None:
     assert [key for key, form in IN_PROSE.items() if form.search(text)] == ([word] if word else [])
-
-
-def name(path: Path) -> str:
-    return str(path.relative_to(ROOT))
 
 
 @cache
