@@ -39,8 +39,6 @@ THIN = {
     "daemons/swarmd/hal/core/flight/attitude_loop.py": "the attitude loop, the one without an integral",
     "daemons/swarmd/hal/core/flight/gap.py": "the samples of a gap",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
-    "daemons/swarmd/tree/core/quality.py": "the quality of a value",
-    "daemons/swarmd/tree/core/rate.py": "the rate of a resource",
     "cli/swarmctl/resources/described_fields.py": "fields of types of modules, imported for a new one",
     "cli/swarmctl/membership/options.py": "options that --help imports, without what the commands do",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",

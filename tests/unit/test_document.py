@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from swarmctl.commands.config import keys as config_keys
 from swarmctl.session import labs
 from swarmd.health.journal import JournalFile
-from swarmd.tree.store import SettingsStore
+from swarmd.tree.settings.store import SettingsStore
 from swarmlab.report.run_metadata import RunMetadata
 from swarmware.errors import ConfigError, SwarmError, WireError
 from swarmware.geometry.world import World

@@ -27,8 +27,8 @@ from swarmd.tree.core.notification.lane import (
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
 from swarmd.tree.core.structure import structure
 from swarmd.tree.core.structure.index import Index, leaf
+from swarmd.tree.core.structure.subscription import make_subscription
 from swarmd.tree.core.subscribers.subscriber import BYTES_LIMIT, ITEMS_LIMIT
-from swarmd.tree.core.subscription import make_subscription
 from swarmware.errors import KINDS, WireError
 from swarmware.mission.model import content_hash
 from swarmware.model.names import PATTERN_LIMIT, WILDCARDS_LIMIT, data_id

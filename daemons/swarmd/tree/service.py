@@ -10,9 +10,6 @@ from typing import Final
 
 from swarmd.tree import change_log, rule_store
 from swarmd.tree import config as own
-from swarmd.tree.boundary import Boundary
-from swarmd.tree.change_log import ChangeLog
-from swarmd.tree.config_api import ConfigApi
 from swarmd.tree.core.action import (
     Action,
     PruneMirrors,
@@ -24,21 +21,23 @@ from swarmd.tree.core.action import (
     Watch,
     WriteMirror,
 )
-from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.replicas.number_watch import NumberWatch
-from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.denial_log import DenialLog
-from swarmd.tree.mirrors import Mirrors
-from swarmd.tree.operator_api import OperatorApi
-from swarmd.tree.placement import PlacementMeasurement
-from swarmd.tree.report import TreeReport
-from swarmd.tree.rule_store import RuleStore
-from swarmd.tree.settings import Settings
-from swarmd.tree.store import SettingsStore
-from swarmd.tree.taps import Peek, Tap
-from swarmd.tree.tree_exchange import TreeExchange
-from swarmd.tree.tree_view import TreeView
-from swarmd.tree.type_catalogue import TypeCatalogue
+from swarmd.tree.core.tree import Reachability, SwarmTree, reachable
+from swarmd.tree.exchange.boundary import Boundary
+from swarmd.tree.exchange.mirrors import Mirrors
+from swarmd.tree.exchange.placement import PlacementMeasurement
+from swarmd.tree.exchange.taps import Peek, Tap
+from swarmd.tree.exchange.tree_exchange import TreeExchange
+from swarmd.tree.operator.config_api import ConfigApi
+from swarmd.tree.operator.operator_api import OperatorApi
+from swarmd.tree.operator.tree_view import TreeView
+from swarmd.tree.operator.type_catalogue import TypeCatalogue
+from swarmd.tree.records.change_log import ChangeLog
+from swarmd.tree.records.denial_log import DenialLog
+from swarmd.tree.records.report import TreeReport
+from swarmd.tree.settings.rule_store import RuleStore
+from swarmd.tree.settings.settings import Settings
+from swarmd.tree.settings.store import SettingsStore
 from swarmware.errors import ConfigError
 from swarmware.model import names, paths, template
 from swarmware.model.resource import Resource

@@ -13,8 +13,8 @@ from tests.integration.broker.hostile import found_by_doctor
 from tests.integration.broker.swarm import LINE, Recorder, Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 
-from swarmd.tree.change_log import ChangeLog
-from swarmd.tree.denial_log import DenialLog
+from swarmd.tree.records.change_log import ChangeLog
+from swarmd.tree.records.denial_log import DenialLog
 from swarmware.model.access import Role, Sender
 from swarmware.model.acl import FILE
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind, decode, encode

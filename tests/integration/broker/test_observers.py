@@ -10,8 +10,8 @@ from tests.integration.broker.swarm import Recorder, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmd.tree.change_log import ChangeLog
-from swarmd.tree.denial_log import DenialLog
+from swarmd.tree.records.change_log import ChangeLog
+from swarmd.tree.records.denial_log import DenialLog
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.transport.delivery.answer import answerable, with_lifetime

@@ -23,8 +23,7 @@ from swarmd.broker.core.topology.link import LinkState
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action as TreeAction
 from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify
-from swarmd.tree.core.reach import Reachability, reachable
-from swarmd.tree.core.tree import SwarmTree
+from swarmd.tree.core.tree import Reachability, SwarmTree, reachable
 from swarmware.model import template
 from swarmware.model.resource import Resource
 from swarmware.runtime.driver import CoreDriver

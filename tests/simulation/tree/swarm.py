@@ -11,7 +11,7 @@ from tests.simulation.tree.node import Node
 from tests.simulation.tree.radio import Radio
 
 from swarmd.tree.core.action import Action
-from swarmd.tree.core.subscription import subscribable
+from swarmd.tree.core.structure.subscription import subscribable
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.frame import FrameKind
 from swarmware.model.names import Address

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from swarmd.tree.boundary import Boundary
+from swarmd.tree.exchange.boundary import Boundary
 from swarmware.errors import WireError
 
 

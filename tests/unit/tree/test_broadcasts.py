@@ -8,9 +8,8 @@ from tests.unit.tree.pair import BATTERY, CONFIG, POSE, STEP, TEMPLATE, S, Tree,
 
 from swarmd.tree.core.action import PruneMirrors, RequestStructure, RequestSubscription, SendNotify
 from swarmd.tree.core.replicas.received_broadcasts import ReceivedBroadcasts
-from swarmd.tree.core.replicas.replica import Replica
-from swarmd.tree.core.replicas.replica_timeouts import PATIENCE
-from swarmd.tree.core.subscription import LocalSubscriptions
+from swarmd.tree.core.replicas.replica import PATIENCE, Replica
+from swarmd.tree.core.structure.subscription import LocalSubscriptions
 from swarmd.tree.core.tree import BROADCAST_LIMIT
 from swarmware.model.names import Address
 from swarmware.model.resource import Resource

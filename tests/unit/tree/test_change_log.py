@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import pytest
 
-from swarmd.tree import change_log
-from swarmd.tree.change_log import ChangeLog
+from swarmd.tree.records import change_log
+from swarmd.tree.records.change_log import ChangeLog
 from swarmware.errors import InvalidInput
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node

@@ -10,9 +10,9 @@ import pytest
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.service import Navigator
-from swarmd.tree.config_api import ConfigApi
-from swarmd.tree.settings import Settings
-from swarmd.tree.store import SettingsStore
+from swarmd.tree.operator.config_api import ConfigApi
+from swarmd.tree.settings.settings import Settings
+from swarmd.tree.settings.store import SettingsStore
 from swarmware.errors import InvalidInput
 from swarmware.model.config import load_service
 from swarmware.model.resource import Kind, Resource

@@ -11,7 +11,7 @@ from swarmd.tree.core.action import (
     RequestSubscription,
     SendNotify,
 )
-from swarmd.tree.core.replicas.sync_state import SyncState
+from swarmd.tree.core.replicas.replica import SyncState
 from swarmd.tree.core.structure import structure
 from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree

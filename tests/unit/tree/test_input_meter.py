@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.tree.core.input_meter import InputMeter
+from swarmd.tree.core.values.input_meter import InputMeter
 from swarmware.model.frame import FrameKind
 from swarmware.model.names import Address
 from swarmware.types.tree import TreeItem

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import msgspec
 
-from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Coding, SendNotify
 from swarmd.tree.core.notification.auto_compression import AutoState
-from swarmd.tree.item_coder import BESIDE_BYTES, ItemCoder
+from swarmd.tree.exchange.boundary import Boundary
+from swarmd.tree.exchange.item_coder import BESIDE_BYTES, ItemCoder
 from swarmware.model.compression import CONTAINER, READABLE, Compression
 from swarmware.model.frame import FrameKind
 from swarmware.module.jpeg import to_pixels

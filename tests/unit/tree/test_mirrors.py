@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from swarmd.tree.core.action import WriteMirror
-from swarmd.tree.mirrors import Mirrors
+from swarmd.tree.exchange.mirrors import Mirrors
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import data_id, hardware_id
 from swarmware.node.mirror_writer import MirrorWriter

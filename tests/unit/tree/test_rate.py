@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.tree.core.rate import measured_hz
+from swarmd.tree.core.values.quality import measured_hz
 
 
 @pytest.mark.parametrize(

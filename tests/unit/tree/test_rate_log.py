@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from swarmd.tree.rate_log import RateLog
+from swarmd.tree.records.report import RateLog
 
 
 def test_it_records_when_a_link_begins_to_limit_a_stream_and_when_it_ends(

@@ -13,7 +13,7 @@ from swarmd.tree.core.replicas.remote_subscription import (
 from swarmd.tree.core.replicas.structure_replica import StructureEvent, StructureReplica, StructureState
 from swarmd.tree.core.structure.index import Index, leaf
 from swarmd.tree.core.structure.structure import version
-from swarmd.tree.core.subscription import NO_SUBSCRIPTION, make_subscription
+from swarmd.tree.core.structure.subscription import NO_SUBSCRIPTION, make_subscription
 
 EPOCH = 7
 INDEX = Index([leaf(BATTERY)])

@@ -9,7 +9,7 @@ from tests.unit.tree.pair import POSE, Pair, core, pair, value
 
 from swarmd.tree.config import RuleConfig
 from swarmd.tree.core.replicas.replica import Replica
-from swarmd.tree.rule_store import RuleStore
+from swarmd.tree.settings.rule_store import RuleStore
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.types.channel import ChannelLimit, ChannelSettings
 from swarmware.types.net import BoardPublication

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import msgspec
 import pytest
 
-from swarmd.tree.settings import Settings
-from swarmd.tree.store import SettingsStore
+from swarmd.tree.settings.settings import Settings
+from swarmd.tree.settings.store import SettingsStore
 from swarmware.errors import Conflict, InvalidInput, NotFound
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.module import Module

@@ -4,10 +4,10 @@ import pytest
 from tests.unit.tree.neighbours import neighbour
 
 from swarmd.tree.config import Config
-from swarmd.tree.core.quality import quality
-from swarmd.tree.core.reach import Reachability, reachable
 from swarmd.tree.core.structure.index import leaf
 from swarmd.tree.core.timers import Timers
+from swarmd.tree.core.tree import Reachability, reachable
+from swarmd.tree.core.values.quality import quality
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
 from swarmware.model.names import hardware_id

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from swarmd.tree.store import SIZE_LIMIT, SettingsStore
+from swarmd.tree.settings.store import SIZE_LIMIT, SettingsStore
 from swarmware.model.resource import Plain
 from swarmware.model.stored_setting import HISTORY_LIMIT, SettingChange, StoredSetting
 

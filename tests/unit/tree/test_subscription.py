@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.tree.core.structure.index import leaf
-from swarmd.tree.core.subscription import LocalSubscriptions, make_subscription, subscribable
+from swarmd.tree.core.structure.subscription import LocalSubscriptions, make_subscription, subscribable
 from swarmware.model.names import Address
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.tree import Rule

@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.tree.pair import BATTERY, CONFIG, FAULTS, TEMPLATE, S
 
-from swarmd.tree.core.subscription import make_subscription
+from swarmd.tree.core.structure.subscription import make_subscription
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest

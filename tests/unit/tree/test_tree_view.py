@@ -10,8 +10,8 @@ from tests.unit.tree.pair import POSE, Pair, S, core
 
 from swarmd.tree.core.structure.index import leaf
 from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.taps import Peek
-from swarmd.tree.tree_view import TreeView
+from swarmd.tree.exchange.taps import Peek
+from swarmd.tree.operator.tree_view import TreeView
 from swarmware.errors import NotFound
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import Pattern, hardware_id

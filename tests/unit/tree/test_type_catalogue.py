@@ -3,8 +3,8 @@
 import msgspec
 import pytest
 
-from swarmd.tree import type_catalogue
-from swarmd.tree.type_catalogue import TypeCatalogue
+from swarmd.tree.operator import type_catalogue
+from swarmd.tree.operator.type_catalogue import TypeCatalogue
 from swarmware.errors import NotFound, WireError
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types.description import describe

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.tree.core.value import check_settable, typed, unpacked, with_field
+from swarmd.tree.core.values.value import check_settable, typed, unpacked, with_field
 from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.scalar import Bool, Float, Int, Text

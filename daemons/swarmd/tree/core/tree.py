@@ -3,19 +3,21 @@
 from collections.abc import Iterable
 from typing import Final
 
+import msgspec
+
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action
-from swarmd.tree.core.replicas.replica_timeouts import PATIENCE, ReplicaTimeouts
+from swarmd.tree.core.replicas.replica import PATIENCE, ReplicaTimeouts
 from swarmd.tree.core.replicas.replicas import Replicas
 from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts
+from swarmd.tree.core.structure.subscription import LocalSubscriptions
 from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
-from swarmd.tree.core.subscription import LocalSubscriptions
 from swarmware.model.access import Access, Sender
-from swarmware.model.names import MAIN, Address
+from swarmware.model.names import MAIN, Address, hardware_id
 from swarmware.model.resource import Kind, Link, Resource
 from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.channel import ChannelLimit, ChannelProtocol, settings_of
-from swarmware.types.net import StructureBroadcast
+from swarmware.types.net import LinkStatus, Neighbours, Routes, StructureBroadcast
 from swarmware.types.tree import (
     Rule,
     StructureReply,
@@ -25,6 +27,32 @@ from swarmware.types.tree import (
     TreeItem,
     TreeNotify,
 )
+
+
+class Reachability(msgspec.Struct, frozen=True, gc=False):
+    """How one node is reachable."""
+
+    version: int | None
+    """Version of its tree in the newest beacon or route; None: unknown."""
+    near: bool
+    """It is a neighbour: reachable without a hop."""
+    multicast: bool = False
+    """It is a neighbour whose beacons come by multicast."""
+
+
+def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:
+    """Every other node with a route whose name is known, by its name."""
+    found: dict[str, Reachability] = {}
+    for route in routes.routes if routes is not None else ():
+        # a node of unknown name has a number in its place
+        if route.hardware == hardware_id(route.name):
+            found[route.name] = Reachability(route.tree_version or None, route.via == route.name)
+    for one in neighbours.neighbours if neighbours is not None else ():
+        if one.platform and one.state is LinkStatus.UP and one.hardware == hardware_id(one.name):
+            found[one.name] = Reachability(one.tree_version or None, True, one.multicast)
+    found.pop(own, None)
+    return found
+
 
 BROADCAST_LIMIT: Final = 700
 """Bytes of changes to a template in a beacon: with its head two thirds of the body. A vehicle with all its

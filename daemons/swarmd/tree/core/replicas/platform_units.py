@@ -7,7 +7,7 @@ from swarmd.tree.core.action import PruneMirrors, RemoveMirrors
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.core.structure.index import Index, Leaf, pattern
 from swarmd.tree.core.structure.local import LocalTree
-from swarmd.tree.core.subscription import subscribable
+from swarmd.tree.core.structure.subscription import subscribable
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
 from swarmware.model.resource import Kind, Resource

@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Final
 
-from swarmd.tree.core.subscription import NO_SUBSCRIPTION, Subscription
+from swarmd.tree.core.structure.subscription import NO_SUBSCRIPTION, Subscription
 
 UNKNOWN_BODY: Final = -1
 """Digest of a subscription of an earlier start of this tree."""

@@ -9,14 +9,12 @@ from swarmd.tree.core.action import Action, RemoveMirrors, RequestStructure, Req
 from swarmd.tree.core.notification.lane import LaneNumber
 from swarmd.tree.core.replicas.platform_units import PlatformUnits
 from swarmd.tree.core.replicas.received_broadcasts import ReceivedBroadcasts
-from swarmd.tree.core.replicas.replica import Replica
-from swarmd.tree.core.replicas.replica_timeouts import ReplicaTimeouts
+from swarmd.tree.core.replicas.replica import Replica, ReplicaTimeouts, SyncState
 from swarmd.tree.core.replicas.structure_replica import StructureState
-from swarmd.tree.core.replicas.sync_state import SyncState
 from swarmd.tree.core.structure.index import Index
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.structure.structure_decoder import StructureDecoder
-from swarmd.tree.core.subscription import LocalSubscriptions
+from swarmd.tree.core.structure.subscription import LocalSubscriptions
 from swarmd.tree.core.timers import Timers
 from swarmware.errors import Conflict, InvalidInput, OutOfRange, WireError
 from swarmware.model.names import Address

@@ -7,8 +7,8 @@ from swarmd.tree.core.action import Coding
 from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
+from swarmd.tree.core.structure.subscription import NO_SUBSCRIPTION, Subscription
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
-from swarmd.tree.core.subscription import NO_SUBSCRIPTION, Subscription
 from swarmware.model.access import Sender
 from swarmware.model.compression import Method
 from swarmware.model.resource import Kind

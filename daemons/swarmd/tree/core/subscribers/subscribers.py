@@ -10,10 +10,10 @@ from swarmd.tree.core.action import Action, SendNotify
 from swarmd.tree.core.notification.condition import check_rule, checked_s
 from swarmd.tree.core.notification.lane import LaneNumber, NotificationLane
 from swarmd.tree.core.structure.local import LocalTree
+from swarmd.tree.core.structure.subscription import Subscription, make_subscription
 from swarmd.tree.core.subscribers.subscriber import Subscriber
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan, SubscriptionPlanner
 from swarmd.tree.core.subscribers.watched_resources import WatchedResources
-from swarmd.tree.core.subscription import Subscription, make_subscription
 from swarmd.tree.core.timers import Timers
 from swarmware.model.access import Access, Role, Sender
 from swarmware.model.names import Address

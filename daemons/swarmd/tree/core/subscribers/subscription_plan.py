@@ -9,7 +9,7 @@ from swarmd.tree.core.notification.condition import first_rule, rule_for
 from swarmd.tree.core.notification.feed import LATEST_ONLY, Feed, half_period_ns
 from swarmd.tree.core.structure.index import Leaf
 from swarmd.tree.core.structure.local import LocalTree
-from swarmd.tree.core.subscription import Subscription, subscribable
+from swarmd.tree.core.structure.subscription import Subscription, subscribable
 from swarmware.model.access import Access, Sender, Verb
 from swarmware.model.resource import Resource
 from swarmware.types.channel import (

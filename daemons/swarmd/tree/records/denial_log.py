@@ -3,7 +3,7 @@
 import logging
 from typing import Final
 
-from swarmd.tree.change_log import ChangeLog
+from swarmd.tree.records.change_log import ChangeLog
 from swarmware.model import names
 from swarmware.model.access import Sender, Verb
 from swarmware.module.module import DENIED, Module

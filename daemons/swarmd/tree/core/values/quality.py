@@ -1,4 +1,4 @@
-"""Quality of a value, from its owner, its age and the reachability of its platform."""
+"""Quality and rate of the values of a resource: from their owner, their ages, and the reachable platforms."""
 
 from typing import Final
 
@@ -35,3 +35,20 @@ def quality(
     if age_s is None:
         return Quality.LIVE if limit_s == float("inf") else Quality.STALE
     return Quality.LIVE if age_s <= limit_s else Quality.STALE
+
+
+SILENCE: Final = 2.0
+"""Periods without a value from which the silence counts, too."""
+
+
+def measured_hz(values: int, span_s: float, age_s: float | None) -> float | None:
+    """Rate of a resource of which `values` were written within `span_s` after an older one.
+
+    `age_s`: time since the newest; when it exceeds the usual period the rate falls towards 0. None: no rate.
+    """
+    if values <= 0 or span_s <= 0:
+        return None
+    period_s = span_s / values
+    if age_s is not None and age_s > SILENCE * period_s:
+        span_s += age_s
+    return values / span_s

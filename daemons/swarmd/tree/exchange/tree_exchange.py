@@ -8,12 +8,12 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
-from swarmd.tree.core.input_meter import InputMeter
 from swarmd.tree.core.notification.lane import WINDOW
 from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.item_coder import ItemCoder
+from swarmd.tree.core.values.input_meter import InputMeter
+from swarmd.tree.exchange.boundary import Boundary
+from swarmd.tree.exchange.item_coder import ItemCoder
 from swarmware.errors import Denied, SwarmError
 from swarmware.model import names, paths
 from swarmware.model.compression import READABLE

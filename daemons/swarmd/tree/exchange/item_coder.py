@@ -9,10 +9,10 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.boundary import Boundary
 from swarmd.tree.core.action import Coding, SendNotify
 from swarmd.tree.core.notification.auto_compression import AutoCompression
 from swarmd.tree.core.notification.item_coding import code, decode, is_worth, runs
+from swarmd.tree.exchange.boundary import Boundary
 from swarmware.errors import SwarmError, WireError
 from swarmware.model.compression import CONTAINER, Method
 from swarmware.module.jpeg import to_jpeg

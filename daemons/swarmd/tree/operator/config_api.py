@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmd.tree.settings import Settings
+from swarmd.tree.settings.settings import Settings
 from swarmware.model import paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module

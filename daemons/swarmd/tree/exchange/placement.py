@@ -4,9 +4,9 @@ import asyncio
 import os
 from collections import Counter
 
-from swarmd.tree.core.input_meter import InputMeter
 from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.tree_exchange import TreeExchange
+from swarmd.tree.core.values.input_meter import InputMeter
+from swarmd.tree.exchange.tree_exchange import TreeExchange
 from swarmware.model import names, paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module

@@ -1,15 +1,36 @@
 """Report of the tree's work: the boards `tree/stats` and `tree/losses`."""
 
-from swarmd.tree.boundary import Boundary
+import logging
+from collections.abc import Mapping
+
 from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.denial_log import DenialLog
-from swarmd.tree.mirrors import Mirrors
-from swarmd.tree.rate_log import RateLog
-from swarmd.tree.tree_exchange import TreeExchange
+from swarmd.tree.exchange.boundary import Boundary
+from swarmd.tree.exchange.mirrors import Mirrors
+from swarmd.tree.exchange.tree_exchange import TreeExchange
+from swarmd.tree.records.denial_log import DenialLog
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.channel import ChannelStates, ListChannels
 from swarmware.types.tree import StreamLoss, StreamLosses, TreeStats
+
+log = logging.getLogger("swarm.tree")
+
+
+class RateLog:
+    """Compares the streams that are limited with those of the last look."""
+
+    def __init__(self) -> None:
+        self._limited: frozenset[tuple[str, str]] = frozenset()
+        """Path and subscriber."""
+
+    def record(self, limited: Mapping[tuple[str, str], tuple[float, str]]) -> None:
+        """The streams that are limited now, by path and subscriber: the rate in Hz and the reason."""
+        for path, platform in sorted(self._limited.difference(limited)):
+            log.info("%s to %s: the link carries all of it again, or its rate is set", path, platform)
+        for (path, platform), (rate_hz, reason) in limited.items():
+            if (path, platform) not in self._limited:
+                log.info("%s to %s: the link carries %.1f/s (%s)", path, platform, rate_hz, reason)
+        self._limited = frozenset(limited)
 
 
 class TreeReport:

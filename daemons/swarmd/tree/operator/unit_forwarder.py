@@ -4,7 +4,7 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from swarmd.tree.tree_view import TreeView
+from swarmd.tree.operator.tree_view import TreeView
 from swarmware.errors import NotFound
 from swarmware.model import names, paths
 from swarmware.model.access import Sender

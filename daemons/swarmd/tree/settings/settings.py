@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import msgspec
 
-from swarmd.tree.core.value import typed
-from swarmd.tree.store import SettingsStore
+from swarmd.tree.core.values.value import typed
+from swarmd.tree.settings.store import SettingsStore
 from swarmware.errors import Conflict, InvalidInput, NotFound, SwarmError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns

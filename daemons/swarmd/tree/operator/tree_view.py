@@ -5,12 +5,11 @@ from typing import Final
 
 import msgspec
 
-from swarmd.tree.core.quality import quality
-from swarmd.tree.core.rate import measured_hz
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.core.structure.index import HINTS, Index, Leaf
 from swarmd.tree.core.tree import SwarmTree
-from swarmd.tree.taps import Peek
+from swarmd.tree.core.values.quality import measured_hz, quality
+from swarmd.tree.exchange.taps import Peek
 from swarmware.errors import NotFound, SwarmError
 from swarmware.model import names
 from swarmware.model.frame import Frame

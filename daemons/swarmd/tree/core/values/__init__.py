@@ -1,0 +1,1 @@
+"""One value of a resource: its quality, its rate, and its conversion from text."""

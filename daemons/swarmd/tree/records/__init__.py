@@ -1,0 +1,1 @@
+"""Records of the tree's work: changes, denied requests, statistics."""

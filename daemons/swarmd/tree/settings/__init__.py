@@ -1,0 +1,1 @@
+"""Live settings and notification rules, with the files that keep them over restarts."""
