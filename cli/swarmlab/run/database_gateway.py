@@ -70,7 +70,7 @@ async def _copy(source: asyncio.StreamReader, target: asyncio.StreamWriter) -> N
         while data := await source.read(CHUNK_BYTES):
             target.write(data)
             await target.drain()
-    with suppress(OSError):
+    with suppress(OSError):  # the other side has closed first
         target.write_eof()
 
 

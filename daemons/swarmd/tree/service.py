@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Final
 
-from swarmd.tree import change_log, rule_store
 from swarmd.tree import config as own
 from swarmd.tree.core.action import (
     Action,
@@ -32,9 +31,11 @@ from swarmd.tree.operator.config_api import ConfigApi
 from swarmd.tree.operator.operator_api import OperatorApi
 from swarmd.tree.operator.tree_view import TreeView
 from swarmd.tree.operator.type_catalogue import TypeCatalogue
+from swarmd.tree.records import change_log
 from swarmd.tree.records.change_log import ChangeLog
 from swarmd.tree.records.denial_log import DenialLog
 from swarmd.tree.records.report import TreeReport
+from swarmd.tree.settings import rule_store
 from swarmd.tree.settings.rule_store import RuleStore
 from swarmd.tree.settings.settings import Settings
 from swarmd.tree.settings.store import SettingsStore

@@ -1,1 +1,1 @@
-"""Requests of operators and applications: values, lists, changes, configuration."""
+"""Requests of operators and applications: values of resources, lists of them, changes, configuration."""

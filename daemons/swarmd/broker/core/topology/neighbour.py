@@ -179,8 +179,8 @@ class Neighbour:
         """Takes the share of our datagrams that it receives, from a listing that answers our beacon of this
         number.
 
-        It counts late datagrams as lost. So the better of two reports tells what was lost on the way, because
-        a datagram that is late in one of them has arrived in the other.
+        The listing counts late datagrams as lost. The better of two reports is the loss on the way, because a
+        datagram that is late in one of them has arrived in the other.
         """
         if self.first_listed < 0:
             self.first_listed = sequence
