@@ -32,7 +32,7 @@ class Forks:
         self.pid = 0
         self._process: ProcessHandle | None = None
         self.due_ns: int | None = None
-        """When the fork server is restarted; None: it runs, or was given up."""
+        """Instant of the next restart, or None while the fork server runs or after it was given up."""
 
     def begin(self) -> None:
         """Starts the fork server. Raises: OSError."""
@@ -45,7 +45,7 @@ class Forks:
         self._process = ProcessHandle(self.pid)
 
     def fileno(self) -> int:
-        """Descriptor that is readable when the fork server has ended; -1: it does not run."""
+        """Descriptor that becomes readable when the fork server ends, or -1 while it does not run."""
         return -1 if self._process is None else self._process.fileno()
 
     def on_ready(self) -> None:

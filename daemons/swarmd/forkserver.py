@@ -1,10 +1,10 @@
-"""The fork server of a node of several processes, or of several nodes: it imports the daemons once, and forks
-itself for each process.
+"""The fork server of one or several nodes: a process that imports the daemons once and forks for each
+process.
 
-A forked daemon needs a fraction of the processor time of one that starts with an empty interpreter, and
-shares the memory of its code with the others. The server holds no thread, socket of ZeroMQ, mapped file or
-lock, which a fork would break or inherit. Its stdin is a pipe from the parent of the node, so it ends with
-the parent; one that is shared by nodes stays until the last process that it has forked has ended.
+A forked daemon starts in a fraction of the processor time that a new interpreter needs, and shares the
+memory of its code with the other daemons. The server holds no thread, ZeroMQ socket, mapped file or lock,
+because a fork would break or inherit them. Its stdin is a pipe from the parent of the node, so the server
+ends with the parent; a server that several nodes share stays until the last forked process has ended.
 """
 
 import gc
@@ -33,7 +33,7 @@ _ARG_START: Final = 45
 
 
 _ENVIRONMENT_START: Final = 47
-"""The same of the environment: env_start (field 50), env_end."""
+"""Position of env_start (field 50) behind the command name; env_end follows. Source: proc_pid_stat(5)."""
 _NEW_NETWORK: Final = 0x4000_0000
 """CLONE_NEWNET of sched.h."""
 _FILES: Final = 3
@@ -41,30 +41,30 @@ _FILES: Final = 3
 
 
 class ForkRequest(msgspec.Struct, frozen=True):
-    """Services that a forked process runs, its configuration, and what it takes over from the requester."""
+    """Services that a forked process runs, its configuration, and the environment of the requester."""
 
     names: tuple[str, ...]
     config_dir: Path
     folder: str
-    """Working directory."""
+    """Working directory of the forked process."""
     variables: dict[str, str]
-    """Its whole environment."""
+    """Whole environment of the forked process."""
 
     @classmethod
     def parse(cls, data: bytes) -> "ForkRequest":
-        """The request in these bytes. Raises: WireError or another ValueError."""
+        """Decodes a request. Raises: WireError or another ValueError."""
         config_dir, folder, count, *words = os.fsdecode(data).split("\0")
         names, pairs = words[: int(count)], words[int(count) :]
         if not names:
-            raise WireError("a request without services")
+            raise WireError("fork request without services; expected one or more")
         return cls(tuple(names), Path(config_dir), folder, dict(pair.split("=", 1) for pair in pairs))
 
 
 def preload(names: Sequence[str]) -> None:
-    """Imports the service runner and those of the services that belong to this package.
+    """Imports the service runner, and the services that belong to this package.
 
-    Raises: SwarmError when an import has started a thread: a fork would lose it, with the locks that it
-    holds.
+    Raises: SwarmError when an import has started a thread. A fork would not copy the thread, and the locks
+    that it holds would stay locked in the child.
     """
     import swarmware.service.runner  # noqa: F401
 
@@ -83,7 +83,8 @@ class ForkServer:
     """Accepts requests on a socket in the run directory: one connection for each process."""
 
     def __init__(self, path: Path, *, shared: bool = False) -> None:
-        """`shared`: by several nodes: it stays until the last process that it has forked has ended."""
+        """`shared`: several nodes use the server, which then stays until its last forked process has
+        ended."""
         self._path = path
         self._shared = shared
         self._inode = 0
@@ -95,16 +96,20 @@ class ForkServer:
         """Connections that are to receive the exit status of a process, by its pid."""
 
     def run(self) -> ForkRequest | None:
-        """Serves requests. None: the parent of the node has ended. A request: this is the forked process for
-        it."""
+        """Serves requests until the parent of the node ends.
+
+        Returns None in the server, and the request in each forked process.
+        """
         for end in (self._wake, self._waker):
             end.setblocking(False)
+        # Python writes to the wake-up descriptor only for signals that have a handler
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(self._waker.fileno(), warn_on_full_buffer=False)
         self._path.unlink(missing_ok=True)
         self._listener.bind(str(self._path))
         self._listener.listen(BACKLOG)
         self._inode = self._path.stat().st_ino
+        # only after `listen`, because the parent sends requests as soon as it has received READY
         notifier = Notifier()
         notifier.ready("fork server")
         notifier.close()
@@ -120,6 +125,7 @@ class ForkServer:
             if self._wake in ready:
                 self._wake.recv(MESSAGE_BYTES)
                 self._collect()
+            # stdin is a pipe from the parent, at its end when the parent has ended
             if 0 in ready and not os.read(0, 1):
                 left = True
                 continue
@@ -146,7 +152,7 @@ class ForkServer:
             order = ForkRequest.parse(data)
             output, errors, network = files
             if _is_other_network(network):
-                import ctypes  # noqa: F401  # once, not in each process
+                import ctypes  # noqa: F401  # imported once here, shared by all forked processes
             pid = None if _closed(asking) else os.fork()
             if pid == 0:
                 self._become(order, output, errors, network)
@@ -166,7 +172,7 @@ class ForkServer:
         return None
 
     def _become(self, order: ForkRequest, output: int, errors: int, network: int) -> None:
-        """Releases all resources of the server in the new process, and takes over those of the requester."""
+        """Turns the new process from a copy of the server into a process of the requester."""
         signal.set_wakeup_fd(-1)
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         self._close()
@@ -181,6 +187,7 @@ class ForkServer:
             os.chdir(order.folder)
         except OSError as error:
             sys.stderr.write(f"swarmd: {error}\n")
+            # without unwinding the stack, whose frames belong to the server
             os._exit(SwarmError.exit_code)
         os.environ.clear()
         os.environ.update(order.variables)
@@ -194,12 +201,12 @@ class ForkServer:
 
     def _leave(self) -> None:
         signal.set_wakeup_fd(-1)
-        if self._path.exists() and self._path.stat().st_ino == self._inode:  # the next server may exist
+        if self._path.exists() and self._path.stat().st_ino == self._inode:  # not the socket of a next server
             self._path.unlink()
         self._close()
 
     def _collect(self) -> None:
-        """Collects ended processes, and sends each exit status to the requester."""
+        """Collects ended processes, and sends their exit status to the requesters."""
         while True:
             try:
                 result = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG)
@@ -208,12 +215,12 @@ class ForkServer:
             if result is None:
                 return
             if (status := self._status.pop(result.si_pid, None)) is not None:
-                with status, suppress(OSError):  # the requester may have died, too
+                with status, suppress(OSError):  # the requester may have ended as well
                     status.send(str(exit_status_of(result)).encode())
 
 
 def _closed(asking: socket.socket) -> bool:
-    """Whether the requester has ended or given up; then it has started the process itself."""
+    """True if the requester has ended, or has given up waiting and started the process itself."""
     poller = select.poll()
     poller.register(asking, 0)
     return bool(poller.poll(0))
@@ -225,7 +232,7 @@ def _is_other_network(network: int) -> bool:
 
 
 def _enter_network(network: int) -> None:
-    """Moves this process, of one thread, to a network namespace. Raises: OSError."""
+    """Moves this process to another network namespace. Raises: OSError."""
     import ctypes
 
     libc = ctypes.CDLL(None, use_errno=True)
@@ -235,9 +242,9 @@ def _enter_network(network: int) -> None:
 
 
 def _overwrite(field: int, words: list[str]) -> None:
-    """Makes `ps` and other readers of /proc show this command line or environment.
+    """Makes `ps` and other readers of /proc show the command line or environment of the forked process.
 
-    It goes into the memory of the former one, as far as it fits.
+    The text overwrites that memory in place, and is cut if the memory is too small.
     """
     text = b"\0".join(os.fsencode(word) for word in words) + b"\0"
     try:
@@ -247,4 +254,6 @@ def _overwrite(field: int, words: list[str]) -> None:
             memory.seek(begin)
             memory.write(text[: end - begin - 1].ljust(end - begin, b"\0"))
     except (OSError, ValueError) as error:
-        sys.stderr.write(f"swarmd: what /proc shows of {os.getpid()}: {error}\n")
+        sys.stderr.write(
+            f"swarmd: the command line of process {os.getpid()} in /proc stays outdated: {error}\n"
+        )

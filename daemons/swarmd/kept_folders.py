@@ -1,7 +1,7 @@
-"""Folders that a cleaner of temporary files leaves alone while this process holds their locks.
+"""Locks on folders, which keep systemd-tmpfiles from removing old files in them.
 
-systemd-tmpfiles, which removes files of /tmp after days, takes a shared lock of each folder before it enters
-it, and skips the folder and everything below it where it cannot (tmpfiles.d(5)).
+systemd-tmpfiles, which removes files of /tmp after days, takes a shared lock on each folder before it enters
+the folder. A folder that another process has locked is skipped with all its content (tmpfiles.d(5)).
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from typing import Final
 
 KEEP_VARIABLE: Final = "SWARM_KEEP"
-"""Environment variable with a further folder to keep, as that of a lab."""
+"""Environment variable with a further folder to keep, such as the folder of a lab."""
 
 
 class KeptFolders:
-    """Holds the exclusive lock of each folder that no other process holds."""
+    """Holds the exclusive lock of each folder, unless another process holds it."""
 
     def __init__(self, folders: Sequence[str]) -> None:
         self._held: dict[str, int] = dict.fromkeys(folders, -1)
         self.tend()
 
     def tend(self) -> None:
-        """Take the lock of a folder that was made again, or that another process held at the last attempt."""
+        """Lock each folder that was created again, or that another process held at the last attempt."""
         for folder, held in self._held.items():
             if held >= 0 and stands_at(held, folder):
                 continue
@@ -44,10 +44,10 @@ class KeptFolders:
 
 
 def _locked(folder: str) -> int:
-    """Descriptor of the locked folder; -1 while it is missing, or another process holds it."""
+    """Descriptor of the locked folder, or -1 while the folder is missing or locked by another process."""
     try:
         fd = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError:  # it is missing, or another user's: then it is not ours to keep
+    except OSError:  # missing, or the folder of another user, who then keeps it
         return -1
     if try_lock(fd):
         return fd

@@ -10,11 +10,11 @@ from typing import Final
 from swarmware.errors import SwarmError
 
 FAILED_S: Final = 2.0
-"""Minimum lifetime of a process under systemd, which would restart a faster failure without limit."""
+"""Minimum lifetime of a failing process under systemd, which would restart it without a pause."""
 
 
 class Options:
-    """The options that `swarmd` was given."""
+    """The options of `swarmd` from its command line."""
 
     def __init__(self, command: str = "", services: Sequence[str] = (), config: Path | None = None) -> None:
         self.command = command
@@ -25,10 +25,10 @@ class Options:
 
 
 def parse(words: list[str]) -> Options:
-    """The options in these words.
+    """Parses the command line.
 
-    `run NAME… --config DIR`, by which the parent of a node starts it, is read without argparse: that would
-    stay in each node, with 0.4 MB.
+    `run NAME… --config DIR`, the command with which the parent starts its node, is parsed without argparse,
+    which would occupy 0.4 MB in each node.
     """
     match words:
         case ["run", *names, "--config", folder] if names and not any(
@@ -50,7 +50,7 @@ def main(args: list[str] | None = None) -> int:
         failed = code != 0
         return code
     finally:
-        # systemd starts it again at once, and without limit
+        # systemd restarts a failed unit at once and without limit
         if failed and os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid()):
             time.sleep(max(0.0, began_s + FAILED_S - time.monotonic()))
 

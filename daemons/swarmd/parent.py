@@ -1,8 +1,9 @@
 """The parent of a node's processes: a small process without shared memory that restarts the node.
 
-It lives as long as the node, so it imports only what it needs to start, receive and signal. `swarmd node`,
-which has imported more to read the configuration, replaces itself by it with `become`.
-With `processes = "one"` its child runs all services, with "per-daemon" the guard, which starts the others.
+The parent runs as long as the node, so it imports only the modules for starting, notifications and signals.
+`swarmd node` imports more to read the configuration, and then replaces itself by the parent with `become`.
+With `processes = "one"` the child runs all services; with "per-daemon" the child is the guard, which starts
+the others.
 A guard that another daemon has started is adopted when its first notification arrives.
 """
 
@@ -46,23 +47,23 @@ if TYPE_CHECKING:
 HUNG_S: Final = 15.0
 """Time without a heartbeat after which a process is killed; an event loop sends one every few seconds."""
 ELSEWHERE_S: Final = 0.3
-"""Period of looking for a process that another process starts, unless its notification arrives before."""
+"""Period of the search for a process that another process starts; its notification ends the wait early."""
 FORKS_S: Final = 10.0
 """Maximum time for which the first process waits for the fork server."""
 LATE_S: Final = 1.0
-"""A parent that itself was delayed for longer does not count that time as silence of its process."""
+"""Delay of the parent itself above which the time does not count as silence of the supervised process."""
 _NS: Final = 1_000_000_000
 EMPTY: Final = ("-S", "-P")
-"""Neither `site` with the .pth files of other packages, nor modules of the working directory."""
+"""Interpreter options: no `site` with .pth files of other packages, no modules of the working directory."""
 
 
 def become(
     platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool, forks: bool
 ) -> NoReturn:
-    """This process becomes the parent of a node: same pid, same environment, an empty interpreter.
+    """Replaces this process by the parent of a node: same pid, same environment, an empty interpreter.
 
-    `shared`: one process per daemon; the parent starts the guard, which starts the others. `forks`: with a
-    fork server.
+    `shared`: each daemon has a process; the parent starts the guard, which starts the others.
+    `forks`: the parent starts a fork server.
     """
     modes = ["shared" if shared else "", "forks" if forks else ""]
     words = ["node", platform, str(config_dir), str(run_dir), *modes, *services]
@@ -70,7 +71,7 @@ def become(
 
 
 def entry() -> str:
-    """Program of the parent: half a megabyte less than `-m swarmd.parent`, whose runpy stays loaded."""
+    """Python program of the parent; `-m swarmd.parent` would keep runpy loaded, half a megabyte more."""
     folders = [os.path.dirname(package.__path__[0]) for package in (swarmd, swarmware)]
     return (
         f"import sys; sys.path[:0] = {list(dict.fromkeys(folders))!r}; "
@@ -86,7 +87,7 @@ def main(words: list[str]) -> int:
     def one() -> StartedProcess:
         pid, ticks = start_record(WHOLE_NODE, run_dir)
         if pid:
-            # the parent before this one was killed, its child lives
+            # the previous parent was killed, but its child still runs
             return StartedProcess(pid, started=ticks)
         started = launch(services, config_dir, run_dir, notifies=True)
         write_start_record(WHOLE_NODE, started.pid, run_dir)
@@ -103,8 +104,8 @@ def main(words: list[str]) -> int:
     kept = KeptFolders([run_dir, *filter(None, [os.environ.get(KEEP_VARIABLE)])])
     try:
         server = None
-        if forks and (shared or VARIABLE not in os.environ):  # else the server that several nodes share forks
-            from swarmd.forks import Forks  # a node without a fork server does without it
+        if forks and (shared or VARIABLE not in os.environ):  # otherwise a shared server is used
+            from swarmd.forks import Forks  # not loaded by a node without a fork server
 
             server = Forks(services, run_dir)
         return Parent(guard if shared else one, platform, listening, kept, RestartPolicy(), server).run()
@@ -117,8 +118,8 @@ def main(words: list[str]) -> int:
 class Parent:
     """Keeps one process running until it ends without an error, or this process receives a signal to end.
 
-    `start` starts a process; None: it runs already, started by another process.
-    `forks`: the server that forks it.
+    `start` starts the process, or returns None if another process has started it already.
+    `forks` supervises the fork server, if the node has one.
     """
 
     def __init__(
@@ -141,7 +142,7 @@ class Parent:
         self._pid = 0
         self._process: ProcessHandle | None = None
         self._child: StartedProcess | None = None
-        """The newest process that this one started: only of that the exit code is known."""
+        """Process that this parent started last; the exit code of an adopted process is not known."""
         self._beat_ns = 0
         self._ready = False
         self._was_ready = False
@@ -150,10 +151,11 @@ class Parent:
         self._due_ns: int | None = None
 
     def run(self) -> int:
-        """Returns the exit code of the node."""
+        """Supervises until the node ends; returns its exit code."""
         wake, waker = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._on_signal)
+        # Python writes to the wake-up descriptor only for signals that have a handler
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
         poller = select.poll()
@@ -164,6 +166,7 @@ class Parent:
                 self._begin()
             else:
                 self._begin_forks(self._forks)
+                # the fork server's READY starts the process earlier, see `_on_fork_server`
                 self._due_ns = self._due_ns or time.monotonic_ns() + round(FORKS_S * _NS)
             while True:
                 code = self._turn(poller, wake)
@@ -181,13 +184,16 @@ class Parent:
                 os.close(end)
 
     def _tend_words(self, poller: select.poll) -> None:
-        """Make the socket for notifications again if its file was removed: a process that cannot notify
-        counts as hung."""
+        """Create the notification socket again if its file was removed.
+
+        A process that cannot send its heartbeat would count as hung, and be killed.
+        """
         former = self._words.fileno()
         try:
             if self._words.tend():
                 poller.unregister(former)
                 poller.register(self._words.fileno(), select.POLLIN)
+                # heartbeats were lost since the removal, so the silence starts now
                 self._beat_ns = time.monotonic_ns()
                 self._log("the socket for notifications was removed; made again")
         except (OSError, SwarmError) as error:
@@ -207,6 +213,7 @@ class Parent:
         wait_s = self._wait_s()
         began_s = time.monotonic()
         ready = {fd for fd, _ in poller.poll(wait_s * 1000)}
+        # the heartbeats of a delay, such as a suspended host, are still in the socket and read below
         if time.monotonic() - began_s - wait_s > LATE_S:
             self._beat_ns = time.monotonic_ns()
         for fd in (watched, forks):
@@ -222,6 +229,7 @@ class Parent:
             self._log("the fork server ended; started again")
             self._forks.on_end()
             self._on_forks()
+        # a notification above may have replaced the process whose descriptor was polled
         if watched in ready and process is self._process:
             code = self._ended()
             if code is not None:
@@ -253,7 +261,7 @@ class Parent:
 
     def _signal(self, number: int) -> None:
         if self._process is not None:
-            self._process.signal(number)  # if it has ended, the next poll returns it
+            self._process.signal(number)  # an ended process is reported by the next poll
 
     def _on_notification(self, pid: int, words: dict[str, str]) -> None:
         if self._forks is not None:
@@ -276,14 +284,14 @@ class Parent:
         elif "STATUS" in words:
             self._above.status(words["STATUS"])
         if self._asked:
-            self._signal(signal.SIGTERM)  # adopted after the signal
+            self._signal(signal.SIGTERM)  # the process was adopted after the signal arrived
 
     def _follow(self, pid: int) -> bool:
         try:
             child = self._child
             started = child.started if child is not None and child.pid == pid else 0
             self._process = ProcessHandle(pid, started)
-        except OSError:  # it has ended already, which the caller handles
+        except OSError:  # ended already, which the caller handles
             return False
         self._pid = pid
         self._due_ns = None
@@ -302,9 +310,10 @@ class Parent:
         if peaceful or (self._asked and (not how.known or how.signal == signal.SIGTERM)):
             return 0  # the signal may have come before the process could handle it
         if self._asked and how.signal is not None:
+            # the convention of shells for a process that a signal ended
             return 128 + how.signal
         if how.code is not None and (self._asked or not self._was_ready):
-            # what fails at its start has reported why: a second one would fail in the same way
+            # a process that fails at its start has reported the error, and would fail again in the same way
             return how.code
         now_ns = time.monotonic_ns()
         pause_s = self._lives.on_end(now_ns, killed=was_ready and (not how.known or how.killed))
@@ -317,10 +326,11 @@ class Parent:
         return None
 
     def _reap(self) -> None:
-        """Collects orphans that the kernel assigns to this process when it is the first one of a
+        """Collects orphans, which the kernel assigns to this process if it is the init process of a
         container."""
         while True:
             try:
+                # WNOWAIT leaves the own children to `_ended` and the supervisor, which need the exit status
                 found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
                 if found is None or found.si_pid in {self._pid, self._forks.pid if self._forks else 0}:
                     return
@@ -335,6 +345,7 @@ class Parent:
             self._begin()
         elif self._ready and now_ns - self._beat_ns > HUNG_S * _NS:
             self._log(f"no heartbeat for {HUNG_S:g} s: pid {self._pid} is killed")
+            # a hung process may take a while to die: SIGKILL is sent again only after the next HUNG_S
             self._beat_ns = now_ns
             self._signal(signal.SIGKILL)
 

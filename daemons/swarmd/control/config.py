@@ -8,12 +8,12 @@ Limit = Annotated[float, msgspec.Meta(gt=0, le=100)]
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driving by hand: how long a manual set-point holds, and its limits."""
+    """Manual driving: validity and limits of a manual set-point."""
 
     manual_timeout_s: Annotated[float, msgspec.Meta(ge=0.05, le=2)] = 0.3
-    """Age beyond which a manual set-point has expired: then the vehicle holds."""
+    """Age at which a manual set-point expires and the vehicle holds."""
     speed_max_m_s: Limit = 3.0
-    """Maximum horizontal speed of a manual set-point; a faster one is limited to it."""
+    """Maximum horizontal speed of a manual set-point; a faster set-point is reduced to this speed."""
     climb_max_m_s: Limit = 1.5
     """Maximum climb and sink rate of a manual set-point."""
     turn_max_rad_s: Limit = 1.0

@@ -64,6 +64,7 @@ class Control(Service):
 
     async def stop(self) -> None:
         """Writes a last command that stops the vehicle."""
+        # without it the vehicle keeps its last speed until the time-out of the chassis
         self._drives.write(Drive(0.0, mode=self._core.state.mode))
 
     async def _take_setpoints(self) -> None:
@@ -94,7 +95,7 @@ class Control(Service):
             self._driver.feed(self._core.on_manual(setpoint, _sender_id(meta), stamp_ns, now_ns))
 
     def _local_ns(self, meta: Meta, now_ns: int) -> int:
-        """Stamp of a message in the own clock; until the sender's clock is known, of its arrival."""
+        """Stamp of a message in the own clock, or its arrival while the sender's clock is not known."""
         if meta.sender_hw == self.module.node.hardware:
             return meta.stamp_ns
         stamp_ns = self.module.remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)
@@ -115,5 +116,5 @@ class Control(Service):
 
 
 def _sender_id(meta: Meta) -> int:
-    """The application that sent a request or message."""
+    """Identifier of the application that sent a request or message."""
     return meta.sender_hw << 32 | meta.sender_app

@@ -1,4 +1,4 @@
-"""The service `files`: takes files from other platforms and gives them out, in one folder of the node.
+"""The service `files`: stores files from other platforms in one folder, and serves them on request.
 
-Optional: it runs where `services` of node.toml lists it.
+The service is optional, and runs where `services` of node.toml lists it.
 """

@@ -1,4 +1,4 @@
-"""The shell of the files of a node: offers, blocks and reads of other platforms."""
+"""The shell of `files`: serves offers, blocks and reads of other platforms."""
 
 import asyncio
 from pathlib import Path
@@ -28,14 +28,14 @@ RECEIVED: Final = "files/received"
 
 
 class Files(Service):
-    """Takes files and gives them out; each request is judged by the access rules of `sys/files/*`."""
+    """Receives and serves files; the access rules of `sys/files/*` apply to each request."""
 
     name = "files"
     Config = settings.Config
     config: settings.Config
 
     def __init__(self, module: Module, config: settings.Config) -> None:
-        """Raises: ConfigError when the folder cannot be made."""
+        """Raises: ConfigError when the folder cannot be created."""
         super().__init__(module, config)
         folder = Path(config.folder) if config.folder else module.node.config.data_path / "files"
         try:
@@ -44,7 +44,7 @@ class Files(Service):
             raise ConfigError(f"services/files.toml: folder {folder}: {error.strerror}") from error
         self._intake = FileIntake(config)
         self._work = asyncio.Lock()
-        """One long operation at a time, such as the digest of a file."""
+        """Lock that lets one long operation run at a time, such as the digest of a file."""
         self._received = module.stream_writer(
             RECEIVED, FileReceived, kind="event", log="all", description="Files that were stored, and by whom"
         )
@@ -63,7 +63,7 @@ class Files(Service):
         """Serve the files until cancelled."""
         removed = await asyncio.to_thread(self._store.remove_old, utc_ns() / 1e9 - self.config.keep_parts_s)
         if removed:
-            self.module.log.info("%d incomplete files removed: they were not continued", removed)
+            self.module.log.info("%d incomplete files removed, which were not continued", removed)
         try:
             await asyncio.Event().wait()
         finally:

@@ -1,4 +1,4 @@
-"""The folder of the files: complete ones by name, incomplete ones hidden beside them."""
+"""The folder of the files: complete files by name, incomplete files with a hidden name beside them."""
 
 import os
 import stat
@@ -11,22 +11,23 @@ from swarmware.transport.transfer.partial_file import PartialFile, digest_of
 from swarmware.types.file import FileEntry, FileOffer
 
 _READ: Final = os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW
+"""Flags that refuse a symbolic link, which could serve a file outside of the folder."""
 DIGESTS_MAX: Final = 256
 
 
 class FileStore:
-    """Files of one folder, and the incomplete ones that are open."""
+    """Complete files of one folder, and the open incomplete files."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises: OSError when there is no such folder and none can be made."""
+        """Raises: OSError when the folder is missing and cannot be created."""
         folder.mkdir(mode=0o750, parents=True, exist_ok=True)
         self.folder = folder
         self._parts: dict[bytes, PartialFile] = {}
         self._digests: dict[tuple[str, int, int, int], bytes] = {}
-        """Digests by name, inode, time of change and size."""
+        """Digests by name, inode, modification time and size."""
 
     def remove_old(self, before_s: float) -> int:
-        """Removes the blocks of files that were not continued since; returns how many files that were."""
+        """Removes incomplete files without a new block since `before_s`; returns their number."""
         removed = 0
         for path in self.folder.glob(".*.part"):
             if path.lstat().st_mtime < before_s:
@@ -45,11 +46,11 @@ class FileStore:
         return found
 
     def stored_bytes(self) -> int:
-        """Bytes of all complete files."""
+        """Total size of all complete files."""
         return sum(entry.size_bytes for entry in self.entries())
 
     def entry(self, name: str) -> FileEntry:
-        """One file with its digest; reads it where it has changed. Raises: NotFound."""
+        """One file with its digest; a changed file is read to compute the digest. Raises: NotFound."""
         path = self.folder / name
         try:
             status = path.lstat()
@@ -67,7 +68,7 @@ class FileStore:
         return FileEntry(name, status.st_size, status.st_mtime_ns, digest)
 
     def has_content(self, name: str, digest: bytes) -> bool:
-        """Whether the file is there with this content."""
+        """True if a file of this name exists with this content."""
         try:
             return self.entry(name).digest == digest
         except NotFound:
@@ -96,12 +97,12 @@ class FileStore:
         return part
 
     def finish(self, offer: FileOffer) -> None:
-        """Puts a complete file in its place. Raises: InvalidInput for another content; OSError."""
+        """Moves a complete file to its name. Raises: InvalidInput if its digest differs; OSError."""
         self._parts[offer.digest].finish(self.folder / offer.name)
         self._parts.pop(offer.digest).close()
 
     def drop(self, digest: bytes, *, discard: bool = False) -> None:
-        """Closes an incomplete file; `discard`: removes its blocks."""
+        """Closes an incomplete file, and removes its blocks if `discard` is set."""
         part = self._parts.pop(digest, None)
         if part is not None:
             if discard:

@@ -1,4 +1,4 @@
 """Health guard: starts, watches and restarts the services of the node, above all the monitor `health`.
 
-How a process is started and watched is in `swarmware.service`.
+The start and the watching of a single process are in `swarmware.service`.
 """

@@ -1,4 +1,4 @@
-"""Measures the load of the services' processes once a second, and sets their priorities and cores."""
+"""Measurement of the load of the services' processes, and setting of their priorities and cores."""
 
 import logging
 import os
@@ -20,14 +20,14 @@ from swarmware.runtime.processor import ProcessorUse
 from swarmware.types.system import AppStatus
 
 PERIOD_NS: Final = 900_000_000
-"""Heartbeats come once a second."""
+"""Minimum time between two samples, a little less than the 1 s between heartbeats."""
 _CAP_SYS_NICE: Final = 1 << 23
 
 log = logging.getLogger("swarm.guard")
 
 
 class ProcessPriorities:
-    """Sets niceness and cores of processes; without rights to take a niceness back only cores."""
+    """Sets niceness and cores of processes; only cores if a niceness would be irreversible."""
 
     def __init__(self) -> None:
         self._cores = tuple(sorted(os.sched_getaffinity(0)))
@@ -44,7 +44,7 @@ class ProcessPriorities:
         return self._core.of(name)
 
     def sample(self, statuses: Iterable[tuple[str, AppStatus]], now_ns: int) -> None:
-        """Take the heartbeats of the services, at most once a second."""
+        """Takes the status boards of the services, at most once a second."""
         if now_ns - self._sampled_ns < PERIOD_NS:
             return
         busy_ratio, first = self._use.percent() / 100, self._sampled_ns == 0
@@ -53,6 +53,7 @@ class ProcessPriorities:
             ServiceLoad(name, status.pid, status.cpu_percent, status.loop_lag_ms) for name, status in statuses
         ]
         if first:
+            # the first measurement of the processor's use covers no time, and decides nothing
             self._find(loads)
             return
         was_pressed = self._core.pressed
@@ -62,7 +63,7 @@ class ProcessPriorities:
             log.info("priorities: the processor is %s", "short" if self._core.pressed else "relaxed")
 
     def _find(self, loads: Iterable[ServiceLoad]) -> None:
-        """Take over what a guard that was killed has set."""
+        """Takes over the priorities that the previous, killed guard has set."""
         for load in loads:
             with suppress(ProcessLookupError):
                 nice = os.getpriority(os.PRIO_PROCESS, load.pid)
@@ -72,14 +73,15 @@ class ProcessPriorities:
                     self._core.on_found(load.name, load.pid, found)
 
     def _set(self, action: SetPriority) -> None:
-        """Set the main thread of a process, which runs its event loop; others have their own priorities."""
+        """Sets the main thread of a process, which runs the event loop; other threads keep their
+        priorities."""
         wanted = action.priority
         try:
             if os.getpriority(os.PRIO_PROCESS, action.pid) != wanted.nice:
                 os.setpriority(os.PRIO_PROCESS, action.pid, wanted.nice)
             os.sched_setaffinity(action.pid, wanted.cores or self._cores)
         except ProcessLookupError:
-            return  # it has ended; its next process begins with the default
+            return  # the process has ended, and the next one starts with the default
         except OSError as error:
             self._core.on_refused(action.name)
             log.warning("%s: priority %d: %s; it is not set again", action.name, wanted.nice, error)
@@ -89,9 +91,10 @@ class ProcessPriorities:
 
 
 def lowest_nice() -> int:
-    """Lowest niceness that this process may set: RLIMIT_NICE, or any with CAP_SYS_NICE."""
+    """Lowest niceness that this process may set, by RLIMIT_NICE or the capability CAP_SYS_NICE."""
     for line in Path("/proc/self/status").read_text("ascii").splitlines():
         name, _, value = line.partition(":")
         if name == "CapEff" and int(value, 16) & _CAP_SYS_NICE:
             return -20
+    # the limit counts from 1 for niceness 19 to 40 for -20 (getrlimit(2))
     return 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]

@@ -1,4 +1,4 @@
-"""Supervisors of services in processes of their own, which the guard starts or systemd does."""
+"""Supervisors of services that have a process each, started by the guard or by systemd."""
 
 import asyncio
 import logging
@@ -18,7 +18,7 @@ log = logging.getLogger("swarm.guard")
 
 
 class ProcessSupervisor:
-    """Starts services as processes of its own."""
+    """Starts services as processes, through the fork server if there is one."""
 
     kind = SupervisorKind.SELF
     stops_services = True
@@ -29,24 +29,25 @@ class ProcessSupervisor:
         self._on_exit = on_exit
         self._children: dict[str, SupervisedProcess] = {}
         self._started: dict[str, StartedProcess] = {}
-        """Processes that are not watched yet."""
+        """Started processes that are not watched yet."""
 
     def starting_pid(self, name: str) -> int:
-        """pid of a process that an earlier guard started and that has not joined the node."""
+        """Returns the pid of a process that a previous guard started and that has not joined the node yet."""
         return starting_pid(name, self._run_dir)
 
     def spawn(self, name: str) -> int:
-        """Start a new process in a session of its own."""
+        """Starts a new process of the service; returns its pid."""
         started = self._started[name] = spawn(name, self._config_dir, self._run_dir)
         return started.pid
 
     def watch(self, name: str, pid: int, started: int) -> bool:
-        """Watch the process by pidfd, which reports its end within milliseconds."""
+        """Watches the process by pidfd, which reports its end within milliseconds; False if it has ended."""
         if (known := self._children.pop(name, None)) is not None:
             known.close()
         process = self._started.pop(name, None)
         if process is None or process.pid != pid:
             recorded = start_record(name, self._run_dir)
+            # without its start time the pid may belong to another process by now
             if not started and recorded[0] != pid:
                 return False
             process = StartedProcess(pid, started=started or recorded[1])
@@ -61,23 +62,23 @@ class ProcessSupervisor:
         self._on_exit(name, pid, how)
 
     def joined(self, name: str) -> None:
-        """Remove the start record: the application file now identifies the process."""
+        """Removes the start record, because the application file now identifies the process."""
         clear_start_record(name, self._run_dir)
 
     def terminate(self, name: str, pid: int) -> None:
-        """Send SIGTERM to the process of a service."""
+        """Sends SIGTERM to the process of a service."""
         self._signal(name, pid, signal.SIGTERM)
 
     def stop(self, name: str, pid: int) -> None:
-        """Send SIGTERM to the process of a service: only `spawn` starts it again."""
+        """Sends SIGTERM to the process of a service, which only `spawn` starts again."""
         self.terminate(name, pid)
 
     def stays_stopped(self, name: str) -> bool:
-        """Return True: the guard alone starts services."""
+        """Returns True, because only the guard starts services."""
         return True
 
     def kill(self, name: str, pid: int) -> None:
-        """Send SIGKILL, which also ends a stopped process."""
+        """Sends SIGKILL, which also ends a process that SIGSTOP has stopped."""
         self._signal(name, pid, signal.SIGKILL)
 
     def _signal(self, name: str, pid: int, number: signal.Signals) -> None:
@@ -86,14 +87,14 @@ class ProcessSupervisor:
             child.signal(number)
 
     def close(self) -> None:
-        """Close the pidfds; the processes continue."""
+        """Closes the pidfds; the processes continue."""
         for child in self._children.values():
             child.close()
         self._children.clear()
 
 
 class SystemdSupervisor(ProcessSupervisor):
-    """Requests starts and restarts from systemd, which runs each service as a unit."""
+    """Requests restarts from systemd, which runs each service as a unit."""
 
     kind = SupervisorKind.SYSTEMD
     stops_services = False
@@ -106,25 +107,27 @@ class SystemdSupervisor(ProcessSupervisor):
         self._calls: set[asyncio.Task[None]] = set()
 
     def starting_pid(self, name: str) -> int:
-        """Return 0: systemd tracks the processes that it starts."""
+        """Returns 0, because systemd tracks the processes that it starts."""
         return 0
 
     def spawn(self, name: str) -> int:
-        """Return 0: systemd starts the process; `kill` restarts one that does not join in time."""
+        """Returns 0, because systemd starts the process; `kill` restarts a unit that does not join in
+        time."""
         return 0
 
     def terminate(self, name: str, pid: int) -> None:
-        """Request a restart of the unit."""
+        """Requests a restart of the unit."""
         self._call("restart", f"swarmd@{name}.service")
 
     def kill(self, name: str, pid: int) -> None:
-        """Kill the process, which systemd then restarts; without a process request a restart."""
+        """Kills the process, which systemd then restarts; requests a restart if no process is known."""
         if pid:
             super().kill(name, pid)
         else:
             self.terminate(name, pid)
 
     def _call(self, *words: str) -> None:
+        # the guard must not wait for systemd, and a task without a reference may be garbage-collected
         task = asyncio.get_running_loop().create_task(self._run(*words), name=f"systemctl {words[0]}")
         self._calls.add(task)
         task.add_done_callback(self._calls.discard)
@@ -148,7 +151,7 @@ class SystemdSupervisor(ProcessSupervisor):
             log.error("systemctl %s: %s", " ".join(words), errors.decode(errors="replace").strip())
 
     def close(self) -> None:
-        """Cancel the pending calls of systemctl."""
+        """Cancels the pending calls of systemctl, and closes the pidfds."""
         for task in self._calls:
             task.cancel()
         super().close()

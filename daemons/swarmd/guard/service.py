@@ -50,7 +50,8 @@ class Guard(Service):
     Config = settings.Config
     config: settings.Config
     stop_s: ClassVar[float] = 25.0
-    """Services stop one after the other."""
+    """Time to stop; longer than for other services, because the guard stops its services one after the
+    other."""
 
     def __init__(self, module: Module, config: settings.Config) -> None:
         super().__init__(module, config)
@@ -61,7 +62,7 @@ class Guard(Service):
         self._supervisor = self._choose()
         self._priorities: ProcessPriorities | None = None
         if config.priorities and self._supervisor.kind != InProcessSupervisor.kind:
-            from swarmd.guard import priorities  # of processes beside this one
+            from swarmd.guard import priorities  # loaded only with several processes
 
             self._priorities = priorities.ProcessPriorities()
         self._core = GuardCore(names, self._supervisor.kind, config)
@@ -108,17 +109,20 @@ class Guard(Service):
         node = self._node
         if node.config.processes == "one" and node.host is not None:
             return InProcessSupervisor(node.host, self._on_exit)
-        from swarmd.guard.process_supervisor import ProcessSupervisor, SystemdSupervisor  # starts processes
+        from swarmd.guard.process_supervisor import (
+            ProcessSupervisor,
+            SystemdSupervisor,
+        )  # loaded only with several processes
 
         if self.config.supervisor == "systemd":
             return SystemdSupervisor(node.config_dir, node.run_dir, self._on_exit)
         return ProcessSupervisor(node.config_dir, node.run_dir, self._on_exit)
 
     async def run(self) -> None:
-        """Supervise the services until cancelled."""
+        """Supervises the services until cancelled."""
         self._table.refresh(probe=True)
         changes = self._node.applications.subscribe(lambda _: self._read_heartbeats())
-        # before a service is started: the next guard reads this board to restore its counters
+        # before a service is started, because the next guard restores its counters from this board
         self._publish_status()
         try:
             self._begin()
@@ -128,7 +132,7 @@ class Guard(Service):
             self._supervisor.close()
 
     async def stop(self) -> None:
-        """Stop the services that were started or adopted, the last started first."""
+        """Stops the started and adopted services, in the reverse order of their start."""
         if not self._supervisor.stops_services:
             return
         self._driver.feed(self._core.on_stop(self.module.now_ns()))
@@ -148,11 +152,11 @@ class Guard(Service):
             self.module.log.info("found running: %s", ", ".join(running))
 
     def _living(self) -> list[AppEntry]:
-        """Application files of the supervised services, without those of ended processes."""
+        """Application files of the supervised services whose process is alive."""
         return [entry for entry in self._table if entry.name in self._core and entry.lives]
 
     def _read_heartbeats(self) -> None:
-        """Read the application files and the heartbeats."""
+        """Reads the application files and the heartbeats."""
         self._table.refresh()
         now_ns = self.module.now_ns()
         actions: list[Action] = []
@@ -171,7 +175,7 @@ class Guard(Service):
         self._driver.feed(actions + self._core.on_heartbeats_read(now_ns))
 
     def _on_exit(self, name: str, pid: int, how: ExitStatus) -> None:
-        self._table.refresh(probe=True)  # otherwise the ended process would be found and adopted
+        self._table.refresh(probe=True)  # otherwise the file of the ended process would be adopted
         self._driver.feed(self._core.on_exit(name, pid, how, self.module.now_ns()))
         self._read_heartbeats()  # the refresh may have found other changes
 
@@ -188,6 +192,7 @@ class Guard(Service):
                 self._supervisor.joined(name)
             case WatchProcess(name, pid):
                 if not self._supervisor.watch(name, pid, self._started(pid)):
+                    # ended before it could be watched, so no exit will be reported
                     self._on_exit(name, pid, ExitStatus())
             case Terminate(name, pid):
                 self._supervisor.terminate(name, pid)
@@ -200,7 +205,7 @@ class Guard(Service):
                 self._report_restart(service)
 
     def _started(self, pid: int) -> int:
-        """Start of this process in clock ticks, by its application file; 0: it has none."""
+        """Start time of a process in clock ticks, or 0 if it has no application file."""
         return next((entry.pid_start for entry in self._table if entry.pid == pid), 0)
 
     def _settled(self) -> None:

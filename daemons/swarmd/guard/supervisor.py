@@ -1,4 +1,4 @@
-"""Supervisors, which execute the actions of the guard: by processes, by systemd, or inside this process."""
+"""Supervisors, which execute the guard's actions with processes, with systemd, or inside this process."""
 
 import logging
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from swarmware.types.health import SupervisorKind
 log = logging.getLogger("swarm.guard")
 
 OnExit = Callable[[str, int, ExitStatus], None]
-"""Name of the service, pid, and exit status of its process."""
+"""Callback with the name of the service, the pid, and the exit status of its process."""
 
 
 class Supervisor(Protocol):
@@ -21,45 +21,45 @@ class Supervisor(Protocol):
     kind: SupervisorKind
     """Name of this kind of supervisor in the status board."""
     stops_services: bool
-    """Whether the guard stops the services when it stops itself."""
+    """True if the guard stops the services when it stops itself."""
 
     def starting_pid(self, name: str) -> int:
-        """pid of a process of this service that has not joined the node yet; 0: none is known."""
+        """Returns the pid of a process that has not joined the node yet, or 0 if none is known."""
         ...
 
     def spawn(self, name: str) -> int:
-        """Start the service; its pid, or 0 when it is not known yet."""
+        """Starts the service; returns its pid, or 0 if it is not known yet."""
         ...
 
     def watch(self, name: str, pid: int, started: int) -> bool:
-        """Call `on_exit` when this process ends; False when it has ended already.
+        """Calls `on_exit` when this process ends; returns False if it has ended already.
 
-        `started`: its start in clock ticks, by its application file; 0: it has none.
+        `started`: start of the process in clock ticks, or 0 if it has no application file.
         """
         ...
 
     def joined(self, name: str) -> None:
-        """Remove the start record: the service has joined the node."""
+        """Removes the start record of a service that has joined the node."""
         ...
 
     def terminate(self, name: str, pid: int) -> None:
-        """Request the service to end."""
+        """Requests the service to end."""
         ...
 
     def stop(self, name: str, pid: int) -> None:
-        """Request the service to end, and not to be started again before `spawn`."""
+        """Requests the service to end, and prevents its restart before `spawn`."""
         ...
 
     def stays_stopped(self, name: str) -> bool:
-        """Whether a service that an earlier guard stopped is still prevented from running."""
+        """True if a service that a previous guard stopped is still prevented from running."""
         ...
 
     def kill(self, name: str, pid: int) -> None:
-        """Kill the process of a service."""
+        """Kills the process of a service."""
         ...
 
     def close(self) -> None:
-        """Stop watching the processes of services."""
+        """Stops watching the processes of services."""
         ...
 
 
@@ -74,39 +74,39 @@ class InProcessSupervisor:
         self._on_exit = on_exit
 
     def starting_pid(self, name: str) -> int:
-        """Return 0: the runner of the process has started every service."""
+        """Returns 0, because the runner of the process has started every service."""
         return 0
 
     def spawn(self, name: str) -> int:
-        """Let the runner of the process start the service, if it was stopped; return 0."""
+        """Lets the runner of the process start the service, if it was stopped; returns 0."""
         self._host.release(name)
         return 0
 
     def watch(self, name: str, pid: int, started: int) -> bool:
-        """Return True: the services end with this process."""
+        """Returns True, because the services end only with this process."""
         return True
 
     def joined(self, name: str) -> None:
-        """Do nothing: the service has no process of its own."""
+        """Does nothing, because the service has no process of its own."""
 
     def terminate(self, name: str, pid: int) -> None:
-        """Cancel the task of the service, which is then started again."""
+        """Cancels the task of the service, which is then started again."""
         try:
             self._host.restart(name)
         except NotFound as error:
             log.warning("%s", error)
 
     def stop(self, name: str, pid: int) -> None:
-        """Stop the task of the service, which is not started again before `spawn`."""
+        """Stops the task of the service, which is not started again before `spawn`."""
         self._host.halt(name, lambda: self._on_exit(name, pid, ExitStatus()))
 
     def stays_stopped(self, name: str) -> bool:
-        """Whether this process stopped it: a new process has started all services."""
+        """True if this process has stopped the service; a new process starts all services."""
         return self._host.halted(name)
 
     def kill(self, name: str, pid: int) -> None:
-        """Cancel the task of the service: a task cannot be killed."""
+        """Cancels the task of the service, because a task cannot be killed."""
         self.terminate(name, pid)
 
     def close(self) -> None:
-        """Do nothing: no process is watched."""
+        """Does nothing, because no process is watched."""

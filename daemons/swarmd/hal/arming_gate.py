@@ -1,4 +1,4 @@
-"""The gate before the motors: arming waits shortly for `health/ready`, and is refused while it is not."""
+"""The arming gate: arming waits shortly for `health/ready`, and is refused if the vehicle is not ready."""
 
 from contextlib import suppress
 from typing import Final
@@ -8,11 +8,11 @@ from swarmware.module.module import Module
 from swarmware.types.health import Readiness
 
 WAIT_S: Final = 3.0
-"""Longest wait for readiness: after the start of a node its first values take a second or two."""
+"""Maximum wait for readiness, whose first values take a second or two after the start of a node."""
 FRESH_S: Final = 3.0
-"""Age above which `health/ready` is unknown: it is published once a second."""
+"""Age above which `health/ready`, published once a second, counts as unknown."""
 MONITOR: Final = "health"
-"""Service that publishes it; a node that is configured without it has no gate."""
+"""Service that publishes `health/ready`; a node without this service has no arming gate."""
 
 
 class ArmingGate:
@@ -24,7 +24,7 @@ class ArmingGate:
         self._board = module.reader("health/ready", Readiness)
 
     async def refusal(self) -> str:
-        """Why the vehicle may not be armed, after a wait of at most WAIT_S; empty: it may."""
+        """Reason for which the vehicle may not be armed, after a wait of at most WAIT_S, or "" if it may."""
         end_ns = self._module.now_ns() + round(WAIT_S * 1e9)
         while reasons := self.reasons():
             remaining_ns = end_ns - self._module.now_ns()
@@ -35,7 +35,7 @@ class ArmingGate:
         return ""
 
     def reasons(self) -> str:
-        """What is not ready at this moment, in one line; empty: nothing."""
+        """Reasons for which the vehicle is not ready now, in one line, or "" if it is ready."""
         if not self._required:
             return ""
         found, age_s = self._board.value, self._board.age_s

@@ -1,4 +1,4 @@
-"""Devices that block their caller: each is served in a thread of its own (S2.4)."""
+"""Drivers of devices that block their caller, each in a thread (S2.4)."""
 
 import asyncio
 import queue
@@ -19,9 +19,9 @@ R = TypeVar("R")
 class DeviceThread:
     """A thread that calls functions of one device, one after the other.
 
-    A device that hangs delays neither the event loop nor the end of the process, which does not wait for it.
-    The calls begin when those of `former`, the thread before it of this device, have ended: a device that is
-    closed and opened again has one at a time.
+    A device that hangs delays neither the event loop nor the end of the process. The calls begin when the
+    calls of `former`, the previous thread of this device, have ended, so that a reopened device has only one
+    caller at a time.
     """
 
     def __init__(self, name: str, former: "DeviceThread | None" = None) -> None:
@@ -33,16 +33,16 @@ class DeviceThread:
         if former is not None:
             former._thread.join()
         while (call := self._calls.get()) is not None:
-            # the errors of others are passed on; those of the last call have no receiver any more
+            # `run` passes its errors on; errors of posted calls and of the last call have no receiver
             with suppress(SwarmError, OSError):
                 call()
 
     def post(self, function: Callable[[], None]) -> None:
-        """Call a function in the thread without waiting for it; an error of it is dropped."""
+        """Calls a function in the thread without waiting for it; its errors are dropped."""
         self._calls.put(function)
 
     async def run(self, function: Callable[[], R]) -> R:
-        """Call a function in the thread; returns its result, or raises its error."""
+        """Calls a function in the thread; returns its result, or raises its error."""
         loop = asyncio.get_running_loop()
         future: asyncio.Future[R] = loop.create_future()
 
@@ -63,22 +63,23 @@ class DeviceThread:
             except (SwarmError, OSError) as error:
                 failure = error
             finally:
-                with suppress(RuntimeError):  # the loop has ended before the device answered
+                with suppress(RuntimeError):  # the event loop ended before the device answered
                     loop.call_soon_threadsafe(settle, result, failure)
 
         self._calls.put(call)
         return await future
 
     def close(self, last: Callable[[], None]) -> None:
-        """End the thread after its present call and a last one."""
+        """Ends the thread after the calls before, and the call `last`."""
         self._calls.put(last)
         self._calls.put(None)
 
 
 class BlockingDevice(Device):
-    """A device whose calls are made in a thread of its own, from `connect` to `disconnect`.
+    """Base of drivers whose calls of the device are made in a separate thread, from `connect` to
+    `disconnect`.
 
-    A driver that overrides `open` or `close` calls this one too.
+    A driver that overrides `open` or `close` must call the overridden method, too.
     """
 
     _thread: DeviceThread | None = None
@@ -102,7 +103,7 @@ class BlockingDevice(Device):
         return await self._thread.run(function)
 
     async def close(self) -> None:
-        """Ends the thread; it does not wait for a device that hangs."""
+        """Ends the thread, without waiting for a device that hangs."""
         if self._thread is not None:
             self._thread.close(self.disconnect)
             self._thread = None
@@ -113,11 +114,11 @@ class BlockingSensor(BlockingDevice, Sensor, Generic[T]):
 
     @abstractmethod
     def measure(self) -> T:
-        """Reads the device, in its own thread. Raises: DeviceError, OSError."""
+        """Reads the device, in the thread. Raises: DeviceError, OSError."""
 
     @abstractmethod
     def publish(self, value: T, now_ns: int) -> bool:
-        """Publishes what was measured; `now_ns`: instant at which the measurement began."""
+        """Publishes a measurement; `now_ns` is the instant at which the measurement began."""
 
     async def read(self, now_ns: int) -> bool:
         """Measures once, without delaying other drivers."""

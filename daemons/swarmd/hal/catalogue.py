@@ -1,4 +1,5 @@
-"""Registry of drivers by name: built-in, and plug-ins of the entry-point group `swarmware.drivers`."""
+"""Registry of drivers by name: built-in drivers, and plug-ins of the entry-point group
+`swarmware.drivers`."""
 
 from collections.abc import Sequence
 from importlib import import_module
@@ -12,13 +13,13 @@ from swarmware.errors import ConfigError, NotFound
 from swarmware.model.plugins import DRIVER_GROUP, OWN_DRIVERS, entry_points
 
 DRIVERS: Final = {name: f"swarmd.hal.drivers.{name}" for name in OWN_DRIVERS}
-"""Modules with a function `make(config, site)`; imported only when configured."""
+"""Modules of the built-in drivers, with a function `make(config, site)`; imported only when configured."""
 
 
 def find(name: str) -> Factory:
-    """The factory of the drivers with this name.
+    """Finds the factory of a driver.
 
-    Raises: NotFound when it is not installed.
+    Raises: NotFound when the driver is not installed.
     """
     if name in DRIVERS:
         make: Factory = import_module(DRIVERS[name]).make
@@ -36,8 +37,7 @@ def find(name: str) -> Factory:
 def make_all(config: Config, site: Site) -> list[Device]:
     """Creates the configured drivers of a platform.
 
-    Raises: NotFound, ConfigError as `find`; ConfigError when two devices have the same name, or both are
-    chassis.
+    Raises: NotFound or ConfigError, as `find` and `check_names` do.
     """
     found: list[Device] = []
     for name in config.drivers:
@@ -47,7 +47,7 @@ def make_all(config: Config, site: Site) -> list[Device]:
 
 
 def check_names(devices: Sequence[Device], present: Sequence[Device]) -> None:
-    """Checks drivers beside those that are present.
+    """Checks that drivers do not conflict with each other or with the present drivers.
 
     Raises: ConfigError when two have the same name or the same line, or both are chassis.
     """

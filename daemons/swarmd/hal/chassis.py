@@ -1,4 +1,4 @@
-"""Driver of a chassis: set-points with a watchdog, and orders that are answered by its reports."""
+"""Base of the drivers of a chassis: set-points with a watchdog, and orders that the reports answer."""
 
 import asyncio
 import logging
@@ -21,11 +21,11 @@ from swarmware.types.vehicle import Setpoint, VehicleMode, VehicleState
 log = logging.getLogger("swarm.hal")
 
 _REFRESH_NS: Final = 1_000_000_000
-"""Period of `vehicle/state` without a change."""
+"""Period at which an unchanged `vehicle/state` is published again."""
 
 
 class Chassis(Actuator):
-    """Base of the drivers of chassis, which differ only in how they reach their device.
+    """Base of the drivers of chassis, which differ only in the connection to their device.
 
     A driver implements `send_setpoint` and `send_order`, and passes each report of the device to `on_report`.
     """
@@ -37,20 +37,20 @@ class Chassis(Actuator):
         self._core = ChassisCore(config.watchdog_s)
         self._answers: Wakeup | None = None
         self._one_by_one = asyncio.Lock()
-        """Held by an order until it is answered; a kill does not wait for it."""
+        """Lock of an order until it is answered; a kill does not wait for the lock."""
         self._gains = dict(config.gains)
-        """Gains in force: those of the configuration, changed by requests."""
+        """Gains in force, from the configuration and later requests."""
         self._gains_order: ChassisOrder | None = None
-        """Order that carries them after the opening; None: not sent yet."""
+        """Order with the gains after the opening, or None before it is sent."""
         self._drive: BoardReader[Drive] | None = None
         self._taken: Drive | None = None
         self._control: BoardReader[ControlState] | None = None
         self._state: BoardWriter[VehicleState] | None = None
         self._written: tuple[VehicleState, int] | None = None
-        """The state that was published last, and when."""
+        """The state that was published last, and its instant."""
         self._following: asyncio.Task[None] | None = None
         self.module: Module | None = None
-        """Module of the hardware abstraction; None before the first `open`."""
+        """Module of the hardware abstraction, or None before the first `open`."""
 
     @abstractmethod
     def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
@@ -58,16 +58,16 @@ class Chassis(Actuator):
 
     @abstractmethod
     def send_order(self, order: ChassisOrder) -> None:
-        """Sends an order to the device; also a repeated one."""
+        """Sends an order to the device, for the first time or again."""
 
     @property
     def state(self) -> VehicleState | None:
-        """State of the vehicle by the newest report; None before the first."""
+        """State of the vehicle by the newest report, or None before the first report."""
         report = self._core.report
         return None if report is None else self._state_of(report)
 
     def _state_of(self, report: ChassisReport) -> VehicleState:
-        """The state by a report, with the mode that control has published."""
+        """State of the vehicle from a report and the mode that control has published."""
         control = None if self._control is None else self._control.value
         auto = control is None or control.mode is DriveMode.AUTO
         return VehicleState(report.armed, report.landed, VehicleMode.AUTO if auto else VehicleMode.MANUAL)
@@ -88,7 +88,7 @@ class Chassis(Actuator):
             self._following = self.module.start(following, f"reports of {self.name}")
 
     async def close(self) -> None:
-        """Closes both; the state of the vehicle is not known any more."""
+        """Closes the boards; the state of the vehicle is then unknown."""
         if self._following is not None:
             self._following.cancel()
             self._following = None
@@ -103,7 +103,7 @@ class Chassis(Actuator):
             self._state = None
 
     async def write(self, now_ns: int) -> bool:
-        """Sends the set-point that is due, and repeats orders without an answer.
+        """Sends a due set-point, and repeats orders without an answer.
 
         Raises: DeviceError when the device has not reported for too long.
         """
@@ -129,24 +129,24 @@ class Chassis(Actuator):
         return True
 
     def _send_gains(self, now_ns: int) -> None:
-        """Sends the gains once the opened device has reported."""
+        """Sends the gains when the opened device has sent its first report."""
         core = self._core
         if self._gains and self._gains_order is None and core.report is not None and core.idle:
             self._gains_order = core.on_order(ChassisAction.GAINS, now_ns, self._gains)
             self.send_order(self._gains_order)
 
     def failsafe(self, now_ns: int) -> str:
-        """Reason, when the chassis is armed and gets no set-points."""
+        """Reason of the fail-safe of an armed chassis without set-points, or "" without a fail-safe."""
         if not self._core.failsafe(now_ns):
             return ""
         return f"no set-point in {self._config.drive} for more than {self._config.watchdog_s:g} s"
 
     def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
-        """Takes a report of the device, with the instant at which it was made."""
+        """Takes a report of the device, with the instant of its creation."""
         order = self._gains_order
         if order is not None and report.answered >= order.number and self._core.has_open(order):
             if report.answered > order.number:
-                self._gains_order = None  # overtaken by another order: they are sent again
+                self._gains_order = None  # overtaken by a later order, so the gains are sent again
             elif report.refused:
                 log.warning("chassis %s: gains refused: %s", self.name, report.refused)
             else:
@@ -157,11 +157,13 @@ class Chassis(Actuator):
             self._answers.notify()
 
     async def execute(self, action: ChassisAction, gains: dict[str, float] | None = None) -> VehicleState:
-        """Sends an order and repeats it until the device has answered; the state in which it then is.
+        """Sends an order, and repeats it until the device has answered; returns the state of the vehicle
+        then.
 
-        Raises: Denied with the reason of the device; NoAnswer when it does not answer, or is not open.
+        Raises: Denied with the reason of the device; NoAnswer when the device is closed or does not answer.
         """
         if action is ChassisAction.KILL:
+            # at once, and without a queue: a kill is the last resort of an operator
             return await self._execute(action, {})
         async with self._one_by_one:
             if self._core.killing:

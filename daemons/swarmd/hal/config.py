@@ -13,7 +13,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
-"""Rate at rest; `max_age_s` in the templates is three of its periods."""
+"""Rate at rest, from 5 Hz on, because `max_age_s` in the templates is three periods of 5 Hz."""
 Gain = Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)]
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=3600)]
 SpiSpeed = Annotated[int, msgspec.Meta(ge=1000, le=50_000_000)]
@@ -26,7 +26,7 @@ VescQuantity = Literal["duty", "current", "speed"]
 
 
 class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `sim`: rates of the simulated devices."""
+    """Driver `sim`: devices of the simulated vehicle, with their rates."""
 
     gnss_hz: Rate = 10.0
     """Rate of the satellite navigation receiver."""
@@ -35,9 +35,9 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     range_hz: Rate = 10.0
     """Rate of the range scanner."""
     sonar_hz: Rate = 20.0
-    """Rate of the sonar; only on air vehicles."""
+    """Rate of the sonar, which only air vehicles have."""
     rest_hz: RestRate = 5.0
-    """No device of a vehicle that is disarmed and on the ground is read faster."""
+    """Maximum rate of all devices while the vehicle is disarmed and on the ground."""
     battery_hz: Rate = 1.0
     """Rate of the battery monitor."""
     sonar_window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
@@ -45,22 +45,23 @@ class SimDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class ChassisConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The chassis of the vehicle, whichever driver reaches it."""
+    """Settings of the chassis, for all drivers."""
 
     drive: str = "act/drive"
     """Board of the set-points that the chassis follows."""
     rate_hz: Rate = 20.0
-    """Rate at which set-points are carried to the chassis."""
+    """Rate at which set-points are sent to the chassis."""
     rest_hz: RestRate = 5.0
-    """The same while the vehicle is disarmed and on the ground."""
+    """Rate of set-points while the vehicle is disarmed and on the ground."""
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
     """Age of the newest set-point above which an armed vehicle is stopped; an air vehicle hovers."""
     gains: dict[str, Gain] = {}
-    """Gains of its controllers by name, sent whenever the chassis was opened; of others it keeps its own."""
+    """Gains of the controllers by name, sent after each opening; gains without an entry keep their
+    default."""
     answer_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 1.0
     """Time within which the chassis must answer an order."""
     origin_acc_m: Annotated[float, msgspec.Meta(gt=0, le=1000)] = ORIGIN_ACC_M
-    """Error of a fix above which the flight controller of an airframe does not begin its map there."""
+    """Maximum error of the fix at which the flight controller of an airframe sets the origin of its map."""
 
 
 class SystemDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -71,41 +72,41 @@ class SystemDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `replay`: packets of a recording, at the rate of the device that sent them."""
+    """Driver `replay`: packets of a recording, at the rate of the recorded device."""
 
     file: str = "vlp16/recording.bin"
-    """Below share/swarm/data, or an absolute path."""
+    """Path of the recording, absolute or below share/swarm/data."""
     packet_bytes: Annotated[int, msgspec.Meta(ge=1, le=65_000)] = 1206
     """Size of each packet of the recording."""
     packets_hz: Annotated[float, msgspec.Meta(gt=0, le=100_000)] = 753.0
-    """A VLP-16 in strongest-return mode sends 753 to 754 packets a second."""
+    """Rate of the packets; a VLP-16 in strongest-return mode sends 753 to 754 a second."""
     path: str = "sensor/lidar"
-    """Stream resource that gets the packets."""
+    """Stream of the packets."""
     wake_hz: Rate = 20.0
-    """Rate at which due packets are written, each stamped with its own instant."""
+    """Rate of the wake-ups at which due packets are written; each packet has its own stamp."""
     slots: Annotated[int, msgspec.Meta(ge=16, le=100_000)] = 512
-    """Size of the ring in packets: how far a slow reader may lag."""
+    """Size of the ring in packets, which is the maximum lag of a slow reader."""
     loop: bool = True
-    """Whether the recording is repeated."""
+    """Repeat the recording from its end."""
 
 
 class RecordingDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `recording`: the log of a vehicle instead of its devices."""
+    """Driver `recording`: replays the log of a vehicle in place of its devices."""
 
     folder: str = "/var/lib/swarm/replay"
-    """Folder of log segments (`*.mcap`), as a logger writes them."""
+    """Folder with log segments (`*.mcap`) of a logger."""
     file: str = ""
-    """Export of a log instead, of `swarmctl log export --format msgpack`; empty: the folder."""
+    """Export of a log by `swarmctl log export --format msgpack`, or "" to read the folder."""
     platform: str = ""
-    """Platform whose resources are published; empty: that of the first entry."""
+    """Platform whose resources are published, or "" for the platform of the first entry."""
     pattern: str = "sensor/*"
-    """Pattern of its resources: `{sensor,power}/**`."""
+    """Pattern of the published resources, such as `{sensor,power}/**`."""
     speed: Annotated[float, msgspec.Meta(ge=0.01, le=50)] = 1.0
-    """Seconds of the recording in one second."""
+    """Seconds of the recording that are played in one second."""
     loop: bool = True
-    """Whether the recording is repeated."""
+    """Repeat the recording from its end."""
     wake_hz: Rate = 50.0
-    """Rate at which due entries are published, each stamped with its own instant."""
+    """Rate of the wake-ups at which due entries are published; each entry has its own stamp."""
 
 
 class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -114,9 +115,9 @@ class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     device: str = "/dev/ttyUSB0"
     """Device file of the line."""
     baud: int = 38_400
-    """Rate of the line; 9600 carries fewer than five fixes a second."""
+    """Bit rate of the line; 9600 carries fewer than five fixes a second."""
     rate_hz: Rate = 10.0
-    """Rate of fixes that is expected; each is published when it arrives."""
+    """Expected rate of fixes; each fix is published when it arrives."""
     path: str = "sensor/gnss"
     """Board of the fixes."""
 
@@ -129,7 +130,7 @@ class VectorNavDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     baud: int = 115_200
     """Rate of the line."""
     rate_hz: Rate = 100.0
-    """Rate of the output that is set in the unit; each measurement is published when it arrives."""
+    """Output rate that is set in the unit; each measurement is published when it arrives."""
     path: str = "sensor/imu"
     """Board of the measurements."""
 
@@ -144,11 +145,11 @@ class SonarDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     unit: SonarUnit = SonarUnit.MM
     """Unit of the readings: inch (LV models), cm (XL), mm (HRXL)."""
     rate_hz: Rate = 10.0
-    """Rate of the readings; each is published when it arrives."""
+    """Expected rate of the readings; each reading is published when it arrives."""
     min_m: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
-    """Range below which nothing is published: the models report 0.2 to 0.3 m for all that is nearer."""
+    """Range below which readings are ignored; the models report 0.2 to 0.3 m for everything nearer."""
     max_m: Annotated[float, msgspec.Meta(gt=0, le=100)] = 5.0
-    """Range from which on nothing is published: the ground is out of range."""
+    """Range above which readings are ignored, because the ground is out of range."""
     window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
     """Window of the median filter, in readings."""
     path: str = "sensor/height"
@@ -156,18 +157,18 @@ class SonarDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class PilotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Channels of the transmitter of the safety pilot, and what its sticks mean."""
+    """Channels of the safety pilot's transmitter, and the scaling of its sticks."""
 
     rate_hz: Rate = 20.0
-    """Rate at which the sticks are published, if the receiver sends as often."""
+    """Maximum rate at which the sticks are published."""
     switch_channel: RcChannel = 6
-    """Channel of the switch: its upper end is manual, its lower end auto."""
+    """Channel of the switch, whose upper end is manual and lower end is auto."""
     roll_channel: RcChannel = 1
     """Channel of the stick for motion to the right."""
     pitch_channel: RcChannel = 2
     """Channel of the stick for motion forward."""
     throttle_channel: RcChannel = 3
-    """Channel of the stick for climbing; in the centre the height is kept."""
+    """Channel of the stick for climbing, which keeps the height in its centre."""
     yaw_channel: RcChannel = 4
     """Channel of the stick for turning to the right."""
     dead_band_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.05
@@ -193,7 +194,7 @@ class PpmDriver(PilotSettings, frozen=True, forbid_unknown_fields=True, kw_only=
     device: str = "/dev/gpiochip0"
     """Device file of the chip."""
     line: Annotated[int, msgspec.Meta(ge=0, le=1023)] = 17
-    """Number of the line at the chip; its rising edges separate the channels."""
+    """Number of the chip's line, whose rising edges separate the channels."""
 
 
 class SerialChassisDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -213,7 +214,7 @@ class AnalogueChannel(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     path: str
     """Board of its values."""
     per_volt: float = 1.0
-    """What one volt at the input means: 10 behind a divider of 1:10."""
+    """Value that one volt at the input stands for, such as 10 behind a divider of 1:10."""
     unit: str = "V"
     """Unit of the value."""
 
@@ -230,22 +231,22 @@ class AdcDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class CameraDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `camera`: pictures by PyAV (extra `video`)."""
+    """Driver `camera`: pictures of a camera or stream, read with PyAV (extra `video`)."""
 
     device: str = "/dev/video0"
     """File of the camera, address of a stream (`rtsp://camera/1`), or a recording."""
     format: str = "v4l2"
-    """Input format of FFmpeg; empty: what the source says."""
+    """Input format of FFmpeg, or "" to detect the format of the source."""
     width: Annotated[int, msgspec.Meta(ge=16, le=8192)] = 640
-    """Pixels of a row that are asked of the camera; pictures of another size are scaled."""
+    """Width in pixels that is requested from the camera; pictures of another size are scaled."""
     height: Annotated[int, msgspec.Meta(ge=16, le=8192)] = 480
-    """Rows that are asked of the camera."""
+    """Height in pixels that is requested from the camera."""
     rate_hz: Annotated[float, msgspec.Meta(ge=0.1, le=240)] = 15.0
-    """Pictures a second that are asked of the camera."""
+    """Pictures per second that are requested from the camera."""
     encoding: Literal["rgb8", "mono8", "jpeg"] = "rgb8"
-    """Encoding of the images; `jpeg` as the camera compresses them, else by Pillow (extra `images`)."""
+    """Encoding of the images; `jpeg` comes from the camera if possible, else from Pillow (extra `images`)."""
     quality: Annotated[int, msgspec.Meta(ge=1, le=100)] = 80
-    """Quality of JPEG that is compressed here."""
+    """Quality of images that this driver compresses to JPEG."""
     path: str = "sensor/camera"
     """Stream of the images."""
 
@@ -254,15 +255,15 @@ class Bmp280Driver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """Driver `bmp280`: a barometer BMP280 or BME280."""
 
     bus: RegisterBusName = "i2c"
-    """i2c or spi: the bus of the chip."""
+    """Bus of the chip, i2c or spi."""
     device: str = "/dev/i2c-1"
-    """Device file of the bus: `/dev/i2c-1`, `/dev/spidev0.0`."""
+    """Device file of the bus, such as `/dev/i2c-1` or `/dev/spidev0.0`."""
     address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x76
-    """Address on I2C: 0x76, or 0x77 when the pin SDO is high."""
+    """Address on I2C, 0x76, or 0x77 if the pin SDO is high."""
     speed_hz: SpiSpeed = 1_000_000
-    """Clock of SPI."""
+    """Clock frequency on SPI."""
     rate_hz: Annotated[float, msgspec.Meta(gt=0, le=23)] = 10.0
-    """Rate at which it is read; the chip measures 23 times a second."""
+    """Rate of readings; the chip measures 23 times a second."""
     path: str = "sensor/barometer"
     """Board of the measurements."""
 
@@ -271,60 +272,60 @@ class InvensenseDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Driver `invensense`: an inertial unit MPU-6000, -6050, -6500, -9250, ICM-20602 or -20608."""
 
     bus: RegisterBusName = "spi"
-    """i2c or spi: the bus of the chip."""
+    """Bus of the chip, i2c or spi."""
     device: str = "/dev/spidev0.0"
     """Device file of the bus."""
     address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x68
-    """Address on I2C: 0x68, or 0x69 when the pin AD0 is high."""
+    """Address on I2C, 0x68, or 0x69 if the pin AD0 is high."""
     speed_hz: SpiSpeed = 1_000_000
-    """Clock of SPI; the registers allow 1 MHz at most in the oldest of these chips."""
+    """Clock frequency on SPI; the registers of the oldest of these chips allow at most 1 MHz."""
     rate_hz: Rate = 100.0
-    """Rate at which it is read."""
+    """Rate of readings."""
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
-    """Axes of the chip that point forward, left and up, each with `-` when it points against it."""
+    """Axes of the chip that point forward, left and up, with `-` for an axis in the opposite direction."""
     path: str = "sensor/imu"
     """Board of the measurements."""
 
 
 class ServoOutput(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One output of pulses: a servo, or a motor controller."""
+    """One output of pulses, for a servo or a motor controller."""
 
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
     """Number of the channel of the chip."""
     path: str
     """Board of the set-points, -1 to 1."""
     center_us: PulseWidth = 1500.0
-    """Width of the pulses for the set-point 0."""
+    """Pulse width for the set-point 0."""
     range_us: Annotated[float, msgspec.Meta(ge=-1500, le=1500)] = 500.0
-    """Change of the width for the set-point 1; negative: the other direction."""
+    """Change of the pulse width for the set-point 1, negative to reverse the direction."""
     safe_us: PulseWidth = 1500.0
-    """Width without a fresh set-point; 0: no pulses."""
+    """Pulse width without a fresh set-point, or 0 to stop the pulses."""
     needs_arming: bool = False
-    """Whether the output is safe while the vehicle is disarmed: a motor, not a rudder."""
+    """Set the output to `safe_us` while the vehicle is disarmed, for a motor and not for a rudder."""
 
 
 class ServoDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `servo`: outputs of pulses by the PWM of Linux."""
+    """Driver `servo`: pulse outputs by the PWM of Linux."""
 
     device: str = "/sys/class/pwm/pwmchip0"
     """Folder of the chip."""
     rate_hz: Annotated[float, msgspec.Meta(ge=10, le=400)] = 50.0
-    """Pulses a second of all outputs; analogue servos take 50."""
+    """Pulses per second of all outputs; analogue servos accept 50."""
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
-    """Age of a set-point above which its output is safe."""
+    """Age of a set-point above which its output goes to the safe width."""
     outputs: tuple[ServoOutput, ...] = ()
-    """Outputs that are driven."""
+    """Outputs of the driver."""
 
 
 class MotorPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One motor controller that follows the width of pulses."""
+    """One motor controller that is set by the width of pulses."""
 
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
     """Number of the channel of the chip."""
     stop_us: PulseWidth = 1000.0
-    """Width at which the motor stands."""
+    """Pulse width at which the motor is stopped."""
     full_us: PulseWidth = 2000.0
-    """Width at which it has its full power."""
+    """Pulse width at which the motor has full power."""
 
     def width_us(self, output: float) -> float:
         """Width of the pulses for an output from 0 to 1."""
@@ -332,14 +333,14 @@ class MotorPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class ServoPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One servo of an airframe."""
+    """One servo of an airframe, with its pulse widths."""
 
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
     """Number of the channel of the chip."""
     center_us: PulseWidth = 1500.0
-    """Width of the pulses in its centre."""
+    """Pulse width at the centre of the servo."""
     range_us: Annotated[float, msgspec.Meta(ge=-1500, le=1500)] = 500.0
-    """Change of the width to its end; negative: the other direction."""
+    """Change of the pulse width to the end of the servo, negative to reverse the direction."""
 
     def width_us(self, output: float) -> float:
         """Width of the pulses for an output from -1 to 1."""
@@ -347,23 +348,24 @@ class ServoPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class PwmFlightDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `pwm_flight`: an airframe whose motors and servos follow pulses, flown by the flight controller.
+    """Driver `pwm_flight`: an airframe with motors and servos on PWM, flown by the flight controller.
 
-    Its inertial unit has a driver of its own, with `path` as here and the rate of control of the airframe.
+    The inertial unit has a separate driver, whose `path` is `imu` and whose rate is the airframe's rate of
+    control.
     """
 
     device: str = "/sys/class/pwm/pwmchip0"
     """Folder of the chip."""
     pulses_hz: Annotated[float, msgspec.Meta(ge=10, le=490)] = 400.0
-    """Pulses a second of all outputs: 400 for motor controllers, 50 for analogue servos."""
+    """Pulses per second of all outputs: 400 for motor controllers, 50 for analogue servos."""
     imu: str = "sensor/imu_raw"
-    """Board of the samples of the inertial unit; their mean is published in `sensor/imu`."""
+    """Board of the inertial unit's samples, whose mean is published in `sensor/imu`."""
     imu_hz: Rate = 20.0
     """Rate of `sensor/imu`."""
     motors: tuple[MotorPulse, ...] = ()
     """Motors in the order of the airframe."""
     servos: tuple[ServoPulse, ...] = ()
-    """Servos in the order of the airframe: of a helicopter lateral, longitudinal, collective, pedal."""
+    """Servos in the order of the airframe; for a helicopter lateral, longitudinal, collective, pedal."""
 
 
 class VescMotor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -374,57 +376,56 @@ class VescMotor(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     path: str
     """Board of the set-points, -1 to 1."""
     state_path: str
-    """Board of its state."""
+    """Board of the motor's state."""
     quantity: VescQuantity = "duty"
-    """What a set-point means: duty (part of the voltage), current (A) or speed (electrical revolutions a
-    minute)."""
+    """Quantity of the set-points: duty (ratio of the voltage), current (A) or speed (electrical rpm)."""
     full_scale: Annotated[float, msgspec.Meta(ge=-1e6, le=1e6)] = 0.5
-    """Value for the set-point 1, in the unit of the quantity; negative: the other direction."""
+    """Value for the set-point 1, in the unit of the quantity, negative to reverse the direction."""
     needs_arming: bool = True
-    """Whether the motor gets no current while the vehicle is disarmed."""
+    """Stop the motor's current while the vehicle is disarmed."""
 
 
 class VescDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Driver `vesc`: motor controllers on a CAN bus; needs the extra `can`."""
+    """Driver `vesc`: VESC motor controllers on a CAN bus; needs the extra `can`."""
 
     interface: str = "socketcan"
-    """Kind of the interface, a name of python-can: socketcan, slcan, virtual."""
+    """Kind of the interface by its python-can name: socketcan, slcan, virtual."""
     device: str = "can0"
-    """Name of the interface, as `ip link` prints it; its bit rate is set there."""
+    """Name of the interface in `ip link`, which also sets the bit rate."""
     rate_hz: Rate = 50.0
-    """Commands a second to each motor."""
+    """Commands per second to each motor."""
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
     """Age of a set-point above which its motor gets no current."""
     motors: tuple[VescMotor, ...] = ()
-    """Motors that are driven."""
+    """Motors of the driver."""
 
 
 class RecognitionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Recognition of devices that are plugged in (S4.30)."""
+    """Rule that starts a driver when a device is plugged in (S4.30)."""
 
     path: Annotated[str, msgspec.Meta(pattern=r"^/[^*?\[]*/[^/]+$")]
-    """Pattern of their device files: `/dev/ttyUSB*`; only the last name has wildcards."""
+    """Pattern of the device files, such as `/dev/ttyUSB*`, with wildcards only in the last name."""
     driver: str
-    """Driver that is started for each; its key `device` is the device file."""
+    """Driver that is started for each device; its key `device` is set to the device file."""
     usb: Annotated[str, msgspec.Meta(pattern="^([0-9a-fA-F]{4}:[0-9a-fA-F]{4})?$")] = ""
-    """`vendor:product` of the USB device, as `lsusb` prints it; empty: any."""
+    """Identifiers `vendor:product` of the USB device, as `lsusb` prints them, or "" for any device."""
     settings: dict[str, Any] = {}
-    """Other keys of the driver."""
+    """Further keys of the driver's settings."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The drivers of the platform, and their parameters."""
+    """Drivers of the platform, and their settings."""
 
     drivers: tuple[str, ...] = ("sim", "system")
-    """Names of drivers, built-in (`devices.md` lists them) or of installed packages."""
+    """Names of drivers, which are built in (see `devices.md`) or in installed packages."""
     retry_s: Seconds = 2.0
     """Pause before a device is opened again."""
     failures: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 10
-    """Failed reads in a row after which the device is reopened."""
+    """Consecutive failed reads after which the device is reopened."""
     report_hz: Rate = 1.0
-    """Rate of `hal/drivers`."""
+    """Rate at which `hal/drivers` is published."""
     line_bit_s: dict[str, Annotated[float, msgspec.Meta(gt=0, le=1e10)]] = {}
-    """Bits a second that lines and buses carry, by device; of others those of their standard."""
+    """Bit rate of lines and buses by device; a device without an entry has the rate of its standard."""
     chassis: ChassisConfig = ChassisConfig()
     sim: SimDriver = SimDriver()
     system: SystemDriver = SystemDriver()
@@ -444,13 +445,13 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     pwm_flight: PwmFlightDriver = PwmFlightDriver()
     vesc: VescDriver = VescDriver()
     recognise: tuple[RecognitionRule, ...] = ()
-    """Rules for devices that are plugged in; the first that fits decides."""
+    """Rules for devices that are plugged in; the first matching rule applies."""
     plugins: dict[str, dict[str, Any]] = {}
-    """Tables of settings for drivers of installed packages, by their names: `[plugins.NAME]`."""
+    """Settings of drivers from installed packages, as tables `[plugins.NAME]`."""
 
     def plugin(self, name: str, cls: type[T]) -> T:
-        """Settings of an installed driver: its table, or the defaults when there is none.
+        """Settings of an installed driver from its table, or the defaults without a table.
 
-        Raises: ConfigError when the table does not fit its class.
+        Raises: ConfigError when the table does not match the class.
         """
         return convert(self.plugins.get(name, {}), cls, f"services/hal.toml: table plugins.{name}")

@@ -1,4 +1,4 @@
-"""The interfaces of drivers: sensors bring measurements in, actuators carry set-points out."""
+"""Interfaces of drivers: sensors publish measurements, actuators execute set-points."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -22,22 +22,22 @@ class DeviceError(SwarmError):
 
 
 class DeviceGone(DeviceError):
-    """The device was unplugged: it is opened again without further calls."""
+    """The device was unplugged, and must be opened again before further calls."""
 
 
 class Device(ABC):
-    """One device behind its driver: opened, served once per period, closed.
+    """Base of drivers; a device is opened, served once per period, and closed.
 
-    Each method may raise DeviceError or OSError: after some of them in a row, or at once after a
+    Each method may raise DeviceError or OSError. After several consecutive errors, or at once after a
     DeviceGone, the device is closed and opened again.
     """
 
     name: str
-    """Unique on the platform: `system`, `sim.gnss`."""
+    """Name that is unique on the platform, such as `system` or `sim.gnss`."""
     period_s: float
     """Period of the driver, matched to the update rate of the device (S2.5); each call may change it."""
     line_uses: tuple[LineUse, ...] = ()
-    """What it asks of lines and buses (S1.17)."""
+    """Load of lines and buses by this driver (S1.17)."""
 
     async def open(self, module: Module) -> None:  # noqa: B027  # some devices need no opening
         """Opens the device and the writers of its resources."""
@@ -47,14 +47,14 @@ class Device(ABC):
 
 
 class Sensor(Device):
-    """Input half: the driver of a device that measures."""
+    """Base of drivers of devices that measure."""
 
     @abstractmethod
     async def read(self, now_ns: int) -> bool:
-        """Reads the device and publishes its values; False when it had no new ones."""
+        """Reads the device and publishes its values; returns False if there are no new values."""
 
     def stalled(self, now_ns: int) -> str:
-        """Reason why the device answers, but nothing it says is a measurement; else empty."""
+        """Reason why an answering device has no measurements, or "" if it has."""
         return ""
 
 
@@ -63,30 +63,31 @@ Driver = Sensor
 
 
 class Actuator(Device):
-    """Output half: the driver of a device that acts, with a watchdog of its own."""
+    """Base of drivers of devices that act, each with a watchdog."""
 
     @abstractmethod
     async def write(self, now_ns: int) -> bool:
-        """Carries the newest set-point to the device; False when there was no new one."""
+        """Sends the newest set-point to the device; returns False if there is no new set-point."""
 
     def conditions(self, now_ns: int) -> Sequence[Condition]:
-        """Checks of the device whose state has changed since the last call; at first all of them."""
+        """Checks of the device whose state has changed since the last call; the first call returns all
+        checks."""
         return ()
 
     @abstractmethod
     def failsafe(self, now_ns: int) -> str:
-        """Reason why the device is in its safe state, because its set-points do not arrive; else empty."""
+        """Reason why the device is in its safe state for lack of set-points, or "" if it is not."""
 
 
 class Site(msgspec.Struct, frozen=True):
     """The platform on which a driver runs."""
 
     kind: PlatformKind
-    """uav | ugv | usv | gcs."""
+    """Kind of the platform: uav, ugv, usv or gcs."""
     data_dir: str
-    """The folder share/swarm/data."""
+    """Path of the folder share/swarm/data."""
     airframe: "Airframe | None" = None
-    """Airframe that the flight controller flies; None: the chassis has its own attitude control."""
+    """Airframe of the flight controller, or None for a chassis with its own attitude control."""
 
 
 Factory = Callable[[Config, Site], Sequence[Device]]

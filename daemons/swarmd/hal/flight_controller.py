@@ -1,4 +1,4 @@
-"""Driver of an airframe without attitude control of its own: runs the cascade that commands the actuators."""
+"""Base of the drivers of airframes without attitude control, which run the control law themselves."""
 
 import logging
 from abc import abstractmethod
@@ -25,21 +25,21 @@ from swarmware.types.scalar import Float
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
 
 _RECORDS: Final = 4
-"""Records that remain readable: the logger takes each at once."""
+"""Number of records that stay readable, for the logger, which reads them at once."""
 _RECORD_BYTES: Final = 16_384
-"""100 rows of an airframe with eight motors."""
+"""Maximum size of a record, for 100 rows of an airframe with eight motors."""
 
 log = logging.getLogger("swarm.hal")
 
 
 class FlightController(Chassis):
-    """Base of the drivers of airframes, which differ only in how outputs reach their actuators.
+    """Base of the drivers of airframes, which differ only in the connection to their actuators.
 
-    It is called at the rate of the inertial unit, whose samples it reads from the board `imu`, and publishes
-    `sensor/imu`: their mean at `imu_hz`, with the attitude of its filter. Fixes and the sonar's height come
-    from the boards of their drivers. A driver implements `send_outputs` and `carry_order`, and passes each
-    report of the device to `on_report`. A process that is started again within seconds continues the flight
-    of the one before it, whose last outputs the actuators hold (ADR 69).
+    `write` is called at the rate of the inertial unit, and reads the samples from the board `imu`. Their mean
+    is published in `sensor/imu` at `imu_hz`, with the attitude of the filter. Fixes and the sonar's height
+    come from the boards of their drivers. A driver implements `send_outputs` and `carry_order`, and passes
+    each report of the device to `on_report`. A process that is restarted within seconds continues the flight
+    of the previous process, while the actuators hold their last outputs (ADR 69).
     """
 
     def __init__(
@@ -51,14 +51,14 @@ class FlightController(Chassis):
         imu: str,
         imu_hz: float,
     ) -> None:
-        # set-points are looked for at the rate of control
+        # set-points are read at the rate of control
         super().__init__(name, msgspec.structs.replace(config, rate_hz=1 / timing.period_s))
         self._timing = timing
         self._flight = FlightCore(controller, timing, config.origin_acc_m)
         self._source = imu
         self._imu_hz = imu_hz
         self._imu_ns = 0
-        """Instant at which the mean of the samples was published."""
+        """Instant of the last publication of the mean."""
         self._imu: BoardReader[Imu] | None = None
         self._gnss: BoardReader[GnssFix] | None = None
         self._height: BoardReader[Float] | None = None
@@ -69,7 +69,7 @@ class FlightController(Chassis):
 
     @property
     def flight_state(self) -> FlightState:
-        """The estimated state at the newest inertial sample."""
+        """Estimated state at the newest inertial sample."""
         return self._flight.state()
 
     @abstractmethod
@@ -78,10 +78,11 @@ class FlightController(Chassis):
 
     @abstractmethod
     def carry_order(self, order: ChassisOrder) -> None:
-        """Sends an order to the device; also a repeated one."""
+        """Sends an order to the device, for the first time or again."""
 
     def take_over(self, module: Module) -> bool:
-        """Continues the flight of a process that has just ended, by what it published; False: none flew."""
+        """Continues the flight of a process that has just ended, from its boards; returns False without a
+        flight."""
         state, imu = module.reader("vehicle/state", VehicleState), module.reader("sensor/imu", Imu)
         pose = module.reader("nav/pose", Pose)
         try:
@@ -96,7 +97,7 @@ class FlightController(Chassis):
         finally:
             for reader in (state, imu, pose):
                 reader.close()
-        log.warning("driver %s: the vehicle flies: taken over after %.2f s", self.name, age_s)
+        log.warning("driver %s: the vehicle is in flight; taken over after %.2f s", self.name, age_s)
         self._flight.on_former(former)
         return True
 
@@ -118,7 +119,7 @@ class FlightController(Chassis):
         )
 
     async def close(self) -> None:
-        """Closes the boards of the sensors; of a vehicle that flies what a flight is continued by stays
+        """Closes the boards; in flight, the boards by which the next process continues the flight stay
         readable."""
         state = self.state
         if state is not None and state.armed and not state.landed:
@@ -136,7 +137,7 @@ class FlightController(Chassis):
         self._imu = self._gnss = self._height = self._mean = self._records = None
 
     async def write(self, now_ns: int) -> bool:
-        """Runs the filters and the cascade for the newest inertial sample; False when there was no new one.
+        """Runs filters and control law for the newest inertial sample; returns False without a new sample.
 
         Raises: DeviceError when the device has not reported for too long.
         """
@@ -154,7 +155,7 @@ class FlightController(Chassis):
         return True
 
     def _record(self, outputs: ActuatorOutputs, now_ns: int) -> None:
-        """Keeps the step for a record of a fault, and writes the record of one that is complete."""
+        """Keeps the step for a record, and publishes the record of a fault when it is complete."""
         recorder, flight, chassis = self._recorder, self._flight, self.state
         if chassis is not None and chassis.armed:
             state = flight.state()
@@ -174,7 +175,7 @@ class FlightController(Chassis):
             self._records.write(record)
 
     def conditions(self, now_ns: int) -> Sequence[Condition]:
-        """Faults of the flight that changed: loop, tilt, contact; an error causes a record."""
+        """Changed faults of the flight in loop, tilt and contact; an error causes a record."""
         found = self._flight.watch.conditions(now_ns)
         for one in found:
             if one.level == "error":
@@ -192,11 +193,11 @@ class FlightController(Chassis):
             flight.on_imu(self.corrected(sample), imu.local_stamp_ns or now_ns)
 
     def corrected(self, imu: Imu) -> Imu:
-        """The sample as its driver has published it: corrected there."""
+        """The sample unchanged, because the driver of the inertial unit has corrected it."""
         return imu
 
     def _publish_imu(self, now_ns: int) -> None:
-        # half a period of control early: the instants of both rates are not the same
+        # half a control period early, since the instants of both rates differ
         if self._mean is None or now_ns - self._imu_ns < 1e9 / self._imu_hz - self.period_s / 2 * 1e9:
             return
         mean = self._flight.take_imu()
@@ -205,23 +206,23 @@ class FlightController(Chassis):
             self._mean.write(mean, self._flight.imu_ns)
 
     def failsafe(self, now_ns: int) -> str:
-        """Reason, also when inertial samples are missing."""
+        """Reason of the fail-safe, including missing inertial samples, or "" without a fail-safe."""
         state = self.state
         if state is not None and state.armed and self._flight.is_blind(now_ns):
             return f"no inertial samples in {self._source}: the attitude is not known"
         return super().failsafe(now_ns)
 
     def on_report(self, report: ChassisReport, stamp_ns: int) -> None:
-        """Takes a report of the device: armed, landed."""
+        """Takes a report of the device, with the states armed and landed."""
         super().on_report(report, stamp_ns)
         self._flight.on_vehicle(armed=report.armed, landed=report.landed)
 
     def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
-        """Takes the set-point that the cascade follows."""
+        """Takes the set-point for the control law."""
         self._flight.on_setpoint(setpoint)
 
     def send_order(self, order: ChassisOrder) -> None:
-        """Sends an order to the device; gains are those of the own controllers."""
+        """Sends an order to the device; an order with gains is executed here by the control law."""
         if order.action is not ChassisAction.GAINS:
             self.carry_order(order)
             return

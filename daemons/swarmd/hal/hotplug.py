@@ -1,4 +1,4 @@
-"""Watches the folders of device files, and reads what the kernel says about them."""
+"""Hot-plugging: watches the folders of device files, and reads the kernel's data about the devices."""
 
 import asyncio
 import os
@@ -17,23 +17,23 @@ SYS: Final = Path("/sys")
 _CREATED: Final = 0x100
 _MOVED_TO: Final = 0x80
 _ATTRIBUTES: Final = 0x4
-"""IN_CREATE, IN_MOVED_TO, IN_ATTRIB (udev gives access after the creation). Source: inotify(7)."""
+"""IN_CREATE, IN_MOVED_TO, and IN_ATTRIB as udev grants access after the creation. Source: inotify(7)."""
 _ADD: Final = 0x20000000
-"""IN_MASK_ADD: a folder may be one that is watched and above another one."""
+"""IN_MASK_ADD, because a watched folder may also be the parent of another watched folder."""
 _EVENT_BYTES: Final = 4096
 
 
 def nodes(patterns: Iterable[str], sys: Path = SYS) -> Iterator[DeviceNode]:
-    """The device files that match patterns such as `/dev/ttyUSB*`."""
+    """Device files that match patterns such as `/dev/ttyUSB*`."""
     for pattern in patterns:
         folder, _, name = pattern.rpartition("/")
         for path in Path(folder or "/").glob(name):
-            # of a link such as /dev/serial/by-id/… the kernel knows only the file to which it leads
+            # the kernel knows only the target of a link such as /dev/serial/by-id/…
             yield DeviceNode(str(path), usb_id(path.resolve().name, sys))
 
 
 def usb_id(name: str, sys: Path = SYS) -> str:
-    """Vendor and product of the USB device to which a device file belongs; empty: to none."""
+    """Vendor and product of the USB device of a device file, or "" for a device that is not on USB."""
     for link in sys.glob(f"class/*/{name}/device"):
         place = link.resolve()
         for folder in (place, *place.parents):
@@ -41,12 +41,12 @@ def usb_id(name: str, sys: Path = SYS) -> str:
                 vendor = (folder / "idVendor").read_text("ascii").strip()
                 return f"{vendor}:{(folder / 'idProduct').read_text('ascii').strip()}".lower()
             except (OSError, UnicodeDecodeError):
-                continue  # an interface or a hub port: its parent may be the device
+                continue  # a USB interface or hub port, whose parent may be the device
     return ""
 
 
 def configured(config: Config, one: Recognised[RecognitionRule]) -> Config:
-    """The configuration in which the driver of the rule has this device and the settings of the rule."""
+    """Configuration in which the driver of a rule has the recognised device and the rule's settings."""
     given = {"device": one.node.path, **one.rule.settings}
     name = one.rule.driver
     if name in Config.__struct_fields__:
@@ -61,11 +61,11 @@ def configured(config: Config, one: Recognised[RecognitionRule]) -> Config:
 class FolderWatch:
     """Calls a function when files appear in folders, or their access rights change.
 
-    A folder may appear later, and again. Raises: SwarmError when the kernel refuses.
+    The folders may be created later, and again. Raises: SwarmError when the kernel refuses the watch.
     """
 
     def __init__(self, folders: Iterable[str], changed: Callable[[], None]) -> None:
-        import ctypes  # few nodes need it
+        import ctypes  # imported here, because few nodes need it
 
         libc = ctypes.CDLL(None, use_errno=True)
         self._changed = changed
@@ -79,9 +79,10 @@ class FolderWatch:
         self._loop.add_reader(self._fd, self._readable)
 
     def _watch(self) -> None:
-        """Watches the folders and those above them, as far as they exist now.
+        """Watches the existing folders and their parents.
 
-        A folder that is watched already is not watched twice; one that was removed may have been made again.
+        Repeated after each event, because a folder may have been created again; the kernel ignores a repeated
+        watch of the same folder.
         """
         for folder in self._folders:
             self._add_watch(self._fd, os.fsencode(folder), _CREATED | _MOVED_TO | _ATTRIBUTES | _ADD)

@@ -1,4 +1,4 @@
-"""Drivers that publish the samples of an inertial unit, corrected by its calibration."""
+"""Base of drivers that publish the samples of an inertial unit, corrected by its calibration."""
 
 from swarmd.hal.core.imu_calibration import ImuCorrection, ImuCorrector
 from swarmware.types.vehicle import Imu
@@ -9,7 +9,7 @@ class ImuSource:
 
     _corrector = ImuCorrector()
     collected: list[Imu] | None = None
-    """Samples as they were measured, while a calibration collects them; None: none does."""
+    """Uncorrected samples while a calibration collects them, else None."""
 
     @property
     def correction(self) -> ImuCorrection:
@@ -21,7 +21,7 @@ class ImuSource:
         self._corrector = ImuCorrector(correction)
 
     def corrected(self, imu: Imu) -> Imu:
-        """The sample without the errors that the calibration has found."""
+        """The sample with the correction applied; collects the uncorrected sample during a calibration."""
         if self.collected is not None:
             self.collected.append(imu)
         return self._corrector.apply(imu)

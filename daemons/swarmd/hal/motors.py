@@ -1,4 +1,4 @@
-"""Requests to arm, disarm and kill the motors and to calibrate their controllers, served for the chassis."""
+"""Service of the requests to arm, disarm and kill the motors, and to calibrate their controllers."""
 
 import logging
 
@@ -29,7 +29,7 @@ class Motors:
         self._chassis = chassis
         self._gate = ArmingGate(module)
         self._stops = 0
-        """Requests to disarm or kill so far: an arming that waits at the gate is overtaken by them."""
+        """Number of requests to disarm or kill, each of which cancels an arming that waits at the gate."""
         self._pose = module.reader("nav/pose", Pose)
         self._orders = module.stream_writer(
             "vehicle/orders",
@@ -40,7 +40,7 @@ class Motors:
         )
 
     def serve(self) -> None:
-        """Register the handlers of the vehicle's requests."""
+        """Registers the handlers of the vehicle's requests."""
         serve = self._module.serve
         serve(
             "sys/vehicle/arm",
@@ -74,7 +74,7 @@ class Motors:
 
     async def _set_gains(self, request: GainsRequest, meta: Meta) -> VehicleState:
         names = ", ".join(f"{name}={value:g}" for name, value in request.gains.items())
-        refusal = "" if names else "gains: none given, expected at least one"
+        refusal = "" if names else "gains: empty; expected at least one gain"
         return await self._done(
             MotorAction.GAINS, ChassisAction.GAINS, names, meta, refusal, gains=request.gains
         )
@@ -86,7 +86,7 @@ class Motors:
         refusal = overridden = ""
         if request.force:
             overridden = self._gate.reasons()
-        elif not self._flies():  # one in the air is armed
+        elif not self._flies():  # a vehicle in the air is armed already
             stops = self._stops
             refusal = await self._gate.refusal()
             if stops != self._stops:

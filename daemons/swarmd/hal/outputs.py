@@ -1,4 +1,4 @@
-"""Set-points of outputs, servos and motors: boards in, the value in force out."""
+"""Set-points of servos and motors, read from boards and guarded by watchdogs."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -11,7 +11,7 @@ from swarmware.types.vehicle import VehicleState
 
 
 class OutputSettings(Protocol):
-    """What an output needs of its settings."""
+    """The settings of an output that its board needs."""
 
     @property
     def path(self) -> str: ...
@@ -20,7 +20,7 @@ class OutputSettings(Protocol):
 
 
 class OutputBoards:
-    """Reads the boards of some outputs, and whether the vehicle is armed."""
+    """Reads the boards of several outputs, and the arming state of the vehicle."""
 
     def __init__(self, module: Module, settings: Sequence[OutputSettings], watchdog_s: float) -> None:
         self._module = module
@@ -38,7 +38,7 @@ class OutputBoards:
         return state is not None and state.armed
 
     def values(self, now_ns: int) -> list[float | None]:
-        """The value of each output, -1 to 1; None: its safe state."""
+        """Value of each output from -1 to 1, or None for its safe state."""
         for reader, output in zip(self._readers, self._outputs, strict=True):
             value, age_s = reader.value, reader.age_s
             if value is not None and age_s is not None:
@@ -46,7 +46,7 @@ class OutputBoards:
         return [output.value(now_ns, armed=self._armed) for output in self._outputs]
 
     def failsafe(self, now_ns: int) -> str:
-        """Reason of the first output whose set-points do not arrive any more; else empty."""
+        """Reason of the first output whose set-points have stopped, or "" without a fail-safe."""
         reasons = (output.failsafe(now_ns, armed=self._armed) for output in self._outputs)
         return next((reason for reason in reasons if reason), "")
 

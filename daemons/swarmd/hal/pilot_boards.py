@@ -1,4 +1,4 @@
-"""Boards of the safety pilot: position of the switch, sticks while it is at manual, state of the link."""
+"""Boards of the safety pilot: position of the switch, sticks in manual mode, and state of the radio link."""
 
 from swarmd.hal.config import PilotSettings
 from swarmd.hal.core.safety_pilot import SafetyPilot
@@ -10,7 +10,7 @@ from swarmware.types.vehicle import Setpoint, VehicleMode
 
 
 class PilotBoards:
-    """Writes what the channels of a receiver mean, the sticks at most at its rate."""
+    """Publishes the evaluated channels of a receiver; the sticks at most at `rate_hz`."""
 
     def __init__(self, module: Module, settings: PilotSettings) -> None:
         self._module = module
@@ -29,7 +29,7 @@ class PilotBoards:
             "vehicle/remote", RemoteLink, description="Whether the safety pilot's transmitter is received"
         )
         self._linked: bool | None = None
-        """As published last; None: not published yet."""
+        """Last published state of the link, or None before the first publication."""
         self._set_linked(False, module.now_ns())
 
     def on_link(self, quality_ratio: float) -> None:
@@ -39,7 +39,7 @@ class PilotBoards:
             self._set_linked(False, self._module.now_ns())
 
     def on_channels(self, channels: RcChannels, now_ns: int) -> bool:
-        """Writes what a frame changes; False while the transmitter is lost."""
+        """Publishes the changes of a frame; returns False while the transmitter is lost."""
         found = self._pilot.on_channels(channels)
         if found is None:
             return False
@@ -48,12 +48,13 @@ class PilotBoards:
             self._position = found.switch
             self._switch.write(SafetySwitch(found.switch), now_ns)
         if found.sticks is not None and now_ns - self._sticks_ns >= 0.9 * self._period_ns:
+            # 0.9 leaves room for the jitter of frames at just this rate
             self._sticks_ns = now_ns
             self._sticks.write(found.sticks, now_ns)
         return True
 
     def _set_linked(self, linked: bool, now_ns: int) -> None:
-        """Writes a change of the link."""
+        """Publishes the state of the link if it changed."""
         if linked is not self._linked:
             self._linked = linked
             self._remote.write(RemoteLink(linked), now_ns)

@@ -1,4 +1,4 @@
-"""Timer of the kernel with a resolution of nanoseconds, for drivers that are faster than the event loop's."""
+"""Kernel timer with nanosecond resolution, for drivers that need finer instants than the event loop's."""
 
 import asyncio
 import ctypes
@@ -23,7 +23,7 @@ class _Setting(ctypes.Structure):
 
 
 class PreciseTimer:
-    """Waits for instants of the monotonic clock; one task waits at a time."""
+    """Waits for instants of the monotonic clock, for one task at a time."""
 
     def __init__(self) -> None:
         self._libc = ctypes.CDLL(None, use_errno=True)
@@ -36,7 +36,7 @@ class PreciseTimer:
         self._loop.add_reader(self._fd, self._expired)
 
     async def until(self, mono_ns: int) -> None:
-        """Waits for an instant of the monotonic clock; returns not before it."""
+        """Waits for an instant of the monotonic clock, and never returns before it."""
         at = _Timespec(*divmod(max(mono_ns, 1), _NS))
         setting = _Setting(_Timespec(0, 0), at)
         self._waiter = self._loop.create_future()
@@ -47,11 +47,11 @@ class PreciseTimer:
         try:
             os.read(self._fd, 8)
         except BlockingIOError:
-            return  # it was set again before it was read
+            return  # the timer was set again before its expiry was read
         if self._waiter is not None and not self._waiter.done():
             self._waiter.set_result(None)
 
     def close(self) -> None:
-        """Ends the timer; its task does not wait any more."""
+        """Closes the timer; a waiting task is not woken."""
         self._loop.remove_reader(self._fd)
         os.close(self._fd)

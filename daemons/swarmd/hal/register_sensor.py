@@ -1,4 +1,4 @@
-"""Sensors with numbered registers on I2C or SPI: each measurement is read in a thread and published."""
+"""Sensors with numbered registers on I2C or SPI, whose measurements are read in a thread."""
 
 from abc import abstractmethod
 from typing import Generic, Protocol, TypeVar
@@ -17,7 +17,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class RegisterSettings(Protocol):
-    """What such a driver needs of its settings."""
+    """Settings that all drivers of register sensors have."""
 
     @property
     def bus(self) -> RegisterBusName: ...
@@ -34,7 +34,7 @@ class RegisterSettings(Protocol):
 
 
 class RegisterSensor(BlockingSensor[T], Generic[T]):
-    """Base of the drivers of such chips, which differ in how they are started and read.
+    """Base of the drivers of register sensors, which differ in the start and the reading of the chip.
 
     `reads`: number of registers of each read of a measurement.
     """
@@ -60,24 +60,25 @@ class RegisterSensor(BlockingSensor[T], Generic[T]):
         )
 
     def connect(self) -> None:
-        """Opens the bus and starts the chip. Raises: DeviceError when it is another one."""
+        """Opens the bus and starts the chip. Raises: DeviceError for another chip."""
         settings = self._settings
         self._bus = open_registers(settings.bus, settings.device, settings.address, settings.speed_hz)
         self.begin(self._bus)
 
     @abstractmethod
     def begin(self, bus: RegisterBus) -> None:
-        """Finds the chip and starts it. Raises: DeviceError when it is another one, or not writable."""
+        """Identifies the chip and starts it. Raises: DeviceError for another chip, or if it is not
+        writable."""
 
     def measure(self) -> T:
-        """Reads one measurement. Raises: DeviceError when there is none."""
+        """Reads one measurement. Raises: DeviceError when the chip is closed or gives no measurement."""
         if self._bus is None:
             raise DeviceError(f"{self._settings.device}: not open")
         return self.measured(self._bus)
 
     @abstractmethod
     def measured(self, bus: RegisterBus) -> T:
-        """One measurement. Raises: DeviceError."""
+        """Reads one measurement from the registers. Raises: DeviceError."""
 
     def publish(self, value: T, now_ns: int) -> bool:
         """Writes the board of the sensor."""

@@ -1,4 +1,4 @@
-"""Calibration of inertial units on request: samples of a vehicle at rest, a correction kept on disk."""
+"""Calibration of inertial units on request, from samples at rest, with corrections stored on disk."""
 
 import logging
 import math
@@ -25,11 +25,11 @@ from swarmware.types.vehicle import Imu, VehicleState
 log = logging.getLogger("swarm.hal")
 
 WINDOW_NS: Final = 5_000_000_000
-"""Time for which samples are collected: at rest a simulated unit sends five a second."""
+"""Time for which samples are collected; at rest a simulated unit sends five a second."""
 
 
 class SensorCalibrations:
-    """Serves `sys/vehicle/calibrate_sensor`, and gives each inertial unit the correction of its file."""
+    """Serves `sys/vehicle/calibrate_sensor`, and applies the stored correction to each inertial unit."""
 
     def __init__(self, module: Module, devices: Callable[[], Iterable[Device]], file: Path) -> None:
         self._module = module
@@ -60,7 +60,7 @@ class SensorCalibrations:
         )
 
     def apply(self) -> None:
-        """Gives each unit its correction; call it when drivers were added."""
+        """Applies its correction to each unit; must be called after drivers were added."""
         for name, source in self._sources().items():
             source.correction = self._stored.get(name, ImuCorrection())
 
@@ -68,7 +68,7 @@ class SensorCalibrations:
         return {device.name: device for device in self._devices() if isinstance(device, ImuSource)}
 
     def _chosen(self, request: SensorCalibration) -> tuple[str, ImuSource]:
-        """The unit that is meant. Raises: Denied."""
+        """The unit that the request names, or the only one. Raises: Denied."""
         if request.platform != self._module.platform:
             raise Denied(
                 f"calibration of {request.platform!r}: this is {self._module.platform}; expected its own name"
@@ -113,7 +113,7 @@ class SensorCalibrations:
         return SensorCalibrated(name, request.kind, text)
 
     def _store(self, name: str, correction: ImuCorrection) -> None:
-        """Keeps a correction over restarts. Raises: SwarmError; then nothing changes."""
+        """Stores a correction on disk for later runs. Raises: SwarmError; then nothing changes."""
         stored = {**self._stored, name: correction}
         try:
             self._file.parent.mkdir(parents=True, exist_ok=True)
@@ -140,7 +140,7 @@ def _result(request: SensorCalibration, samples: list[Imu], former: ImuCorrectio
 
 
 def _text(kind: SensorCalibrationKind, found: ImuCorrection) -> str:
-    """What was found, for operators."""
+    """Result of the calibration as a text for operators."""
     match kind:
         case SensorCalibrationKind.GYRO:
             return f"bias {_vector(found.gyro_bias_rad_s)} rad/s"

@@ -1,4 +1,4 @@
-"""Sensors that send on a serial line by themselves: each measurement is published when it arrives."""
+"""Sensors that send unrequested on a serial line, whose measurements are published when they arrive."""
 
 from abc import abstractmethod
 from collections import Counter
@@ -18,25 +18,25 @@ M = TypeVar("M", bound=msgspec.Struct)
 T_co = TypeVar("T_co", covariant=True)
 
 _NAMED: Final = 2
-"""Reasons that the error of a silent sensor names: the most frequent ones."""
+"""Number of the most frequent reasons that the error of a silent sensor names."""
 
 
 class SensorDecoder(Protocol[T_co]):
-    """What decodes the bytes of a sensor."""
+    """Decoder for the bytes of a sensor."""
 
     refused: Counter[str]
-    """What was not understood, by the reason."""
+    """Number of invalid frames or sentences, by the reason."""
     valid: int
-    """Valid frames or sentences so far, also of types that are not used."""
+    """Number of valid frames or sentences, including ignored types."""
 
     def feed(self, data: bytes) -> Iterator[T_co]: ...
 
 
 class SerialSensor(Sensor, Generic[T]):
-    """Base of the drivers of such sensors; `read` watches the line.
+    """Base of the drivers of serial sensors; `read` checks the line.
 
-    A driver that overrides `open` or `close` calls this one too. `silent_s`: time without anything valid
-    after which the sensor counts as failed.
+    A driver that overrides `open` or `close` must call the overridden method, too. `silent_s`: time without a
+    valid frame or sentence after which the sensor counts as failed.
     """
 
     silent_s = 5.0
@@ -50,7 +50,7 @@ class SerialSensor(Sensor, Generic[T]):
         decoder: Callable[[], SensorDecoder[T]],
         bytes_s: float,
     ) -> None:
-        """`bytes_s`: what the sensor sends a second."""
+        """`bytes_s`: bytes that the sensor sends per second."""
         self.name = name
         self.period_s = 1 / rate_hz
         self.line_uses = (serial_use(device, baud, bytes_s),)
@@ -62,15 +62,15 @@ class SerialSensor(Sensor, Generic[T]):
         self._published = self._counted = self._valid = 0
         self._received_ns = 0
         self.module: Module | None = None
-        """Module of the hardware abstraction; None before the first `open`."""
+        """Module of the hardware abstraction, or None before the first `open`."""
 
     @abstractmethod
     def publish(self, value: T, now_ns: int) -> bool:
-        """Publishes what was measured; False when it is not used."""
+        """Publishes a measurement; returns False if its type is ignored."""
 
     @property
     def refused(self) -> dict[str, int]:
-        """What was not understood since the line was opened, by the reason."""
+        """Number of invalid frames or sentences since the line was opened, by the reason."""
         return self._decoder.refused
 
     async def open(self, module: Module) -> None:
@@ -86,9 +86,9 @@ class SerialSensor(Sensor, Generic[T]):
             self._published += self.publish(value, self.module.now_ns())
 
     async def read(self, now_ns: int) -> bool:
-        """Whether there was a measurement since the last call.
+        """Returns True if a measurement arrived since the last call.
 
-        Raises: DeviceGone when the line is lost; DeviceError when nothing valid arrives.
+        Raises: DeviceGone when the line is lost; DeviceError when no valid frame or sentence arrives.
         """
         if self._line is not None:
             self._line.check()
@@ -110,7 +110,7 @@ class SerialSensor(Sensor, Generic[T]):
 
 
 class BoardSettings(Protocol):
-    """What a sensor with one board needs of its settings."""
+    """Settings of a sensor that publishes one board."""
 
     @property
     def device(self) -> str: ...
@@ -123,7 +123,7 @@ class BoardSettings(Protocol):
 
 
 class SerialBoard(SerialSensor[M], Generic[M]):
-    """Base of the drivers whose measurements are the values of one board."""
+    """Base of the drivers of serial sensors that publish one board."""
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ class SerialBoard(SerialSensor[M], Generic[M]):
         decoder: Callable[[], SensorDecoder[M]],
         message_bytes: int,
     ) -> None:
-        """`message_bytes`: what the sensor sends for each measurement."""
+        """`message_bytes`: bytes that the sensor sends for each measurement."""
         rate_hz = settings.rate_hz
         super().__init__(name, settings.device, settings.baud, rate_hz, decoder, message_bytes * rate_hz)
         self._settings = settings

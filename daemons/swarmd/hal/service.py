@@ -1,4 +1,4 @@
-"""Shell of the hardware abstraction layer: one task per driver, and a board with their timing statistics."""
+"""Shell of the hardware abstraction layer: runs a task per driver, and publishes their timing statistics."""
 
 import asyncio
 import logging
@@ -30,20 +30,20 @@ if TYPE_CHECKING:
     from swarmd.hal.precise_timer import PreciseTimer
 
 SENSOR_STAGE: Final = 1
-"""Stage of an instant at which sensors are read: after the simulation has written, before consumers
+"""Stage of an instant in which sensors are read, after the simulation's writes and before consumers
 compute."""
 ACTUATOR_STAGE: Final = 4
-"""Stage at which set-points are carried out: after navigation (2) and control (3) have computed them."""
+"""Stage of an instant in which actuators are written, after navigation (2) and control (3)."""
 
 COARSE_S: Final = 0.02
-"""Periods from this one on wait by the event loop, up to 2 ms too long, and share their wakes with all other
-work; shorter ones have a timer of their own."""
+"""Period from which drivers wait on the event loop, up to 2 ms too long, and share wake-ups with other work.
+Drivers with shorter periods have a kernel timer each."""
 
 _FAILED: Final = {DriverState.FAILED: "failed", DriverState.WAITING: "unplugged"}
-"""State of the health check of a driver, by that of the driver."""
+"""State of the health check of a driver, by the state of the driver."""
 
 _FAILSAFE: Final = {"ok": "ok", "warn": "failsafe", "error": "lost"}
-"""State of the health check of an actuator in fail-safe, by its level."""
+"""State of the health check of an actuator's fail-safe, by the level of the fault."""
 
 log = logging.getLogger("swarm.hal")
 
@@ -60,7 +60,7 @@ class Hal(Service):
         node = module.node.config
         airframe = None
         if node.airframe:
-            from swarmware.model.airframe_file import load_airframe  # most vehicles have none
+            from swarmware.model.airframe_file import load_airframe  # not loaded by most vehicles
 
             airframe = load_airframe(node.share_path, node.airframe)
         self._site = Site(node.kind, str(node.share_path / "data"), airframe)
@@ -72,10 +72,10 @@ class Hal(Service):
         self._lines: tuple[LineLoad, ...] = ()
         self._recognition = Recognition(config.recognise)
         self._plugged = Wakeup()
-        """Notified when device files appear."""
+        """Event that wakes waiting drivers when device files appear."""
 
     async def run(self) -> None:
-        """Runs every driver in its own task until the service ends."""
+        """Runs each driver in a task until the service ends."""
         patterns = {rule.path for rule in self.config.recognise}
         watch: FolderWatch | None = None
         try:
@@ -85,7 +85,7 @@ class Hal(Service):
                     self._calibrations.serve()
                 group.create_task(self._report(), name="hal:report")
                 if patterns:
-                    from swarmd.hal import hotplug  # few nodes recognise devices
+                    from swarmd.hal import hotplug  # not loaded by most nodes
 
                     folders = [pattern.rpartition("/")[0] or "/" for pattern in patterns]
                     watch = hotplug.FolderWatch(folders, lambda: self._recognise(group, patterns))
@@ -95,7 +95,7 @@ class Hal(Service):
                 watch.close()
 
     def _start(self, group: asyncio.TaskGroup, devices: Sequence[Device]) -> None:
-        """Starts the tasks of drivers."""
+        """Starts the tasks of drivers, and serves their requests."""
         self._calibrations.apply()
         processes = self.module.node.config.processes
         for device in devices:
@@ -109,13 +109,14 @@ class Hal(Service):
                 actuator=isinstance(device, Actuator),
             )
             if isinstance(device, Actuator):
-                # at the start: a check that is first reported in need is a new resource, announced to all
+                # at the start, because a check that is first reported in an emergency is announced as a new
+                # resource
                 self._report_failsafe(device, "ok", "")
             group.create_task(self._keep(device, schedule), name=f"driver:{device.name}")
         self._check_lines()
 
     def _check_lines(self) -> None:
-        """Computes the load of the lines of all drivers, and reports one that is over its capacity."""
+        """Computes the load of the lines of all drivers, and reports overloaded lines."""
         uses = [(device.name, use) for device in self._devices for use in device.line_uses]
         self._lines = line_loads(uses, self.config.line_bit_s)
         for line in self._lines:
@@ -135,7 +136,7 @@ class Hal(Service):
             )
 
     def _recognise(self, group: asyncio.TaskGroup, patterns: set[str]) -> None:
-        """Starts the drivers of devices that were plugged in, and lets drivers that wait try at once."""
+        """Starts the drivers of devices that were plugged in, and lets waiting drivers retry at once."""
         from swarmd.hal.hotplug import configured, nodes
 
         for one in self._recognition.on_nodes(nodes(patterns)):
@@ -159,7 +160,7 @@ class Hal(Service):
         self._plugged.notify()
 
     async def _keep(self, device: Device, schedule: Schedule) -> None:
-        """Opens and serves the device; reopens it after failures, which are faults of the platform."""
+        """Opens and serves a device, and reopens it after failures, which are reported as faults."""
         check = f"driver/{_check_name(device)}"
         fault = ""
         while True:
@@ -175,6 +176,7 @@ class Hal(Service):
                 failed = isinstance(error, DeviceError) and not isinstance(error, DeviceGone)
                 state = DriverState.FAILED if failed else DriverState.WAITING
                 schedule.closed(state, str(error))
+                # a warning only once per fault, not at each retry
                 level = logging.DEBUG if str(error) == fault else logging.WARNING
                 log.log(level, "driver %s: %s; again in %g s", device.name, error, self.config.retry_s)
                 fault = str(error)
@@ -191,7 +193,7 @@ class Hal(Service):
     async def _serve(self, device: Device, schedule: Schedule) -> None:
         """Reads or writes the device once per period, which each call may change.
 
-        Raises: DeviceError after too many failures in a row; DeviceGone.
+        Raises: DeviceError after too many consecutive failures; DeviceGone.
         """
         now_ns, stage = self.module.now_ns, _stage(device)
         step = _step(device)
@@ -222,7 +224,7 @@ class Hal(Service):
                 timer.close()
 
     def _watch(self, actuator: Actuator, schedule: Schedule, now_ns: int) -> None:
-        """Reports the conditions of an actuator that changed, and when its watchdog takes over and ends."""
+        """Reports changed conditions of an actuator, and the begin and end of its fail-safe."""
         for one in actuator.conditions(now_ns):
             if one.detail:
                 log.warning("driver %s: %s %s: %s", actuator.name, one.name, one.state, one.detail)
@@ -269,7 +271,9 @@ class Hal(Service):
 
 
 def _precise_timer() -> "PreciseTimer":
-    from swarmd.hal.precise_timer import PreciseTimer  # loads ctypes, which few nodes need
+    from swarmd.hal.precise_timer import (
+        PreciseTimer,
+    )  # imported here, because it loads ctypes, which few nodes need
 
     return PreciseTimer()
 
@@ -283,7 +287,7 @@ def _check_name(device: Device) -> str:
 
 
 def _step(device: Device) -> Callable[[int], Awaitable[bool]]:
-    """The method that is called once per period."""
+    """The method of a device that is called once per period."""
     if isinstance(device, Actuator):
         return device.write
     if isinstance(device, Sensor):

@@ -10,35 +10,34 @@ from swarmware.health.criterion import Above, Below
 
 
 class LimitConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of one field of one resource; with `low`, values below the limits are faults, else values
-    above."""
+    """Limits of one field of one resource."""
 
     check: str
-    """Name of the check."""
+    """Name of the check that these limits make."""
     path: str
-    """Resource of this platform."""
+    """Local path of the resource."""
     field: str
-    """Field of its type."""
+    """Field of the resource's type."""
     low: bool = False
-    """Whether values below the limits are faults, else values above."""
+    """True if values below the limits are faults, False if values above are."""
     warn: float | None = None
-    """Limit of a warning; left out: none."""
+    """Limit of a warning, or None for no warning."""
     error: float | None = None
-    """Limit of an error; left out: none."""
+    """Limit of an error, or None for no error."""
     hysteresis: float = 0.0
-    """Difference to the limit at which the check passes again."""
+    """Distance from the limit at which the check passes again."""
     confirm: tuple[Annotated[int, msgspec.Meta(ge=1)], Annotated[int, msgspec.Meta(ge=1)]] = (3, 5)
-    """n of the last m samples must agree; one is taken every second."""
+    """Debouncing as n and m: n of the last m samples must agree, at one sample per second."""
 
     def __post_init__(self) -> None:
-        """Check constraints between fields."""
+        """Checks the constraints between fields."""
         if self.warn is None and self.error is None:
             raise InvalidInput(f"limit {self.check}: neither warn nor error; expected one of them")
         if self.confirm[0] > self.confirm[1]:
             raise InvalidInput(f"limit {self.check}: confirm {list(self.confirm)}; expected n ≤ m")
 
     def criterion(self) -> Callable[[float], str]:
-        """Make a criterion with its own hysteresis state."""
+        """Creates a criterion with its own hysteresis state."""
         kind = Below if self.low else Above
         return kind(warn=self.warn, error=self.error, hysteresis=self.hysteresis)
 
@@ -83,23 +82,23 @@ LIMITS = (
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is monitored, how often, and whether a hung guard is killed."""
+    """Monitored resources and platforms, times of the monitor, and the treatment of a hung guard."""
 
     look_hz: Annotated[float, msgspec.Meta(ge=0.5, le=20)] = 2.0
     """Rate of sampling the ages of resources."""
     grace_s: Annotated[float, msgspec.Meta(ge=0, le=600)] = 10.0
-    """Grace time after the appearance of a resource, in which it is not monitored."""
+    """Grace time after the appearance of a resource, during which the resource is not monitored."""
     clear_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 10.0
-    """Clear time: time for which a check must pass before its fault is cleared."""
+    """Clear time, for which a check must pass before its fault is cleared."""
     hung_s: Annotated[float, msgspec.Meta(ge=1.5, le=600)] = 4.0
-    """Time without a heartbeat after which an application is hung; one is written every second."""
+    """Time without a heartbeat after which an application counts as hung; heartbeats come every second."""
     platforms: tuple[str, ...] | None = None
-    """Patterns of platforms whose loss is a fault; not given: all at a ground station, none elsewhere."""
+    """Patterns of platforms whose loss is a fault, or None for all at a ground station and none elsewhere."""
     restart_guard: bool = True
-    """Whether a hung guard is killed, so that it is restarted; never where systemd does it."""
+    """Kill a hung guard, so that it is restarted; no effect where systemd supervises."""
     sensors: tuple[str, ...] = ("sensor/*", "nav/pose")
-    """Patterns of the resources whose validity is in the state of the platform."""
+    """Patterns of the resources whose validity is part of the platform's state."""
     ignore: tuple[str, ...] = ("app/**", "health/**")
     """Patterns of resources whose age is not monitored."""
     limits: tuple[LimitConfig, ...] = LIMITS
-    """Limits of values."""
+    """Limits of the values of resources."""

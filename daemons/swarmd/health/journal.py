@@ -1,4 +1,4 @@
-"""Journal of the monitor: registrations and open faults, restored after a kill (S1.25)."""
+"""Journal of the monitor with registrations and open faults, restored after a kill (S1.25)."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from swarmware.types.health import CheckRegistration, Fault
 
 
 class Journal(msgspec.Struct, frozen=True):
-    """Journal of one start of the node; the next start begins with an empty one."""
+    """Journal of one start of the node; the next start begins with an empty journal."""
 
     boot_id: int
     registrations: tuple[CheckRegistration, ...] = ()
@@ -19,14 +19,14 @@ class Journal(msgspec.Struct, frozen=True):
 
 
 class JournalFile:
-    """One small file, replaced atomically: a kill leaves the former content."""
+    """Small file, replaced atomically, so that a kill leaves the previous content intact."""
 
     def __init__(self, folder: Path, boot_id: int) -> None:
         self._path = folder / "journal.json"
         self._boot_id = boot_id
 
     def load(self) -> Journal:
-        """The journal of this start of the node; empty when there is none, or it cannot be read."""
+        """Loads the journal of this start of the node; missing or unreadable journals count as empty."""
         empty = Journal(self._boot_id)
         try:
             found = document.json(document.read(self._path), Journal, str(self._path))
@@ -35,9 +35,9 @@ class JournalFile:
         return found if found.boot_id == self._boot_id else empty
 
     def save(self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...]) -> None:
-        """Replace the file, which survives the monitor, but not the node.
+        """Replaces the file, which survives a kill of the monitor; it is not synced to disk.
 
-        Raises: OSError when it cannot be written; the former journal is then unchanged.
+        Raises: OSError when it cannot be written; the previous journal is then unchanged.
         """
         self._path.parent.mkdir(mode=0o750, parents=True, exist_ok=True)
         data = msgspec.json.encode(Journal(self._boot_id, registrations, faults))

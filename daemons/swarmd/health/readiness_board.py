@@ -1,4 +1,4 @@
-"""Board `health/ready`: what readiness needs beside the monitor is read, and the result published."""
+"""Board `health/ready`: reads the further inputs of readiness, and publishes the result."""
 
 from typing import Final
 
@@ -18,11 +18,11 @@ from swarmware.types.reaction import MissionWatch
 from swarmware.types.vehicle import Pose
 
 ESTIMATORS: Final = frozenset({"navigator", "estimator"})
-"""Services that estimate the pose."""
+"""Names of the services that estimate the pose."""
 
 
 class ReadinessBoard:
-    """Assesses at each look of the monitor whether the vehicle may be armed."""
+    """Assesses whether the vehicle may be armed, each time the monitor has read its inputs."""
 
     def __init__(self, module: Module, monitor: MonitorCore) -> None:
         self._module = module
@@ -43,7 +43,7 @@ class ReadinessBoard:
         )
 
     def update(self, now_ns: int) -> None:
-        """Assess the present inputs; publish a change at once, the same again once a second."""
+        """Assesses the present inputs; publishes a change at once, and an unchanged result once a second."""
         monitor = self._monitor
         picture = Picture(
             now_ns,

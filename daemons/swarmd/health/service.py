@@ -56,11 +56,12 @@ from swarmware.types.system import AppState, AppStatus
 ROUTES_S = 5.0
 """Maximum age of the table of routes, which is written every second."""
 ENDING = frozenset({ServiceState.STOPPING, ServiceState.STOPPED})
-"""States of a service in the guard's board when the node stops."""
+"""States of a service in the guard's board that mean that the node stops."""
 
 
 class Health(Service):
-    """Monitors the platform and publishes its state; acts on no process but the guard (S1.28)."""
+    """Monitors the platform and publishes its state; the guard is the only process on which it acts
+    (S1.28)."""
 
     name = "health"
     Config = settings.Config
@@ -73,13 +74,13 @@ class Health(Service):
         self._driver = self.drive(self._core, self._perform, settled=self._publish)
         self._read_request: asyncio.Queue[ReadInputs] = asyncio.Queue(1)
         self._unannounced: list[Fault] = []
-        """Changes that are not in the journal and not announced."""
+        """Changes of faults that are not yet in the journal, and so not announced."""
         self._unsaved = False
         self._entries: dict[str, AppEntry] = {}
         self._types: dict[str, str] = {}
         self._boards: dict[str, BoardReader[Any]] = {}
         self._boards_of: tuple[int, int, int] | None = None
-        """Version of the applications, and number of rules, for which the readers were opened."""
+        """Version of the applications and numbers of rules for which the readers were opened."""
         self._report_positions: dict[str, int] = {}
         self._process_watcher = ProcessWatcher(self._on_death)
         self._journal = JournalFile(node.config.data_path / "health", node.clock.boot_id)
@@ -89,7 +90,7 @@ class Health(Service):
             patterns = ("*",) if node.config.kind == PlatformKind.GCS else ()
         self._required_platforms = [Pattern(text) for text in patterns]
         self._routes = module.reader("net/routes", Routes) if self._required_platforms else None
-        """None: no platform is required, so none is looked for."""
+        """Routes to other platforms, or None if no platform is required."""
         self._readiness = ReadinessBoard(module, self._core) if node.config.kind in VEHICLES else None
         self._published: HealthState | None = None
         self._board = module.writer(
@@ -119,7 +120,7 @@ class Health(Service):
         )
 
     async def run(self) -> None:
-        """Run the monitor until cancelled."""
+        """Runs the monitor until cancelled."""
         node = self.module.node
         self._load_template()
         journal = self._journal.load()
@@ -145,10 +146,12 @@ class Health(Service):
         self._core.set_template(found.resources)
 
     def _node_stops(self) -> bool:
-        """Whether services are being stopped: what depends on a stopped one is not faulty."""
+        """True if the node stops, when a stale resource of a stopped service is not a fault."""
         status = self._guard_board.value
         return status is not None and any(
-            one.state in ENDING and not one.stopped_by for one in status.services
+            # a service that an operator stopped does not mean that the node stops
+            one.state in ENDING and not one.stopped_by
+            for one in status.services
         )
 
     # -- applications
@@ -159,7 +162,7 @@ class Health(Service):
         for change, entry in events:
             if change in {Change.LEFT, Change.DIED}:
                 known = self._entries.get(entry.id)
-                if known is not None and known.pid == entry.pid:  # else its end was seen before
+                if known is not None and known.pid == entry.pid:  # otherwise its end was handled before
                     actions += self._on_end(entry, now_ns)
             else:
                 self._entries[entry.id] = entry
@@ -170,13 +173,14 @@ class Health(Service):
         self._driver.feed(actions)
 
     def _on_death(self, pid: int) -> None:
-        """A process ended: its applications that did not leave the node have died."""
+        """Takes the end of a process; its applications that did not leave the node have died."""
         now_ns = self.module.now_ns()
         entries = [entry for entry in self._entries.values() if entry.pid == pid]
         self._driver.feed([action for entry in entries for action in self._on_end(entry, now_ns)])
 
     def _on_end(self, entry: AppEntry, now_ns: int) -> list[Action]:
-        """An application ended: it left if it removed its file or announced its stop, else it died."""
+        """Takes the end of an application, which left the node if it removed its file or announced its
+        stop."""
         del self._entries[entry.id]
         status = self._status(entry.name)
         announced = status is not None and status.pid == entry.pid and status.state is AppState.STOPPING
@@ -205,7 +209,7 @@ class Health(Service):
                 self._readiness.update(now_ns)
 
     def _open_boards(self) -> None:
-        """Open one reader for each resource that is monitored, when these may have changed."""
+        """Opens a reader for each monitored resource, when the resources may have changed."""
         found = (self.module.node.table.version, len(self._core.ages()), len(self._core.limits()))
         if found == self._boards_of:
             return
@@ -218,7 +222,7 @@ class Health(Service):
             try:
                 cls = registry.find(self._types.get(path, AppStatus.__name__))
             except NotFound:
-                cls = Empty  # a type that only its owner knows: its age can be monitored
+                cls = Empty  # a type that only its owner knows; its age can still be monitored
             self._boards[path] = self.module.reader(path, cls)
         for path in self._boards.keys() - wanted:
             self._boards.pop(path).close()
@@ -237,11 +241,11 @@ class Health(Service):
         ]
 
     def _end_guard(self, pid: int) -> None:
-        """Kill a guard without a heartbeat: only SIGKILL ends a stopped process; any daemon restarts it."""
+        """Kills a guard without a heartbeat; any daemon restarts it. Only SIGKILL ends a stopped process."""
         node = self.module.node
         entry = next((one for one in self._entries.values() if (one.name, one.pid) == (GUARD, pid)), None)
         if entry is None or entry.config.get("supervisor", "self") != "self":
-            return  # another supervisor restarts it, or it has ended
+            return  # ended already, or restarted by another supervisor
         if self.config.restart_guard and node.config.processes == "per-daemon":
             self.module.log.warning("guard: no heartbeat, pid %d is killed", pid)
             with suppress(ProcessLookupError), closing(ProcessHandle(pid, entry.pid_start)) as guard:
@@ -289,6 +293,7 @@ class Health(Service):
         match action:
             case ReadInputs():
                 if self._read_request.empty():
+                    # a request that is still waiting covers this one
                     self._read_request.put_nowait(action)
             case FaultChanged(fault):
                 self._unannounced.append(fault)
@@ -307,11 +312,11 @@ class Health(Service):
                 self._end_guard(pid)
 
     def _publish(self) -> None:
-        """Write changed faults as events, and the state if it changed."""
+        """Publishes changed faults as events, and the state if it changed."""
         now_ns = self.module.now_ns()
         if self._unsaved:
             self._unsaved = False
-            self._save()  # first: announced faults must be restored after a kill
+            self._save()  # first, because an announced fault must be restored after a kill
         changed, self._unannounced = self._unannounced, []
         for fault in changed:
             self._events.write(fault, now_ns)

@@ -1,4 +1,4 @@
-"""Lidar: the packets of a rotating lidar as points, and as distances to obstacles; two working threads.
+"""Lidar: turns the packets of a rotating lidar into points and into distances to obstacles, in two threads.
 
 Drivers of devices belong in `hal`, avoidance in `navigator`.
 """

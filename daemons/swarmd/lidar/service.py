@@ -1,4 +1,4 @@
-"""The service of the lidar: a thread that decodes packets, a thread that models the obstacles (S0.44)."""
+"""The service of the lidar: one thread decodes packets, another one models the obstacles (S0.44)."""
 
 import asyncio
 import logging
@@ -19,7 +19,7 @@ from swarmware.types.scalar import Blob
 from swarmware.types.vehicle import Pose, Range
 
 BATCH: Final = 16
-"""Packets that are decoded together: 21 ms of a VLP-16."""
+"""Number of packets that are decoded together, 21 ms of a VLP-16."""
 POINT: Final = PointCloud(
     tuple(PointField(name, 4 * index, "f4") for index, name in enumerate(("x", "y", "z"))), 12, b""
 )
@@ -77,7 +77,7 @@ class Lidar(Service):
             turns = await in_thread(self._decoding, partial(self._decoder.turns, batch, stamp_ns))
             for turn in turns:
                 if self._turns.full():
-                    self._turns.get_nowait()  # the newest turn is the one to avoid by
+                    self._turns.get_nowait()  # avoidance needs the newest turn; an older one is dropped
                 self._turns.put_nowait(turn)
             if self._decoder.refused != self._refused:
                 self._refused = self._decoder.refused
@@ -99,5 +99,5 @@ class Lidar(Service):
 
 
 async def in_thread(executor: ThreadPoolExecutor, function: Callable[[], R]) -> R:
-    """The result of a function that a working thread calls."""
+    """Runs a function in a worker thread, and returns its result."""
     return await asyncio.get_running_loop().run_in_executor(executor, function)

@@ -1,4 +1,4 @@
-"""Store and forward: copies the local log ring to MongoDB, each entry once, and records losses as gaps."""
+"""Store and forward: copies each entry of the local log ring to MongoDB once, and records losses as gaps."""
 
 from pathlib import Path
 from typing import Final, Protocol
@@ -10,14 +10,14 @@ from swarmware.types import registry
 from swarmware.types.log import GapCause, LogGap
 
 BATCH_BYTES: Final = 4 << 20
-"""Maximum payload of a batch of several entries: bounds the memory that a slow database takes."""
+"""Maximum payload of a batch of several entries, which bounds the memory while the database is slow."""
 
 
 class LogStore(Protocol):
     """The destination of forwarded entries."""
 
     def prepare(self) -> None:
-        """Creates the indexes, once before the first entry."""
+        """Creates the indexes before the first entry."""
         ...
 
     def cursor(self, platform: str) -> Cursor:
@@ -30,10 +30,10 @@ class LogStore(Protocol):
 
 
 class LogForwarder:
-    """Forwards the ring of one platform. Every call may block: call it in a thread.
+    """Forwards the ring of one platform; every call may block, and belongs in a thread.
 
-    After an error of the store it resumes at the cursor of the store: an entry that is stored twice
-    overwrites its own slot.
+    After an error of the store, forwarding resumes at the cursor of the store. An entry that is then stored
+    twice overwrites its own slot.
     """
 
     def __init__(self, directory: Path, platform: str, store: LogStore, batch: int) -> None:
@@ -45,14 +45,15 @@ class LogForwarder:
         self._cursor: Cursor | None = None
         self._reader: SegmentReader | None = None
         self._end_lost = False
-        """Whether the end of the former segment was unreadable: then missing entries were damaged."""
+        """True if the end of the previous segment was unreadable, so that missing entries count as
+        damaged."""
         self.forwarded = 0
         """Entries stored since the start."""
         self.gaps = 0
         """Entries that the ring overwrote before they were forwarded."""
 
     def step(self) -> int:
-        """Forwards the next batch; its number of entries, 0 when all entries are stored.
+        """Forwards the next batch; returns its number of entries, or 0 if all entries are stored.
 
         Raises: the errors of the store; the next call repeats the batch.
         """
@@ -74,7 +75,8 @@ class LogForwarder:
     def _forward(self, cursor: Cursor) -> int:
         while (reader := self._segment(cursor)) is not None:
             number = int(reader.path.stem)
-            # checked before reading: entries written after the check must not be skipped with this segment
+            # checked before reading, so that entries written after the check are not skipped with this
+            # segment
             complete = self._has_newer(number)
             try:
                 entries = self._next_batch(reader)
@@ -106,7 +108,7 @@ class LogForwarder:
         return entries
 
     def _write(self, documents: list[LogEntry], moved: Cursor) -> None:
-        """Stores a batch; a failure halves the batch size: a slow link may not carry a large one in time."""
+        """Stores a batch; a failure halves the batch size, because a slow link may not carry it in time."""
         try:
             self._store.write(documents, self._platform, moved)
         except BaseException:
@@ -119,6 +121,7 @@ class LogForwarder:
             return self._reader
         for path in segments(self._directory):
             number = int(path.stem)
+            # the segment of the cursor may have been deleted: the ring then continues with a later one
             if number >= cursor.segment:
                 self._reader = SegmentReader(path, cursor.offset if number == cursor.segment else 0)
                 return self._reader
@@ -136,6 +139,7 @@ class LogForwarder:
             expected = sequences.get(entry.queue, 0) + 1
             if entry.sequence > expected:
                 out.append(self._gap(entry, expected, sequences, where))
+            # an entry that was forwarded before must not move the counter back
             sequences[entry.queue] = max(entry.sequence, expected - 1)
             out.append(entry)
         return out

@@ -1,4 +1,4 @@
-"""The recorder of a node: writes batches of frames to the local log ring, and each loss as a gap record."""
+"""The recorder of a node: writes batches of frames to the local log ring, and losses as gap records."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -24,13 +24,13 @@ class Batch:
 
     def __init__(self) -> None:
         self.frames: list[tuple[LoggedResource, Frame, int, str]] = []
-        """Logged resource, frame, UTC of the read in ns, and of a command its sender."""
+        """Logged resource, frame, UTC of the read in ns, and the sender if the frame is a command."""
         self.gaps: list[tuple[LogGap, int, int]] = []
         """Gap, stamp of the node's clock, UTC in ns."""
         self.descriptions: Mapping[tuple[str, str], str] = {}
-        """Descriptions of types of modules, by path and type."""
+        """Descriptions of the types that modules define, by path and type."""
         self.utc_minus_clock_ns: int | None = None
-        """At the last read; other readers of the log see the stamps as UTC."""
+        """UTC minus node clock at the last read, by which readers of the log show stamps as UTC."""
 
     def __bool__(self) -> bool:
         return bool(self.frames or self.gaps)
@@ -45,7 +45,7 @@ class RecorderTotals(msgspec.Struct):
 
 
 class Recorder:
-    """Writes batches to the ring. Every call may block on the disk: call it in a thread."""
+    """Writes batches to the ring; every call may block on the disk, and belongs in a thread."""
 
     def __init__(
         self, directory: Path, platform: str, config: Config, boot_id: int = 0, repairs: Repairs | None = None
@@ -65,39 +65,41 @@ class Recorder:
         self._descriptions: Mapping[tuple[str, str], str] = {}
         self.totals = RecorderTotals()
         self._lost: Counter[tuple[str, str]] = Counter()
-        """Entries dropped because the write buffer was full, by queue and path."""
+        """Number of entries dropped because the write buffer was full, by queue and path."""
 
     @property
     def last_stamps(self) -> dict[str, int]:
-        """Newest stamp of this boot by local path, including entries of an earlier run."""
+        """Newest stamp of this boot by local path, including entries of the previous run."""
         return self._ring.last_stamps
 
     @property
     def counters(self) -> dict[str, int]:
-        """Last sequence number of each queue."""
+        """Newest sequence number of each queue."""
         return self._ring.counters
 
     @property
     def pending_bytes(self) -> int:
-        """Bytes in the write buffer."""
+        """Number of bytes in the write buffer."""
         return self._ring.pending_bytes
 
     def write(self, batch: Batch) -> None:
         """Writes a batch and flushes it.
 
         Raises: OSError when the write fails. The batch stays in the write buffer and is written with the next
-        one; entries that do not fit into the buffer are counted and reported as gaps.
+        batch; entries that do not fit into the buffer are counted and reported as gaps.
         """
         totals = self.totals
         if batch.utc_minus_clock_ns is not None:
             self._ring.set_clock(batch.utc_minus_clock_ns)
         if batch.frames and batch.descriptions is not self._descriptions:
             self._descriptions = batch.descriptions
+            # each channel holds the description of its type
             self._channels.clear()
         for resource, frame, utc_ns, sender in batch.frames:
             try:
                 data = registry.messagepack(resource.type, frame.payload, frame.codec)
             except SwarmError:
+                # a type that this process does not know, or an invalid payload, is recorded unchanged
                 data = bytes(frame.payload)
             channel = self._channel(resource, sender)
             try:
@@ -111,6 +113,7 @@ class Recorder:
             self._append_gap(gap, stamp_ns, utc_ns)
         self._ring.flush()
         if self._lost and batch.frames:
+            # reported only after a flush succeeded, since the buffer is full until then
             _, frame, utc_ns, _ = batch.frames[-1]
             lost, self._lost = self._lost, Counter()
             for (queue, path), count in lost.items():
@@ -138,11 +141,11 @@ class Recorder:
         return channel
 
     def queue(self, resource: LoggedResource) -> str:
-        """Name of the queue of this resource."""
+        """Name of the log queue of a resource."""
         return self._channel(resource).queue
 
     def size(self) -> tuple[int, int]:
-        """Number of segments, and their size in bytes."""
+        """Number of segments of the ring, and their total size in bytes."""
         return self._ring.size()
 
     def close(self) -> None:

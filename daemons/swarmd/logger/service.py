@@ -1,4 +1,4 @@
-"""The logger's shell: samples shared memory, writes batches to disk, forwards them to MongoDB."""
+"""The logger's shell: samples shared memory, writes batches to disk, and forwards them to MongoDB."""
 
 import asyncio
 import errno
@@ -53,10 +53,10 @@ class Logger(Service):
         self._batch = Batch()
         self._recorder: Recorder | None = None
         self._size: tuple[int, int] | None = None
-        """Segments and bytes of the ring after the last write; None: it was not asked for yet."""
+        """Number of segments and bytes of the ring after the last write, or None before the first request."""
         self._complete_utc_ns = 0
         self._upload = Upload(self.directory, module.platform, config, self.health)
-        # one thread for the disk writes the batches in order without blocking the event loop
+        # a single thread writes the batches in order, without blocking the event loop
         self._disk = ThreadPoolExecutor(1, thread_name_prefix="log-disk")
         self._template = template.load(self._node.config.template, self._node.config.share_path / "templates")
 
@@ -98,7 +98,7 @@ class Logger(Service):
             await self._write(self._recorder)
 
     async def _open_recorder(self) -> Recorder:
-        """Opens the ring, and retries while the disk fails; values wait in shared memory meanwhile."""
+        """Opens the ring, and retries while the disk fails; values stay in shared memory until then."""
         self.health.report(DISK, description="Writing the log to disk")
         loop = asyncio.get_running_loop()
         platform, boot_id, repairs = self.module.platform, self._node.clock.boot_id, Repairs()
@@ -172,11 +172,11 @@ class Logger(Service):
         for path in closed:
             tap = self._taps.pop(path)
             if tap.resource.every_value:
-                self._read_all(tap)  # the values since the last sample
+                self._read_all(tap)  # values since the last sample
             tap.close()
         now_ns = self.module.now_ns()
         for resource in opened:
-            # a stamp in the future is of an earlier boot, whose clock had another origin
+            # a stamp in the future comes from an earlier boot, whose clock had another origin
             last_ns = self._recorder.last_stamps.get(resource.path)
             after_ns = last_ns if last_ns is not None and last_ns <= now_ns else None
             self._taps[resource.path] = LogTap(self._node.shm_dir, resource, after_ns)
@@ -190,14 +190,14 @@ class Logger(Service):
         return [resource for path, resource in found.items() if path != GAPS]
 
     def _sample_all(self, *, new_rings: bool = False) -> None:
-        """Reads all new values. `new_rings`: checks for rings that did not exist at the last sample, too."""
+        """Reads all new values; `new_rings` also searches for rings that did not exist at the last sample."""
         now_ns, wall_ns = self.module.now_ns(), utc_ns()
         self._batch.utc_minus_clock_ns = wall_ns - now_ns
         plan = self._plan
         for path, tap in self._taps.items():
             if new_rings:
                 tap.search_again()
-            if tap.is_idle(now_ns) or plan.waits(path, now_ns):  # most are idle
+            if tap.is_idle(now_ns) or plan.waits(path, now_ns):  # true for most taps
                 continue
             resource = tap.resource
             if resource.every_value:
@@ -225,13 +225,14 @@ class Logger(Service):
         if frame.sender_hw != self._node.hardware:
             return f"{frame.sender_hw:08x}"
         entry = self._table.application(frame.sender_app)
-        # a command of the operator may have exited before this sample
+        # the sender, such as an operator's command, may have ended before this sample
         return f"{entry.id if entry is not None else f'{frame.sender_app:08x}'}@{self._node.platform}"
 
     async def _write(self, recorder: Recorder) -> None:
         batch, self._batch = self._batch, Batch()
         batch.descriptions = self._types.found
         taken_utc_ns = utc_ns()
+        # bytes of a failed write are retried even without new values
         if not batch and not recorder.pending_bytes:
             self._complete_utc_ns = taken_utc_ns
             return

@@ -1,4 +1,4 @@
-"""Reads the frames of one resource that are to be logged from its ring in shared memory."""
+"""Taps, which read the frames of logged resources from their rings in shared memory."""
 
 from pathlib import Path
 from typing import Final
@@ -9,11 +9,11 @@ from swarmware.node.follower import RingFollower
 from swarmware.transport.shm.layout import ring_file
 
 LOOK_NS: Final = 500_000_000
-"""Period of the search for a missing ring; a change of the applications starts one at once."""
+"""Period of the search for a missing ring; a change of the applications starts a search at once."""
 
 
 class LogTap:
-    """Reads the frames of one resource that are not logged yet, from the oldest in its ring.
+    """Reads the frames of one resource that are not logged yet, starting with the oldest in its ring.
 
     `after_ns`: frames up to this stamp were logged by an earlier run of the service.
     """
@@ -25,7 +25,7 @@ class LogTap:
         self._look_ns = 0
 
     def is_idle(self, now_ns: int) -> bool:
-        """Whether the ring has no new frame, or is missing and not due for a search."""
+        """True if the ring has no new frame, or is missing and not due for a search."""
         ring = self._follower.ring
         if ring is not None:
             return ring.read_to_end if self.resource.every_value else ring.unchanged
@@ -39,26 +39,26 @@ class LogTap:
         self._look_ns = 0
 
     def newest(self) -> Frame | None:
-        """The newest frame; None when it was returned before."""
+        """The newest frame, or None if it was returned before."""
         frame = self._follower.newest()
         return None if frame is None or self._known(frame) else frame
 
     def all(self) -> tuple[list[Frame], int]:
-        """All frames since the last call, in order, and the number of frames that were overwritten unread."""
+        """Frames since the last call, in order, and the number of frames that were overwritten unread."""
         frames: list[Frame] = []
         while (frame := self._follower.next()) is not None:
             frames.append(frame)
         lost = self._follower.take_lost()
         fresh = [frame for frame in frames if not self._known(frame)]
         if len(fresh) < len(frames):
-            lost = 0  # frames before one that is logged already are logged, too
+            lost = 0  # a frame that the previous run logged is preceded only by logged frames
         elif fresh:
-            self._after_ns = None
+            self._after_ns = None  # all frames are new from here on
         return fresh, lost
 
     def _known(self, frame: Frame) -> bool:
         return self._after_ns is not None and frame.stamp_ns <= self._after_ns
 
     def close(self) -> None:
-        """Stop reading and close the ring."""
+        """Stops reading and closes the ring."""
         self._follower.close()

@@ -24,21 +24,21 @@ log = logging.getLogger("swarm.logger")
 MONGODB: Final = "mongodb"
 """Name of the health check that `swarmctl health` shows."""
 TIMEOUTS: Final = 2
-"""Time-outs of an answer (`answer_s`) after which a batch is abandoned and repeated."""
+"""Number of time-outs (`answer_s`) after which a batch is abandoned and repeated."""
 
 
 class UploadState(StrEnum):
-    """State of the upload."""
+    """Connection state of the upload to MongoDB."""
 
     OFF = "off"
-    """No address is configured or the address is invalid, or nothing was tried yet."""
+    """The address is missing or invalid, or no connection was tried yet."""
     CONNECTED = "connected"
     AWAY = "away"
-    """The server does not answer, or stores nothing: the ring keeps the entries."""
+    """The server does not answer or stores nothing, so the ring keeps the entries."""
 
 
 class Upload:
-    """Forwards the ring until cancelled. A server that hangs delays neither the shutdown nor the ring."""
+    """Forwards the ring until cancelled; a server that hangs delays neither the shutdown nor the ring."""
 
     def __init__(self, directory: Path, platform: str, config: Config, health: HealthMonitor) -> None:
         self._directory = directory
@@ -51,11 +51,11 @@ class Upload:
         self._state = UploadState.OFF
         self._why = ""
         self._refused = 0
-        """Values that the server has refused since the start of the service."""
+        """Number of values that the server has refused since the start of the service."""
 
     @property
     def state(self) -> str:
-        """State for operators, with the reason: `away: no answer within 5 s`."""
+        """State for operators, with the reason, such as `away: no answer within 5 s`."""
         return f"{self._state}: {self._why}" if self._why else str(self._state)
 
     @property
@@ -75,7 +75,7 @@ class Upload:
         return self._forwarder.backlog(counters)
 
     def on_written(self) -> None:
-        """Wakes the upload: the ring has new entries."""
+        """Wakes the upload, because the ring has new entries."""
         self._written.set()
 
     async def run(self) -> None:
@@ -83,6 +83,7 @@ class Upload:
         self._health.report(MONGODB, description="Forwarding to MongoDB")
         try:
             while True:
+                # before the step: entries written during it must wake the next one
                 self._written.clear()
                 try:
                     more = await self._step() > 0
@@ -100,16 +101,19 @@ class Upload:
                     await self._written.wait()
         finally:
             if self._store is not None:
-                _in_thread(self._store.close).cancel()  # contacts the server, which may hang: not awaited
+                _in_thread(
+                    self._store.close
+                ).cancel()  # not awaited, because closing contacts the server, which may hang
 
     async def _step(self) -> int:
-        """Forwards the next batch; its number of entries, 0 when all entries are stored."""
+        """Forwards the next batch; returns its number of entries, or 0 if all entries are stored."""
         batch = _in_thread(self._forward)
         answer_s = self._config.answer_s
         try:
             late = not (await asyncio.wait([batch], timeout=answer_s))[0]
             if late:
                 self._report_fault("slow", f"no answer within {answer_s:g} s")
+            # the store gives up after a second time-out and raises; until then the batch may still succeed
             stored = await batch
         finally:
             batch.cancel()
@@ -120,7 +124,7 @@ class Upload:
         return stored
 
     def _report_refusals(self) -> None:
-        """Logs entries that the server stored without their values: the first one, the tenth, and so on."""
+        """Logs entries that were stored without their values, once per decade of their number."""
         refused = self._store.refused if self._store is not None else []
         before, self._refused = self._refused, self._refused + len(refused)
         if refused and (not before or len(str(before)) < len(str(self._refused))):
@@ -138,7 +142,7 @@ class Upload:
         self._health.report(MONGODB, state, level="warn", detail=why)
 
     def _forward(self) -> int:
-        """Runs in a thread: resolving the server's name may block, too."""
+        """Forwards the next batch; runs in a thread, because even resolving the server's name may block."""
         if self._forwarder is None:
             from swarmd.logger.log_forwarder import LogForwarder
             from swarmware.recorder.mongo import MongoStore
@@ -156,7 +160,7 @@ class Upload:
 
 
 def _state_of(error: SwarmError | OSError) -> str:
-    """State of the health check: why nothing is stored."""
+    """State of the health check for an error of the store."""
     match error:
         case Denied():
             return "denied"
@@ -168,7 +172,7 @@ def _state_of(error: SwarmError | OSError) -> str:
 def _in_thread(function: Callable[[], T]) -> "asyncio.Future[T]":
     """Runs the function in a daemon thread, which does not delay the end of the process.
 
-    Threads of an executor are joined at exit: a server that hangs would block it.
+    A thread of an executor would be joined at exit, which a server that hangs would block.
     """
     loop = asyncio.get_running_loop()
     future: asyncio.Future[T] = loop.create_future()
@@ -187,7 +191,7 @@ def _in_thread(function: Callable[[], T]) -> "asyncio.Future[T]":
             result = function()
         except BaseException as raised:  # noqa: BLE001  # raised again where the future is awaited
             error = raised
-        with contextlib.suppress(RuntimeError):  # the event loop is closed: the result is not needed
+        with contextlib.suppress(RuntimeError):  # the event loop is closed, and the result not needed
             loop.call_soon_threadsafe(finish, result, error)
 
     threading.Thread(target=run, name="log-mongodb", daemon=True).start()

@@ -1,4 +1,4 @@
 """The navigator, the reference module: state estimation, formation keeping, control, collision avoidance.
 
-The service reads boards and writes setpoints; all computation is in `core`.
+The service reads boards and writes set-points; all computation is in `core`.
 """

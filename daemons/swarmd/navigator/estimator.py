@@ -1,4 +1,4 @@
-"""The estimator on a computer of its own: the sensors of the platform in, its pose out."""
+"""The service `estimator`, which estimates the pose for a guidance on another computer."""
 
 from contextlib import suppress
 from typing import ClassVar
@@ -16,7 +16,7 @@ from swarmware.types.vehicle import Setpoint
 
 
 class PoseEstimator(Service):
-    """Estimates the pose for a guidance on another computer; a step follows each inertial measurement."""
+    """Estimates the pose of the platform, with a step for each inertial measurement."""
 
     name = "estimator"
     Config: ClassVar = settings.Config

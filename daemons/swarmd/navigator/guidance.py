@@ -1,4 +1,4 @@
-"""The guidance on a computer of its own: the pose that an estimator publishes in, set-points out."""
+"""The service `guidance`, which steers by the pose that an estimator on another computer publishes."""
 
 from contextlib import suppress
 from typing import ClassVar
@@ -18,7 +18,7 @@ from swarmware.types.vehicle import Pose
 
 
 class GuidanceService(Service):
-    """Steers the vehicle to the goal of the mission; a step follows each pose of the estimator."""
+    """Steers the vehicle to the goal of the mission, with a step for each pose of the estimator."""
 
     name = "guidance"
     Config: ClassVar = settings.Config
@@ -59,5 +59,5 @@ class GuidanceService(Service):
             self._writers.write(output.setpoint, output.status, now_ns)
 
     async def stop(self) -> None:
-        """Writes a last set-point that stops the vehicle."""
+        """Publishes a last set-point, which stops the vehicle."""
         self._writers.stop()

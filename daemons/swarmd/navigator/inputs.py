@@ -1,4 +1,4 @@
-"""The boards that the navigator and its two halves read, and their new values."""
+"""Boards that the navigator, the estimator and the guidance read."""
 
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 T = TypeVar("T", bound=msgspec.Struct)
 
 NEW_PLATFORMS_EVERY = 20
-"""Calls of `feed` between two checks for new platforms."""
+"""Number of calls of `feed` between two checks for new platforms."""
 
 
 class Fresh(Generic[T]):
@@ -36,7 +36,7 @@ class Fresh(Generic[T]):
         self._last: T | None = None
 
     def take(self) -> T | None:
-        """The newest value; None when it was returned before."""
+        """The newest value, or None if it was returned before."""
         value = self.reader.value
         if value is None or value is self._last:
             return None
@@ -44,20 +44,20 @@ class Fresh(Generic[T]):
         return value
 
     def stamp_ns(self, now_ns: int) -> int:
-        """Own clock at the newest value; now while the clock of its computer is unknown."""
+        """Stamp of the newest value in the own clock, or now while the clock of its computer is unknown."""
         stamp_ns = self.reader.local_stamp_ns
         return now_ns if stamp_ns is None else stamp_ns
 
 
 class TakesState(Protocol):
-    """What takes the state of the vehicle and who drives it."""
+    """A core that takes the state and the driver of the vehicle."""
 
     def on_vehicle(self, state: VehicleState) -> None: ...
     def on_control(self, control: ControlState) -> None: ...
 
 
 class TakesSensors(Protocol):
-    """What estimates the pose from sensors."""
+    """A core that estimates the pose from sensors."""
 
     def on_gnss(self, fix: GnssFix, stamp_ns: int) -> None: ...
     def on_imu(self, imu: Imu, stamp_ns: int) -> None: ...
@@ -65,7 +65,7 @@ class TakesSensors(Protocol):
 
 
 class TakesSurroundings(Protocol):
-    """What steers to a goal between obstacles and other platforms."""
+    """A core that steers to a goal between obstacles and other platforms."""
 
     @property
     def resting(self) -> bool: ...
@@ -75,7 +75,7 @@ class TakesSurroundings(Protocol):
 
 
 class StateInputs:
-    """Inputs of both halves: the state of the vehicle, and who drives; a board needs no writer yet."""
+    """Inputs of estimation and guidance: the state of the vehicle, and its driver."""
 
     def __init__(self, m: Module) -> None:
         self._vehicle = Fresh(m.reader("vehicle/state", VehicleState))
@@ -90,7 +90,7 @@ class StateInputs:
 
 
 class SensorInputs:
-    """Inputs of the estimation: position fixes, inertial unit, height."""
+    """Inputs of the estimation: position fixes, inertial samples and height."""
 
     def __init__(self, m: Module) -> None:
         self._gnss = Fresh(m.reader("sensor/gnss", GnssFix))
@@ -99,7 +99,7 @@ class SensorInputs:
 
     @property
     def imu(self) -> BoardReader[Imu]:
-        """The measurements with the highest rate."""
+        """The board of inertial samples, which has the highest rate."""
         return self._imu.reader
 
     def feed(self, core: TakesSensors, now_ns: int) -> None:
@@ -113,7 +113,7 @@ class SensorInputs:
 
 
 class GuidanceInputs:
-    """Inputs of the guidance: the scan of obstacles, the goal, and the poses of other platforms."""
+    """Inputs of the guidance: scans of obstacles, the goal, and the poses of other platforms."""
 
     def __init__(self, m: Module) -> None:
         self._others: dict[str, Fresh[Pose]] = {}
@@ -123,13 +123,13 @@ class GuidanceInputs:
         self._poses: BoardSet[Pose] = m.readers("/*/nav/pose", Pose)
 
     def feed(self, core: TakesSurroundings, now_ns: int) -> None:
-        """Passes new values on; those of other platforms not while the vehicle rests."""
+        """Passes new values on; the poses of other platforms only while the vehicle is not at rest."""
         if (scan := self._scan.take()) is not None:
             core.on_scan(scan, self._scan.stamp_ns(now_ns))
         if (goal := self._goal.take()) is not None:
             core.on_goal(goal, now_ns)
         if core.resting:
-            self._calls = 0  # nothing is avoided at rest; the first step after it reads all of them
+            self._calls = 0  # nothing is avoided at rest, and the first step after it reads all platforms
             return
         if self._calls % NEW_PLATFORMS_EVERY == 0:
             self._add_platforms()
@@ -145,24 +145,24 @@ class GuidanceInputs:
 
 
 def map_origin(m: Module, config: Config) -> Origin:
-    """Origin of the map: that of the configured world."""
+    """Origin of the map, which the configured world defines."""
     return load(paths.world(m.node.config.share_path, config.world), World).origin
 
 
 def vehicle_airframe(m: Module) -> "Airframe | None":
-    """Airframe that node.toml names; None: the chassis has its own attitude control.
+    """Airframe that node.toml names, or None for a chassis with its own attitude control.
 
-    Raises: ConfigError with file, key and what was expected.
+    Raises: ConfigError with file, key and the expected value.
     """
     config = m.node.config
     if not config.airframe:
         return None
-    from swarmware.model.airframe_file import load_airframe  # most vehicles have none
+    from swarmware.model.airframe_file import load_airframe  # not loaded by most vehicles
 
     return load_airframe(config.share_path, config.airframe)
 
 
 def hovers(m: Module) -> bool:
-    """Whether the vehicle of this node can stop in the air."""
+    """True if the vehicle of this node can stop in the air."""
     airframe = vehicle_airframe(m)
     return m.node.config.kind == PlatformKind.UAV and (airframe is None or airframe.type != "fixed_wing")

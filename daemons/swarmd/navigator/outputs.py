@@ -1,4 +1,4 @@
-"""The boards that the navigator and its two halves write, and the settings that change while it runs."""
+"""Boards that the navigator, the estimator and the guidance write, and the live settings."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -19,16 +19,16 @@ LIVE_SETTINGS: Final[Mapping[str, str]] = {
     "altitude.kd": "navigator/altitude_kd",
     "air.kp_1_s": "navigator/position_kp",
 }
-"""Gains of the guidance that change while it runs."""
+"""Gains of the guidance that can be changed at run time."""
 
 
 def pose_writer(module: Module, config: Config) -> BoardWriter[Pose]:
-    """The writer of the estimated pose."""
+    """Creates the writer of the estimated pose."""
     return module.writer("nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity")
 
 
 def publish_origin(module: Module, origin: Origin) -> None:
-    """Publishes the origin of the map in which poses and goals are."""
+    """Publishes the origin of the map, to which poses and goals refer."""
     board = module.writer(
         "nav/origin", MapOrigin, log="all", description="Geodetic position of the map's origin"
     )
@@ -36,7 +36,7 @@ def publish_origin(module: Module, origin: Origin) -> None:
 
 
 class GuidanceWriters:
-    """The writers of the guidance: set-point and status."""
+    """Writers of the guidance's set-point and status."""
 
     def __init__(self, module: Module, config: Config) -> None:
         self._log = module.log
@@ -55,5 +55,5 @@ class GuidanceWriters:
             self._log.debug("goal %d: %s", status.goal_seq, status.state)
 
     def stop(self) -> None:
-        """Publishes a last set-point that stops the vehicle."""
+        """Publishes a last set-point, which stops the vehicle."""
         self._setpoints.write(Setpoint(0.0))

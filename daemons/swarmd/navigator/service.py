@@ -1,4 +1,5 @@
-"""The navigator's shell: boards in, boards out, at a fixed rate; gains change while it runs (S2.46)."""
+"""The navigator's shell, which reads and writes boards at a fixed rate, with gains that change live
+(S2.46)."""
 
 from typing import ClassVar
 
@@ -50,5 +51,5 @@ class Navigator(Service):
             ticker.retime(navigator.period_s())
 
     async def stop(self) -> None:
-        """Writes a last set-point that stops the vehicle."""
+        """Publishes a last set-point, which stops the vehicle."""
         self._writers.stop()

@@ -1,4 +1,4 @@
-"""Application register: the preferred holder of the master role, and the tables of other computers.
+"""Application register: prefers to hold the master role, and keeps the tables of other computers.
 
 The role itself is in `swarmware.node.master`, which every process has.
 """

@@ -6,9 +6,9 @@ import msgspec
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which platforms' registers are kept, and for how long."""
+    """Platforms whose application tables are kept, and the time after which they are removed."""
 
     partners: str = "*"
-    """Pattern of platforms whose applications are known here; empty: only this platform."""
+    """Pattern of platforms whose applications are known here, or "" for this platform only."""
     forget_s: Annotated[float, msgspec.Meta(ge=1, le=86_400)] = 600.0
-    """Time without a message or a route after which a platform is removed."""
+    """Time without a route or a new table after which a platform is removed."""

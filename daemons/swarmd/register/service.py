@@ -1,4 +1,4 @@
-"""The register's shell: holds the master role, and answers which application runs where."""
+"""The register's shell: holds the master role, and serves the list of applications of all computers."""
 
 import asyncio
 from collections.abc import Collection
@@ -49,7 +49,7 @@ class Registrar(Service):
         self._tables = [
             module.readers(f"/{pattern}/{RESOURCE.path}", ApplicationTable) for pattern in patterns
         ]
-        """Tables of the other computers of this platform, and of those of the configured partners."""
+        """Tables of the other computers of this platform, and of the configured partner platforms."""
         self._core = RegisterCore(node.platform, node.unit, config)
         if (known := module.reader(PARTNERS, PartnerTable).value) is not None:
             self._core.restore(known, module.now_ns())
@@ -88,7 +88,7 @@ class Registrar(Service):
         )
 
     async def run(self) -> None:
-        """Hold the role and keep the tables of others until cancelled."""
+        """Holds the master role and keeps the tables of other computers until cancelled."""
         module = self.module
         module.node.master.on_misfits = self._on_misfits
         module.node.master.volunteer(module.id)
@@ -103,7 +103,7 @@ class Registrar(Service):
             module.node.master.step_back()
 
     def _on_misfits(self, misfits: tuple[str, ...]) -> None:
-        """Report what is wrong among the application files of this node."""
+        """Reports the invalid application files of this node as a fault."""
         if misfits:
             self._applications.raise_fault("refused", "warn", "; ".join(misfits))
         else:
@@ -171,13 +171,13 @@ class Registrar(Service):
 
 
 def processes(table: ApplicationTable, services: Collection[str]) -> str:
-    """Whether the running services of a node share `one` process or have one each (`per-daemon`)."""
+    """Returns `one` if the running services of a node share a process, else `per-daemon`."""
     pids = {app.pid for app in table.applications if app.name in services}
     return "one" if len(pids) <= 1 else "per-daemon"
 
 
 def _published(tables: BoardSet[ApplicationTable], name: str, now_ns: int) -> PublishedTable | None:
-    """The table of a platform or computer; None when it names another one."""
+    """The table of a platform or computer, or None if the table names another computer."""
     board = tables[name]
     table = board.value
     if table is None or name not in {table.platform, f"{table.platform}.{table.unit}"}:

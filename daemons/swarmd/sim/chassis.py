@@ -1,4 +1,4 @@
-"""The port of the simulated chassis: executes the orders that its driver writes in shared memory."""
+"""The port of the simulated chassis, which receives the orders of its driver in shared memory."""
 
 from collections.abc import Callable, Iterable
 
@@ -9,17 +9,17 @@ from swarmware.types.chassis import ChassisOrder
 
 
 class ChassisPort:
-    """Takes orders as soon as they are written."""
+    """Executes orders of the driver as soon as they are written."""
 
     def __init__(self, module: Module, core: VehicleCore, feed: Callable[[Iterable[Action]], None]) -> None:
         self._module = module
         self._core = core
         self._feed = feed
-        # orders from before this start are not executed: the driver repeats those that it still needs
+        # orders from before this start are skipped, because the driver repeats unanswered orders
         self._orders = module.stream_reader(paths.SIM_ORDERS, ChassisOrder)
 
     def serve(self) -> None:
-        """Starts to take orders."""
+        """Starts to execute orders."""
         self._module.start(self._follow(), "orders to the chassis")
 
     async def _follow(self) -> None:

@@ -10,7 +10,7 @@ Speed = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Power = Annotated[float, msgspec.Meta(ge=0, le=100_000)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 RestRate = Annotated[float, msgspec.Meta(ge=5, le=1000)]
-"""Rate at rest; `max_age_s` in the templates is three of its periods."""
+"""Rate at rest, from 5 Hz on, because `max_age_s` in the templates is three periods of 5 Hz."""
 Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
 
 
@@ -20,7 +20,7 @@ class GroundLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     v_max_m_s: Positive = 3.0
     """Maximum speed."""
     v_back_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.5
-    """Maximum speed backwards."""
+    """Maximum backward speed."""
     a_max_m_s2: Positive = 2.0
     """Maximum acceleration."""
     w_max_rad_s: Positive = 1.5
@@ -41,7 +41,7 @@ class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     v_max_m_s: Positive = 2.5
     """Maximum speed."""
     v_back_m_s: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.5
-    """Maximum speed backwards."""
+    """Maximum backward speed."""
     a_max_m_s2: Positive = 1.0
     """Maximum acceleration."""
     tau_s: Positive = 0.6
@@ -53,7 +53,7 @@ class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     sway_tau_s: Positive = 0.3
     """Time constant of the decay of sway."""
     current_m_s: tuple[Speed, Speed] = (0.0, 0.0)
-    """Current of the water to the east and the north, which carries the vessel, also at rest."""
+    """Current of the water to the east and the north, which carries the vessel even at rest."""
     radius_m: Positive = 0.45
     """Radius of the circle around the vessel."""
     power_w: Power = 12.0
@@ -63,7 +63,7 @@ class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Closed-loop dynamics of a multirotor with its own attitude control that follows velocity set-points."""
+    """Closed-loop dynamics of a multirotor that follows velocity set-points with its own attitude control."""
 
     v_max_m_s: Positive = 6.0
     """Maximum horizontal speed."""
@@ -90,18 +90,19 @@ class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Rates and errors of the sensors; the defaults are those of an RTK receiver and a MEMS inertial unit."""
+    """Rates and errors of the sensors; the defaults describe an RTK receiver and a MEMS inertial unit."""
 
     gnss_hz: Rate = 10.0
     """Rate of fixes."""
     gnss_sigma_m: Sigma = 0.02
-    """White noise of the horizontal position; that of the height is 1.5 times as large."""
+    """White noise of the horizontal position; the noise of the height is 1.5 times as large."""
     gnss_bias_sigma_m: Sigma = 0.03
-    """Bias of the position, a first-order Gauss-Markov process with `gnss_bias_tau_s`."""
+    """Standard deviation of the position's bias, a first-order Gauss-Markov process with
+    `gnss_bias_tau_s`."""
     gnss_bias_tau_s: Positive = 60.0
     """Correlation time of the bias of the position."""
     imu_hz: Rate = 20.0
-    """That of the navigator: what is read together is sampled together."""
+    """Rate of the inertial unit, equal to the navigator's rate so that samples and reads coincide."""
     gyro_sigma_rad_s: Sigma = 0.01
     """White noise of the yaw rate."""
     accel_sigma_m_s2: Sigma = 0.08
@@ -113,15 +114,15 @@ class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     range_hz: Rate = 10.0
     """Rate of the range scanner."""
     range_beams: Annotated[int, msgspec.Meta(ge=4, le=1440)] = 72
-    """Beams of a scan, evenly around the vehicle."""
+    """Number of beams of a scan, evenly distributed around the vehicle."""
     range_max_m: Positive = 10.0
     """Maximum range of the scanner."""
     range_sigma_m: Sigma = 0.02
     """White noise of a range."""
     sonar_hz: Rate = 20.0
-    """Sonar of air vehicles: height above the ground (S2.49)."""
+    """Rate of the sonar of air vehicles, which measures the height above the ground (S2.49)."""
     rest_hz: RestRate = 5.0
-    """No sensor of a vehicle that is disarmed and on the ground is sampled faster."""
+    """Maximum rate of all sensors while the vehicle is disarmed and on the ground."""
     sonar_max_m: Positive = 6.45
     """Maximum range of the sonar."""
     sonar_sigma_m: Sigma = 0.02
@@ -131,10 +132,10 @@ class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class WindConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Wind at a vehicle with an airframe; others are not moved by it."""
+    """Wind at a vehicle with an airframe; vehicles without an airframe are not affected."""
 
     mean_m_s: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
-    """Mean velocity of the air: to the east, to the north, up."""
+    """Mean velocity of the air to the east, to the north and up."""
     gust_sigma_m_s: Sigma = 0.0
     """Standard deviation of the gusts along each axis."""
     gust_tau_s: Positive = 2.0
@@ -157,25 +158,26 @@ class BatteryConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class SerialConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Serial lines of the vehicle's devices: its drivers are those of a real vehicle."""
+    """Serial lines of the vehicle's devices, for which the drivers of a real vehicle can be used."""
 
     folder: str = ""
-    """Folder in which the lines appear as files gnss, imu, sonar, rc and chassis; empty: there are none.
+    """Folder in which the lines appear as files gnss, imu, sonar, rc and chassis, or "" for no lines.
 
-    Of an airframe its motors and servos follow the pulses of `pwmchip0` there, instead of a chassis."""
+    With an airframe, motors and servos follow the pulses of `pwmchip0` in this folder, and there is no
+    chassis."""
 
 
 class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The simulated world, vehicle and sensors."""
+    """Settings of the simulated world, vehicle and sensors."""
 
     world: str = "formation"
-    """A file of share/swarm/worlds without its suffix."""
+    """Name of a file of share/swarm/worlds, without its suffix."""
     number: Annotated[int, msgspec.Meta(ge=0, le=100_000)] = 0
-    """Index of the vehicle in the start rule of the world; 0: the number in the platform's name."""
+    """Index of the vehicle in the start rule of the world, or 0 for the number in the platform's name."""
     seed: int = 1
     """Seed of noise and start position, combined with the platform's name."""
     rate_hz: Annotated[float, msgspec.Meta(ge=10, le=1000)] = 40.0
-    """Steps of the integration; a multiple of the rates of the sensors."""
+    """Rate of the integration steps, a multiple of the rates of the sensors."""
     setpoint_timeout_s: Positive = 0.5
     """Time without a new set-point after which the vehicle stops."""
     contacts_hz: Rate = 10.0

@@ -1,4 +1,4 @@
-"""Motors and servos of a simulated airframe behind pulses: files as those of Linux, read at each step."""
+"""Pulse inputs of a simulated airframe: files like Linux's PWM files, which are read at each step."""
 
 import os
 import shutil
@@ -12,15 +12,15 @@ from swarmware.types.chassis import ActuatorOutputs
 
 CHIP: Final = "pwmchip0"
 _STOP_US, _FULL_US = 1000.0, 2000.0
-"""Widths at which a motor stands, and has its full power."""
+"""Pulse widths at which a motor is stopped, and has full power."""
 _CENTRE_US, _RANGE_US = 1500.0, 500.0
-"""Width of a servo in its centre, and the change to its end."""
+"""Pulse width of a servo at its centre, and the change to its end."""
 _HELICOPTER_SERVOS: Final = 4
 _DIGITS: Final = 24
 
 
 class PulseInputs:
-    """The channels of a chip in a folder: first those of the motors, then those of the servos.
+    """The channels of a PWM chip in a folder, first the motors, then the servos.
 
     Source: Linux, Documentation/ABI/testing/sysfs-class-pwm.
     Raises: OSError when the folder cannot be written, ConfigError for a fixed wing.
@@ -29,8 +29,8 @@ class PulseInputs:
     def __init__(self, folder: Path, airframe: Airframe) -> None:
         if isinstance(airframe, FixedWingAirframe):
             raise ConfigError(
-                "services/sim.toml: key serial.folder: a fixed wing has no driver of pulses, expected an"
-                " airframe that hovers"
+                "services/sim.toml: key serial.folder: a fixed wing has no PWM driver; expected an"
+                " airframe that can hover"
             )
         hovers = isinstance(airframe, MultirotorAirframe)
         self._motors = len(airframe.rotors) if isinstance(airframe, MultirotorAirframe) else 1
@@ -45,7 +45,7 @@ class PulseInputs:
         (chip / "export").touch()
 
     def outputs(self) -> ActuatorOutputs:
-        """What the pulses are now; a motor without pulses stands, a servo stays in its centre."""
+        """Outputs by the present pulses; without pulses a motor is stopped and a servo centred."""
         widths = [_number(duty) / 1000 if _number(enable) else 0.0 for duty, enable in self._files]
         motors = [(width - _STOP_US) / (_FULL_US - _STOP_US) for width in widths[: self._motors]]
         servos = [(width - _CENTRE_US) / _RANGE_US if width else 0.0 for width in widths[self._motors :]]
@@ -55,12 +55,14 @@ class PulseInputs:
         )
 
     def close(self) -> None:
-        """Closes the files of all channels and removes the chip: it is unplugged."""
+        """Closes the files of all channels and removes the chip, as if it was unplugged."""
         for pair in self._files:
             for fd in pair:
                 os.close(fd)
         self._files.clear()
-        shutil.rmtree(self._chip, ignore_errors=True)  # a driver may still write
+        shutil.rmtree(
+            self._chip, ignore_errors=True
+        )  # errors are ignored, because a driver may still write files
 
 
 def _opened(path: Path) -> int:
@@ -68,6 +70,6 @@ def _opened(path: Path) -> int:
 
 
 def _number(fd: int) -> int:
-    """The number in the first line; 0 while another process writes it."""
+    """The number in the first line, or 0 while another process writes it."""
     line = os.pread(fd, _DIGITS, 0).split(b"\n", 1)[0]
     return int(line) if line.isdigit() else 0

@@ -1,4 +1,4 @@
-"""The serial lines of the simulated vehicle: pseudo-terminals in a folder."""
+"""Serial lines of the simulated vehicle, as pseudo-terminals in a folder."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -13,7 +13,7 @@ from swarmware.types.vehicle import Setpoint, VehicleMode
 
 
 class SerialPorts:
-    """The lines of all devices, each with the file of its name; only the chassis takes what it receives.
+    """Lines of all devices, each in the file with its name; only the chassis evaluates received bytes.
 
     Raises: OSError when the folder cannot be written.
     """
@@ -51,6 +51,6 @@ class SerialPorts:
             self._lines[output.device].write(output.data)
 
     def close(self) -> None:
-        """Unplugs the devices of all lines."""
+        """Closes all lines, as if the devices were unplugged."""
         for line in self._lines.values():
             line.close()

@@ -1,4 +1,4 @@
-"""The simulation's shell: set-points or outputs in, truth and sensors out, at fixed instants."""
+"""The simulation's shell, which reads set-points or outputs, and publishes truth and sensors."""
 
 import random
 import re
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from swarmd.sim.serial_ports import SerialPorts
 
 _RESUME_S: Final = 10.0
-"""Longest interruption of the simulation after which the vehicle continues at its last pose."""
+"""Maximum interruption of the simulation after which the vehicle continues at its last pose."""
 _LOOK_S: Final = 1.0
-"""Period of looking for new platforms, in seconds."""
+"""Period of the search for new platforms."""
 
 
 class Sim(Service):
@@ -55,7 +55,7 @@ class Sim(Service):
         pose, armed = self._last(start)
         airframe = None
         if node.config.airframe:
-            from swarmware.model.airframe_file import load_airframe  # most vehicles have none
+            from swarmware.model.airframe_file import load_airframe  # not loaded by most vehicles
 
             airframe = load_airframe(node.config.share_path, node.config.airframe)
         simulation = Simulation(config, world, node.config.kind, pose, chance.gauss, chance.random, airframe)
@@ -68,7 +68,7 @@ class Sim(Service):
         self._serial: SerialPorts | None = None
         self._pulses: PulseInputs | None = None
         if config.serial.folder:
-            from swarmd.sim import serial_ports  # with the protocols of all devices
+            from swarmd.sim import serial_ports  # loads the protocols of all devices
             from swarmd.sim.core.serial_devices import SerialDevices
 
             folder = Path(config.serial.folder)
@@ -76,7 +76,9 @@ class Sim(Service):
                 from swarmd.sim import pulse_inputs
 
                 self._pulses = pulse_inputs.PulseInputs(folder, airframe)
-                simulation.vehicle.armed = True  # motors follow their pulses: who sends them arms
+                simulation.vehicle.armed = (
+                    True  # motors follow their pulses, so the driver of the pulses decides about arming
+                )
             devices = SerialDevices(config.setpoint_timeout_s, chassis=airframe is None)
             self._serial = serial_ports.SerialPorts(module, folder, devices, self._on_serial)
         self._commands: BoardReader[Setpoint] | BoardReader[ActuatorOutputs] = (
@@ -85,15 +87,15 @@ class Sim(Service):
             else module.reader(paths.SIM_SETPOINT, Setpoint)
         )
         self._taken: Command | None = None
-        """The command that the simulation has."""
+        """The newest command that was passed to the simulation."""
         self._poses = module.readers("/*/nav/pose", Pose)
         self._neighbours: dict[str, BoardReader[Pose]] = {}
         self._taken_poses: dict[str, Pose] = {}
-        """The pose of each neighbour that the simulation has."""
+        """The newest pose of each neighbour that was passed to the simulation."""
         self._look_ns = 0
 
     async def run(self) -> None:
-        """Samples until the service ends."""
+        """Runs the simulation until the service ends."""
         self._port.serve()
         self._switch.serve()
         try:
@@ -105,7 +107,7 @@ class Sim(Service):
                 self._pulses.close()
 
     def _last(self, start: Pose) -> tuple[Pose, bool]:
-        """Last pose and arming after a short interruption; else the start pose, disarmed."""
+        """Last pose and arming after a short interruption, else the start pose, disarmed."""
         truth = self.module.reader("sim/truth", Pose)
         report = self.module.reader(paths.SIM_REPORT, ChassisReport)
         try:
@@ -134,7 +136,7 @@ class Sim(Service):
                     self._serial.on_report(report)
 
     def _on_serial(self, received: Setpoint | ChassisOrder) -> None:
-        """Passes on what the driver of the chassis sent on its line."""
+        """Takes a set-point or order that the driver of the chassis sent on its line."""
         now_ns = self.module.now_ns()
         if isinstance(received, Setpoint):
             self._driver.feed(self._core.on_command(received, now_ns, now_ns))
@@ -166,7 +168,7 @@ class Sim(Service):
 
 
 class Outputs:
-    """The writers of the simulation."""
+    """Writers of the simulation's boards."""
 
     def __init__(self, module: Module, config: settings.Config, simulation: Simulation) -> None:
         writer, rates = module.writer, config.sensors
@@ -206,6 +208,6 @@ class Outputs:
 
 
 def number_in(platform: str) -> int:
-    """Number at the end of a platform's name; 1 when it has none."""
+    """Number at the end of a platform's name, or 1 without a number."""
     found = re.search(r"[0-9]+$", platform)
     return max(1, int(found[0])) if found else 1

@@ -8,9 +8,9 @@ from swarmware.types.vehicle import VehicleMode
 
 
 class Switch:
-    """The position of the switch: at first auto, after a restart the former one.
+    """The position of the switch, which starts at auto and survives a restart.
 
-    `published`: whether it is published here; else a driver reads it from the transmitter of the pilot.
+    `published`: True to publish the position here, False if a driver reads it from the simulated transmitter.
     """
 
     def __init__(self, module: Module, *, published: bool) -> None:
@@ -26,11 +26,11 @@ class Switch:
 
     @property
     def mode(self) -> VehicleMode:
-        """The position that was set last."""
+        """The present position of the switch."""
         return self._position.mode
 
     def serve(self) -> None:
-        """Publish the position, and register the handler that changes it."""
+        """Publishes the position, and registers the request that changes it."""
         self._publish()
         self._module.serve(
             "sys/sim/switch",

@@ -1,7 +1,7 @@
 """Shell of time synchronisation: reads clock differences from the broker's stream, publishes functions.
 
-Direct neighbours cost no traffic: the stamps are part of the beacons that are sent anyway (S1.72). For
-platforms out of direct range it requests the functions of the neighbours on the route to them.
+Direct neighbours cost no traffic, because the beacons carry the stamps (S1.72). For platforms out of direct
+range the service requests the functions of the neighbours on the route to them.
 """
 
 import asyncio
@@ -50,7 +50,7 @@ class TimeSync(Service):
             node.hardware,
             node.clock.boot_id,
             config,
-            # grows with every restart of the service: others may still hold functions of the previous run
+            # grows with every restart, because other nodes may still hold functions of the previous run
             first_epoch=(node.clock.now_ns() // 1_000_000_000) & 0xFFFF_FFFF,
         )
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
@@ -62,7 +62,7 @@ class TimeSync(Service):
         self._board: BoardWriter[TimeFunctions] | None = None
         self._wall_clock = WallClock()
         self._step_s = 0.0
-        """Step of the wall clock that the last look found, to log each one once."""
+        """Step of the wall clock at the last reading, so that each step is logged once."""
         self._look_at_wall_clock()
         self.health.register(
             "wall_clock",

@@ -1,4 +1,4 @@
-"""Video: images of a camera, stream or file as H.264 over RTP, and received video as images again.
+"""Video: sends images of a camera, stream or file as H.264 over RTP, and turns received video into images.
 
-Runs only where it is configured; PyAV (extra `video`) encodes and decodes.
+The service runs only where it is configured; PyAV (extra `video`) encodes and decodes.
 """

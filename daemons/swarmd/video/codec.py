@@ -1,4 +1,4 @@
-"""H.264 by PyAV: pixels and JPEG files into a byte stream, and a byte stream into pixels."""
+"""H.264 with PyAV: encodes pixels and JPEG files to a byte stream, and decodes a byte stream to pixels."""
 
 from fractions import Fraction
 from types import ModuleType
@@ -10,14 +10,14 @@ from swarmware.types.perception import Image, ImageEncoding
 
 _FORMATS: Final = {ImageEncoding.MONO8: ("gray", 1), ImageEncoding.RGB8: ("rgb24", 3)}
 _SOFTWARE: Final = {"preset": "ultrafast", "tune": "zerolatency"}
-"""No picture waits for a later one."""
+"""Options of libx264 for the lowest delay, without pictures that wait for later ones."""
 BUFFER_S: Final = 0.2
-"""Of video at the highest rate: what a key frame may exceed it by."""
+"""Size of the encoder's rate buffer (VBV) in seconds of video, by which a key frame may exceed the rate."""
 SIZE_MAX: Final = 8192
 
 
 def pyav() -> ModuleType:
-    """The module of PyAV. Raises: NotFound where it is not installed."""
+    """Imports PyAV. Raises: NotFound where it is not installed."""
     try:
         import av
     except ImportError:
@@ -26,10 +26,10 @@ def pyav() -> ModuleType:
 
 
 class H264Encoder:
-    """One encoder; it starts again when the size of the pictures changes."""
+    """Encoder of one stream of H.264, which is opened again when the size of the pictures changes."""
 
     def __init__(self, encoder: str, rate_hz: float, bit_s: int, max_bit_s: int, key_frame_s: float) -> None:
-        """`bit_s`: first rate, `max_bit_s`: highest; `key_frame_s`: a key frame at least this often."""
+        """`bit_s`: first rate; `max_bit_s`: highest rate; `key_frame_s`: longest time between key frames."""
         self._av = pyav()
         self._name = encoder
         self._rate_hz = rate_hz
@@ -39,18 +39,19 @@ class H264Encoder:
         self._context: Any = None
 
     def set_bitrate(self, bit_s: int) -> None:
-        """Use another rate from the next picture on."""
+        """Sets the rate from the next picture on."""
         self._bit_s = bit_s
         if bit_s > self._max_bit_s:
-            self._max_bit_s, self._context = bit_s, None  # the limit is fixed when it is opened
+            self._max_bit_s, self._context = bit_s, None  # an open encoder cannot raise its limit
         elif self._context is not None:
             self._context.bit_rate = bit_s
 
     def encode(self, frame: Any, timestamp: int, *, key: bool) -> bytes:
-        """The byte stream of one picture, a frame of PyAV; empty: the encoder keeps it.
+        """Encodes a frame of PyAV; returns its byte stream, or b"" if the encoder keeps the picture.
 
         Units: the timestamp in 1/90 000 s. Raises: InvalidInput for a picture that cannot be encoded.
         """
+        # yuv420p halves the resolution of the colours, and so needs even sizes
         width, height = frame.width & ~1, frame.height & ~1
         try:
             if self._context is None or (self._context.width, self._context.height) != (width, height):
@@ -71,9 +72,9 @@ class H264Encoder:
         context.bit_rate = self._bit_s
         context.gop_size = max(1, round(self._rate_hz * self._key_frame_s))
         context.max_b_frames = 0
-        context.thread_count = 1  # several threads make several slices, and wait for each other
+        context.thread_count = 1  # several threads would make several slices, and wait for each other
         if self._name == "libx264":
-            # x264 follows another rate only where it keeps to a buffer of the receiver (VBV), too
+            # x264 follows a changed rate only if a buffer of the receiver (VBV) is configured
             buffer_bits = int(self._max_bit_s * BUFFER_S)
             context.options = {
                 **_SOFTWARE,
@@ -84,16 +85,17 @@ class H264Encoder:
 
 
 class H264Decoder:
-    """Decodes one stream of H.264."""
+    """Decoder of one stream of H.264."""
 
     def __init__(self) -> None:
         self._av = pyav()
         self._context: Any = self._av.CodecContext.create("h264", "r")
         self._context.thread_count = 1
-        self._context.flags |= 1 << 19  # AV_CODEC_FLAG_LOW_DELAY: no picture is kept back
+        self._context.flags |= 1 << 19  # AV_CODEC_FLAG_LOW_DELAY, so that no picture is kept back
 
     def decode(self, stream: bytes) -> list[Image]:
-        """The pictures that a byte stream completes. Raises: WireError for a damaged one."""
+        """Decodes a byte stream; returns the pictures that it completes. Raises: WireError if it is
+        damaged."""
         try:
             frames = self._context.decode(self._av.Packet(stream))
             return [to_image(frame) for frame in frames]
@@ -102,9 +104,10 @@ class H264Decoder:
 
 
 def to_image(frame: Any) -> Image:
-    """A frame of PyAV as pixels."""
+    """Converts a frame of PyAV to pixels."""
     plane = frame.reformat(format="rgb24").planes[0]
     data, row = bytes(plane), frame.width * 3
+    # PyAV pads the rows of a plane for alignment
     if plane.line_size != row:
         data = b"".join(
             data[at : at + row] for at in range(0, plane.line_size * frame.height, plane.line_size)
@@ -113,7 +116,7 @@ def to_image(frame: Any) -> Image:
 
 
 def to_frame(image: Image) -> Any:
-    """An image as a frame of PyAV. Raises: InvalidInput for a damaged one."""
+    """Converts an image to a frame of PyAV. Raises: InvalidInput if the image is damaged."""
     av = pyav()
     if image.encoding == ImageEncoding.JPEG:
         try:

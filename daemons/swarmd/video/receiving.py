@@ -1,4 +1,4 @@
-"""A session that this node receives: packets into the images of a stream."""
+"""A session that this node receives, whose packets become images in a stream."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,14 +22,14 @@ from swarmware.types.perception import Image
 from swarmware.types.video import VideoDirection, VideoSession
 
 SLOTS: Final = 8
-"""Images that stay readable: a picture of 640 x 272 has half a megabyte."""
+"""Number of images that stay readable; an image of 640 x 272 has half a megabyte."""
 SLOT_BYTES: Final = 256 * 1024
 WAITING_MAX: Final = 64
-"""Pictures that wait for the decoder; more, and it is too slow for this video."""
+"""Maximum number of pictures that wait for a decoder that is too slow."""
 
 
 class ReceivingSession:
-    """Receives one source of another platform."""
+    """Receives the video of one source of another platform."""
 
     def __init__(
         self,
@@ -41,14 +41,14 @@ class ReceivingSession:
         config: Config,
         send: Callable[[bytes], None],
     ) -> None:
-        """`send`: takes reports for the sender. Raises: NotFound without PyAV, Conflict."""
+        """`send`: sends a report to the sender. Raises: NotFound without PyAV, Conflict."""
         now_ns = module.now_ns()
         self.number = number
-        """Source of the sender's RTP packets (SSRC)."""
+        """SSRC of the sender's RTP packets."""
         self.sender = sender
         self.source = source
         self.has_ended = False
-        """The sender has ended it."""
+        """True once the sender has ended the session."""
         self._module = module
         self._send = send
         self._started_ns = now_ns
@@ -71,11 +71,11 @@ class ReceivingSession:
 
     @property
     def path(self) -> str:
-        """Stream of the images."""
+        """Local path of the stream of images."""
         return self._writer.path
 
     async def run(self) -> None:
-        """Decode pictures until it is cancelled."""
+        """Decodes pictures until cancelled."""
         loop = asyncio.get_running_loop()
         self._driver.feed()
         try:
@@ -94,7 +94,7 @@ class ReceivingSession:
             self.close()
 
     def close(self) -> None:
-        """End it, and send the sender its end."""
+        """Ends the session, and notifies the sender."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -105,11 +105,11 @@ class ReceivingSession:
         self._executor.shutdown(wait=False)
 
     def on_packet(self, data: bytes) -> None:
-        """A packet of the sender."""
+        """Takes a packet of the sender."""
         self._driver.feed(self._core.on_packet(data, self._module.now_ns()))
 
     def is_silent(self, now_ns: int) -> bool:
-        """Whether no packet has come for too long."""
+        """True if no packet has arrived for the silence time."""
         return self._core.is_silent(now_ns)
 
     def _perform(self, action: ReceiverAction) -> None:
@@ -119,13 +119,13 @@ class ReceivingSession:
             case Decode() if not self._queue.full():
                 self._queue.put_nowait(action)
             case Decode():
-                # the next ones depend on it
+                # dropped: the next pictures depend on this one, so a key frame is requested
                 self._driver.defer(self._core.on_undecodable(self._module.now_ns()))
             case _:
                 self.has_ended = True
 
     def report(self) -> VideoSession:
-        """The session with its counters."""
+        """Report of the session, with its counters."""
         core, counters = self._core, self._core.counters
         direction, other = VideoDirection.RECEIVED, str(self.sender)
         return msgspec.structs.replace(

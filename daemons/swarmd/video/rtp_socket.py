@@ -1,4 +1,4 @@
-"""The UDP ports of a session with a standard receiver: RTP on an even one, RTCP on the next."""
+"""The UDP ports of a session with a standard receiver: RTP on an even port, RTCP on the next port."""
 
 import asyncio
 import logging
@@ -17,17 +17,17 @@ log = logging.getLogger("swarm.video")
 
 
 class SwarmPath:
-    """The way to another platform: datagrams of the broker, relayed and never repeated."""
+    """Path to another platform by datagrams of the broker, which are relayed but not retransmitted."""
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
         self.send = send
 
     def close(self) -> None:
-        """There is nothing to close."""
+        """Does nothing, because the broker's datagrams need no socket."""
 
 
 class RtpSocket:
-    """Both sockets, and the address of the receiver."""
+    """Both sockets of a session with a standard receiver."""
 
     def __init__(self, family: int, host: str, port: int, on_report: Callable[[bytes], None]) -> None:
         """Raises: InvalidInput when no pair of ports is free."""
@@ -35,14 +35,14 @@ class RtpSocket:
         self._on_report = on_report
         self._loop = asyncio.get_running_loop()
         self._sockets = dict(zip((False, True), _bound_pair(family), strict=True))
-        """By whether it is for RTCP."""
+        """Sockets by purpose, True for RTCP and False for RTP."""
         self.unsent = 0
-        """Packets that the system did not take."""
+        """Number of packets that the operating system refused."""
         for sock in self._sockets.values():
             self._loop.add_reader(sock.fileno(), self._on_readable, sock)
 
     def send(self, data: bytes) -> None:
-        """Send a packet, RTP or RTCP."""
+        """Sends an RTP or RTCP packet from its port."""
         is_rtcp = rtp_packet.is_rtcp(data)
         try:
             self._sockets[is_rtcp].sendto(data, self._to[is_rtcp])
@@ -54,20 +54,20 @@ class RtpSocket:
         for _ in range(TURN):
             try:
                 data, address = sock.recvfrom(DATAGRAM_MAX)
-            except OSError:  # nothing more, or the receiver's port is closed
+            except OSError:  # no further datagram, or the receiver's port is closed
                 return
             if address[0] == self._to[True][0]:
                 self._on_report(data)
 
     def close(self) -> None:
-        """Close both of its sockets."""
+        """Closes both sockets of the session."""
         for sock in self._sockets.values():
             self._loop.remove_reader(sock.fileno())
             sock.close()
 
 
 async def resolve(host: str, port: int) -> tuple[int, str]:
-    """Family and numeric address of a host. Raises: InvalidInput for an unknown one."""
+    """Address family and numeric address of a host. Raises: InvalidInput for an unknown host."""
     try:
         found: Any = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except OSError as error:
@@ -86,7 +86,7 @@ def _bound_pair(family: int) -> tuple[socket.socket, socket.socket]:
                 pair[1].bind(("", port + 1))
                 return pair
         except OSError:
-            pass  # the next port is in use: another pair
+            pass  # the next port is in use, so another pair is tried
         for sock in pair:
             sock.close()
     raise InvalidInput("video: no two neighbouring UDP ports are free")

@@ -1,4 +1,4 @@
-"""A session that this node sends: its source, its encoder, and the way of its packets."""
+"""A session that this node sends, with its source, its encoder, and the path of its packets."""
 
 import asyncio
 import os
@@ -31,17 +31,17 @@ from swarmware.types.perception import Image
 from swarmware.types.video import VideoDirection, VideoRateChange, VideoSession
 
 PAYLOAD_MAX: Final = 1000
-"""Bytes after the RTP header: with the headers of ten hops still one datagram of the broker."""
+"""Maximum payload after the RTP header, which fits in one datagram with the headers of ten hops."""
 
 
 KEY_FRAME_S: Final = 10.0
-"""Between key frames for a platform, which asks for one when it needs it."""
+"""Key-frame interval of a session to a platform, which can also request a key frame."""
 KEY_FRAME_BLIND_S: Final = 2.0
-"""For a standard receiver: many join in the middle, and ask for nothing."""
+"""Key-frame interval for standard receivers, which may join late and cannot request key frames."""
 
 
 class SendingSession:
-    """Sends one source to one receiver."""
+    """Sends the video of one source to one receiver."""
 
     def __init__(
         self,
@@ -61,16 +61,17 @@ class SendingSession:
         received_as: str,
         receiver_hw: int | None,
     ) -> None:
-        """`max_hz`: most pictures a second, None: all; `described`: SDP; `received_as`: stream of the images
-        at the receiving platform; `receiver_hw`: its computer, None for an address."""
+        """`max_hz`: maximum pictures a second, or None for all; `described`: session description (SDP);
+        `received_as`: stream of the images at the receiving platform; `receiver_hw`: hardware id of the
+        receiving computer, or None if the receiver is an address."""
         now_ns = module.now_ns()
         self.number = number
-        """Source of its RTP packets (SSRC)."""
+        """SSRC of the session's RTP packets."""
         self.name = name
         self.destination = destination
         self.receiver_hw = receiver_hw
         self.has_ended = False
-        """The receiver has ended it."""
+        """True once the receiver has ended the session."""
         self._module = module
         self._source = source
         self._executor = executor
@@ -92,7 +93,7 @@ class SendingSession:
         )
         self._period_ns = 0 if max_hz is None else round(1e9 / max_hz)
         self._due_ns = now_ns
-        """Instant from which a picture is encoded."""
+        """Instant before which pictures are skipped, to keep to `max_hz`."""
         self._encoder = H264Encoder(
             config.encoder,
             source.rate_hz if max_hz is None else min(source.rate_hz, max_hz),
@@ -107,7 +108,7 @@ class SendingSession:
         )
 
     async def run(self) -> None:
-        """Send until cancelled. Raises: InvalidInput when the source ends."""
+        """Sends until cancelled. Raises: InvalidInput when the source ends."""
         loop, module = asyncio.get_running_loop(), self._module
         self._driver.feed()
         try:
@@ -116,6 +117,8 @@ class SendingSession:
                 now_ns = module.now_ns()
                 if now_ns < self._due_ns or not self._core.may_encode(now_ns):
                     continue
+                # absolute, so that jitter does not lower the rate; at most one period is caught up after a
+                # pause
                 self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
                 timestamp = now_ns * CLOCK_HZ // 1_000_000_000
                 key, self._is_key_wanted = self._is_key_wanted, False
@@ -126,7 +129,7 @@ class SendingSession:
             self.close()
 
     def close(self) -> None:
-        """End it, and send the receiver its end."""
+        """Ends the session, and notifies the receiver."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -141,7 +144,7 @@ class SendingSession:
         return self._encoder.encode(frame, timestamp, key=key)
 
     def on_packet(self, data: bytes) -> None:
-        """A packet of the receiver."""
+        """Takes a packet of the receiver."""
         try:
             reports = rtcp.decode(data)
         except WireError:
@@ -150,11 +153,11 @@ class SendingSession:
         self._driver.feed(self._core.on_rtcp(reports, self._module.now_ns()))
 
     def is_silent(self, now_ns: int) -> bool:
-        """Whether the receiver has not reported for too long."""
+        """True if the receiver has been silent for too long."""
         return self._core.is_silent(now_ns)
 
     def pin(self, bit_s: int, pinned: bool) -> None:
-        """Set the highest rate, or the rate."""
+        """Sets the highest rate, or the rate itself if `pinned`."""
         self._driver.feed(self._core.on_pin(bit_s, pinned, self._module.now_ns()))
 
     def _perform(self, action: SenderAction) -> None:
@@ -169,7 +172,7 @@ class SendingSession:
                 self.has_ended = True
 
     def report(self) -> VideoSession:
-        """The session with its counters."""
+        """Report of the session, with its counters."""
         core, counters, now_ns = self._core, self._core.counters, self._module.now_ns()
         bitrate, round_trip_ns = core.bitrate, core.round_trip_ns
         direction, other = VideoDirection.SENT, str(self.destination)

@@ -1,4 +1,4 @@
-"""The video daemon: sessions on request, their ends, and what others may know of them."""
+"""The video daemon: starts and ends sessions on request or by rules, and publishes their changes."""
 
 import asyncio
 import os
@@ -43,11 +43,11 @@ from swarmware.types.video import (
 DATAGRAMS: Final = "sys/video/rtp"
 OPEN: Final = "sys/video/open"
 CHECK_S: Final = 1.0
-"""Between two checks for sessions whose other end is silent."""
+"""Period of the check for sessions whose other end is silent."""
 
 
 class Video(Service):
-    """Sends sources of this node, and receives those of other platforms."""
+    """Sends video of this node's sources, and receives video of other platforms."""
 
     name = "video"
     Config = settings.Config
@@ -58,7 +58,7 @@ class Video(Service):
         self._table: SessionTable[SendingSession, ReceivingSession] = SessionTable(config.sessions_max)
         self._tasks: dict[int | SessionKey, asyncio.Task[None]] = {}
         self._reasons: dict[int | SessionKey, str] = {}
-        """Why a session is being ended."""
+        """Reasons for which sessions are being ended."""
         self._limits = module.reader("net/limits", ChannelLimits)
         self._routes = module.reader("net/routes", Routes)
         self._by_rules = ChannelVideo()
@@ -89,11 +89,16 @@ class Video(Service):
         )
         module.serve("sys/video/ls", Empty, self._list, reply=VideoSessions, description="Video sessions")
         module.serve(
-            OPEN, VideoOpen, self._open, reply=VideoOpened, description="Prepare to receive video of who asks"
+            OPEN,
+            VideoOpen,
+            self._open,
+            reply=VideoOpened,
+            description="Prepare to receive video of the requester",
         )
 
     async def run(self) -> None:
-        """Serve until cancelled; end sessions whose other end is silent, and follow the rules of channels."""
+        """Serves until cancelled, ends sessions whose other end is silent, and follows the rules of
+        channels."""
         self.module.start(self._follow_rules(), "rules")
         limit_s = self.config.silence_s
         async for _ in self.module.every(CHECK_S):
@@ -109,7 +114,7 @@ class Video(Service):
         while True:
             if self._limits.value is not None:
                 await self._apply_rules(self._limits.value)
-            with suppress(NoAnswer):  # routes and sessions change as well
+            with suppress(NoAnswer):  # repeated without a change, because routes and sessions change as well
                 await self._limits.changed(CHECK_S)
 
     async def _apply_rules(self, rules: ChannelLimits) -> None:
@@ -144,7 +149,9 @@ class Video(Service):
         pyav()
         destination = Destination.parse(request.to)
         if names.platform_of(destination.platform) == self._address.platform:
-            raise Conflict(f"video to {request.to}: its source is there, too; expected another platform")
+            raise Conflict(
+                f"video to {request.to}: the source is on the same platform; expected another platform"
+            )
         self._table.check_sent(request.source, str(destination))
         self._check_source(request.source)
         executor = ThreadPoolExecutor(1, "video-encoder")
@@ -173,7 +180,7 @@ class Video(Service):
             raise NotFound(f"source {name}: not known to {self._address}; expected one of: {listed}")
 
     def _sources(self) -> set[str]:
-        """Sources of the configuration, and streams of images of the node."""
+        """Names of the configured sources, and of the node's streams of images."""
         table = self.module.node.table
         table.refresh()
         images = {
@@ -226,7 +233,7 @@ class Video(Service):
     def _open(self, request: VideoOpen, meta: Meta) -> VideoOpened:
         sender = Address.parse(request.sender)
         if sender.hardware != meta.sender_hw:
-            raise Denied(f"video of {sender}: the request is of another computer")
+            raise Denied(f"video of {sender}: the request comes from another computer")
         names.check_path(request.source)
         replaced = self._table.replaced(request.source, str(sender))
         if replaced is not None:
@@ -303,7 +310,7 @@ class Video(Service):
             reason = f"ended: {error}"
             self.module.log.warning("video session %d: %s", session.number, error)
         finally:
-            # one that has been replaced has left the table already
+            # a replaced session has left the table already, and its key may be in use again
             if self._tasks.get(key) is asyncio.current_task():
                 self._forget(key)
             report = session.report()

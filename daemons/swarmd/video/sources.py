@@ -1,4 +1,4 @@
-"""Sources of pictures: a recording, or a stream of images of the node."""
+"""Sources of pictures: a recording, or a stream of images on the node."""
 
 import asyncio
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from swarmware.types.perception import Image
 
 
 class StreamSource:
-    """The newest image of a stream of the node."""
+    """Source that reads the newest image of a stream on the node."""
 
     def __init__(self, module: Module, path: str, rate_hz: float) -> None:
         self.rate_hz = rate_hz
@@ -21,22 +21,22 @@ class StreamSource:
         self._end: Callable[[], None] = lambda: module.close_reader(self._reader)
 
     async def next(self) -> Image:
-        """The next image; older ones that wait are passed over."""
+        """The newest image; older waiting images are skipped."""
         image = await self._reader.next()
         while (newer := self._reader.take()) is not None:
             image = newer
         return image
 
     def close(self) -> None:
-        """Close the reader of the stream."""
+        """Closes the reader of the stream."""
         self._end()
 
 
 class RecordedVideo:
-    """A file that PyAV reads, in the thread of its session; it begins again at its end."""
+    """Recording that PyAV reads in the thread of its session; it restarts at its end."""
 
     def __init__(self, path: str) -> None:
-        """Raises: InvalidInput for a file that has no video."""
+        """Raises: InvalidInput for a file without video."""
         self._path = path
         self._av = pyav()
         try:
@@ -49,7 +49,7 @@ class RecordedVideo:
         self._frames = self._container.decode(video=0)
 
     def read(self) -> Any:
-        """The next frame of PyAV. Raises: InvalidInput for a file without any."""
+        """The next frame of PyAV. Raises: InvalidInput for a file without frames."""
         for _ in range(2):
             try:
                 return next(self._frames)
@@ -61,12 +61,12 @@ class RecordedVideo:
         raise InvalidInput(f"{self._path}: no pictures")
 
     def close(self) -> None:
-        """Close the file that it reads."""
+        """Closes the file of the recording."""
         self._container.close()
 
 
 class FileSource:
-    """The pictures of a recording, in its time."""
+    """Source that reads the pictures of a recording at its own rate."""
 
     def __init__(self, module: Module, recording: RecordedVideo, executor: Executor) -> None:
         self.rate_hz = recording.rate_hz
@@ -75,23 +75,23 @@ class FileSource:
         self._ticks = module.every(1 / self.rate_hz)
 
     async def next(self) -> Any:
-        """The next picture, at its instant."""
+        """The next picture, when it is due."""
         await anext(self._ticks)
         return await asyncio.get_running_loop().run_in_executor(self._executor, self._recording.read)
 
     def close(self) -> None:
-        """Close the file, after the picture that is being read."""
+        """Closes the file after the picture that is being read."""
         self._executor.submit(self._recording.close)
 
 
 PictureSource = StreamSource | FileSource
-"""Pictures one after another, at their rate."""
+"""A source of pictures with a rate."""
 
 
 async def open_source(
     module: Module, name: str, source: VideoSource | None, executor: Executor
 ) -> PictureSource:
-    """The source of this name of the configuration; None: the stream of images at this path.
+    """Opens a configured source, or the stream of images at the path `name` if `source` is None.
 
     Raises: InvalidInput.
     """

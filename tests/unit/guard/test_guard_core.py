@@ -182,7 +182,7 @@ def test_one_that_does_not_end_when_asked_is_killed() -> None:
     core = guard("tree")
     running(core)
     core.on_stop(0)
-    assert core.on_heartbeats_read(3 * SECOND) == [Kill("tree", 10, "did not end when asked")]
+    assert core.on_heartbeats_read(3 * SECOND) == [Kill("tree", 10, "did not end when requested")]
     core.on_exit("tree", 10, ExitStatus(signal=9), 3 * SECOND)
     assert core.stopped
 

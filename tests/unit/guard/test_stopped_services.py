@@ -42,7 +42,7 @@ def test_a_service_that_does_not_end_when_it_is_stopped_is_killed() -> None:
     with pytest.raises(Denied, match="still being stopped"):
         core.on_start_order("logger", SECOND)
     assert core.on_restart_order("logger", SECOND) == []
-    assert until_something(core) == (3 * SECOND, [Kill("logger", 10, "did not end when asked")])
+    assert until_something(core) == (3 * SECOND, [Kill("logger", 10, "did not end when requested")])
     assert ended(core, "logger", 4 * SECOND) == []
     assert service(core, "logger").state == "stopped"
 

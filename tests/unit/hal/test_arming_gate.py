@@ -55,7 +55,7 @@ def arm(operator: Module, *, force: bool = False, reason: str = "") -> "asyncio.
 
 async def waits_at_the_gate(operator: Module) -> None:
     """Returns when an earlier request was taken: a later one is answered."""
-    with pytest.raises(Denied, match="none given"):
+    with pytest.raises(Denied, match="expected at least one gain"):
         await operator.request("sys/vehicle/gains", GainsRequest({}), VehicleState, timeout_s=PATIENCE_S)
 
 

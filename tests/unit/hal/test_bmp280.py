@@ -48,8 +48,8 @@ def test_the_example_of_the_data_sheet_is_reproduced() -> None:
     ("data", "text"),
     [
         (raw(0x80000, 0x80000), "no measurement yet"),
-        (raw(0, RAW_TEMPERATURE), "outside of its range"),
-        (raw(RAW_PRESSURE, 0), "outside of its range"),
+        (raw(0, RAW_TEMPERATURE), "outside of the chip's range"),
+        (raw(RAW_PRESSURE, 0), "outside of the chip's range"),
         (b"\x00" * 5, "5 bytes, expected 6"),
     ],
 )
@@ -97,7 +97,7 @@ async def test_a_chip_that_lost_its_supply_is_started_again(tmp_path: Path) -> N
             await values.changed(20.0)
             chip.registers[0xF4] = 0
             assert (
-                "has 0x00, expected 0x57: it lost its supply"
+                "has 0x00, expected 0x57: the chip lost its supply"
                 in (await status(board, "bmp280", state="failed")).note
             )
             await values.changed(20.0)

@@ -111,7 +111,7 @@ def oblique(taken: Sequence[Imu]) -> None:
     [
         (lambda: gyro(samples()[:5], NONE), "5 samples of the inertial unit, expected at least 20"),
         (lambda: gyro(samples(noise=30.0), NONE), "the vehicle moved"),
-        (lambda: gyro(samples((0.4, 0.0, 0.0)), NONE), "it turns"),
+        (lambda: gyro(samples((0.4, 0.0, 0.0)), NONE), "the vehicle turns"),
         (lambda: level(samples(force=seen(0.5, 0.0)), NONE), "stand the vehicle level"),
         (lambda: compass(samples(), NONE, 0.0), "this unit measures no heading"),
         (lambda: oblique(samples(force=seen(0.8, 0.0))), "expected one axis of the vehicle upright"),

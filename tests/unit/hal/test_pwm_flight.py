@@ -213,7 +213,7 @@ async def test_opened_again_it_is_disarmed_and_a_chip_that_is_missing_is_waited_
         ("quad_1k5", PwmFlightDriver(motors=MOTORS[:3]), r"pwm_flight\.motors: 3 given; expected 4"),
         ("hexa_14k", PwmFlightDriver(motors=MOTORS), r"pwm_flight\.motors: 4 given; expected 6"),
         ("helicopter", PwmFlightDriver(motors=MOTORS[:1]), r"pwm_flight\.servos: 0 given; expected 4"),
-        ("fixed_wing", PwmFlightDriver(), "expected an airframe that hovers"),
+        ("fixed_wing", PwmFlightDriver(), "expected an airframe that can hover"),
     ],
 )
 def test_outputs_that_do_not_fit_the_airframe_are_refused(

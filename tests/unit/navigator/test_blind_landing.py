@@ -35,7 +35,7 @@ def test_without_a_position_it_comes_down_level_at_a_rate_by_its_height(
     set_to = rig.last.setpoint
     assert (set_to.vx_m_s, set_to.vy_m_s, set_to.vz_m_s, set_to.wz_rad_s) == (0.0, 0.0, -sink_m_s, 0.0)
     assert (rig.status.state, rig.status.error.value) == ("moving", "")
-    assert rig.status.note == "lands by its height alone"
+    assert rig.status.note == "lands by height alone"
     assert rig.status.distance_m == (height_m or 0.0)
 
 

@@ -41,5 +41,5 @@ def test_servos_of_a_helicopter_follow_and_stay_in_their_centre_without_pulses(t
 
 
 def test_a_fixed_wing_is_refused_because_no_driver_has_its_pulses(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"serial\.folder: a fixed wing has no driver of pulses"):
+    with pytest.raises(ConfigError, match=r"serial\.folder: a fixed wing has no PWM driver"):
         PulseInputs(tmp_path, load_airframe(SHARE, "fixed_wing"))

@@ -114,4 +114,4 @@ def test_only_a_vehicle_at_rest_is_calibrated_and_an_unknown_order_is_refused_by
     assert rig.order(ChassisAction.CALIBRATE).refused == ""
     rig.order(ChassisAction.ARM)
     assert "disarmed and on the ground" in rig.order(ChassisAction.CALIBRATE).refused
-    assert rig.order(ChassisAction("wave")).refused == "wave: the simulated chassis does not know it"
+    assert rig.order(ChassisAction("wave")).refused == "wave: not supported by the simulated chassis"

@@ -13,7 +13,7 @@ from swarmware.types.control import ControlState, Drive, DriveEvent, DriveMode, 
 from swarmware.types.vehicle import Setpoint, VehicleMode
 
 HOLD_NS: Final = 200_000_000
-"""Period of commands to a vehicle that holds: the chassis stops listening after more than twice of it."""
+"""Period of commands to a vehicle that holds; less than half of the time-out of the chassis."""
 NO_HOLDER: Final = ""
 _REQUESTED: Final = (DriveEvent.DRIVE, DriveEvent.RELEASE, DriveEvent.ORDER, DriveEvent.RECOVERY)
 
@@ -26,7 +26,7 @@ class Operator(msgspec.Struct, frozen=True):
 
 
 class WriteDrive(msgspec.Struct, frozen=True, gc=False):
-    """Action: command the chassis; the stamp is that of the set-point on which the command is based."""
+    """Action: command the chassis, with the stamp of the set-point from which the command was made."""
 
     drive: Drive
     stamp_ns: int
@@ -44,11 +44,12 @@ Action = WriteDrive | PublishMode
 class ControlCore:
     """Decides whose set-points reach the chassis.
 
-    In mode auto a silent navigator is followed by silence: the chassis has its own time-out.
+    In mode auto no command replaces the missing set-points of a silent navigator, because the chassis has
+    its own time-out.
     """
 
     def __init__(self, config: Config, former: ControlState | None = None) -> None:
-        """`former`: state that an earlier run of the daemon published; a vehicle driven by hand holds."""
+        """`former`: state that the previous run published; a vehicle that was driven by hand then holds."""
         self._timeout_ns = round(config.manual_timeout_s * 1e9)
         self._config = config
         self._state = ControlState(DriveMode.AUTO)
@@ -56,9 +57,9 @@ class ControlCore:
             manual = former.mode is DriveMode.MANUAL
             self._state = msgspec.structs.replace(former, mode=DriveMode.HOLD) if manual else former
         self._manual_ns = 0
-        """Stamp of the newest manual set-point, or when the stick was given."""
+        """Stamp of the newest manual set-point, or the instant at which the operator received the stick."""
         self._sticks_ns: int | None = None
-        """Stamp of the newest set-point of the safety pilot; None: none since the switch was moved."""
+        """Stamp of the pilot's newest set-point, or None if there was none since the switch was moved."""
         self._hold_ns = AT_ONCE
         self.expired = 0
         """Manual set-points that were too old when they arrived."""
@@ -90,12 +91,13 @@ class ControlCore:
         if sender_id != state.holder_id or DECISIONS[state.mode, Source.OPERATOR] is not Decision.PASS:
             self.refused += 1
             return []
+        # a stamp in the future, of a clock that is ahead, would extend the validity
         stamp_ns = min(stamp_ns, now_ns)
         if now_ns - stamp_ns > self._timeout_ns:
             self.expired += 1
             return []
         if stamp_ns <= self._manual_ns:
-            return []  # overtaken by a newer one
+            return []  # a newer set-point arrived before
         self._manual_ns = stamp_ns
         actions = self._move(DriveEvent.SETPOINT, state.holder, state.holder_id, now_ns)
         drive = self._limited(setpoint)
@@ -127,13 +129,14 @@ class ControlCore:
         if event is DriveEvent.DRIVE:
             if state.holder_id and not mine and not request.take:
                 raise Denied(f"drive: {self._who()}; --take takes the stick")
+            # the operator has one time-out to send the first set-point; the vehicle stops meanwhile
             self._manual_ns = now_ns
             actions = self._move(event, operator.name, operator.id, now_ns)
             return [*actions, WriteDrive(self._limited(Setpoint(0.0)), now_ns)]
         return self._move(event, NO_HOLDER, 0, now_ns)
 
     def on_switch(self, position: VehicleMode, now_ns: int) -> list[Action]:
-        """Takes the position of the safety pilot's switch; an unknown one is that of the pilot."""
+        """Takes the position of the safety pilot's switch; an unknown position gives the pilot control."""
         auto = position is VehicleMode.AUTO
         event = DriveEvent.SWITCH_AUTO if auto else DriveEvent.SWITCH_MANUAL
         if TRANSITIONS[self._state.mode, event] is self._state.mode:
@@ -146,6 +149,7 @@ class ControlCore:
         if state.mode is DriveMode.MANUAL and now_ns - self._manual_ns >= self._timeout_ns:
             actions += self._move(DriveEvent.EXPIRED, state.holder, state.holder_id, now_ns)
         if self._sticks_ns is not None and now_ns - self._sticks_ns >= self._timeout_ns:
+            # the transmitter is silent: the vehicle holds until its sticks are received again
             self._sticks_ns = None
             self._hold_ns = AT_ONCE
         if self._holds and now_ns >= self._hold_ns:
@@ -154,7 +158,7 @@ class ControlCore:
         return actions
 
     def deadline_ns(self) -> int | None:
-        """When manual set-points expire, or the vehicle is commanded to hold again; None in mode auto."""
+        """Instant at which set-points expire or the command to hold is repeated, or None in mode auto."""
         if self._state.mode is DriveMode.MANUAL:
             return self._manual_ns + self._timeout_ns
         if self._sticks_ns is not None:

@@ -1,4 +1,4 @@
-"""The table of modes: whose set-points reach the chassis in each mode, and which event leads where."""
+"""The table of modes: which source reaches the chassis in each mode, and which events change the mode."""
 
 from enum import StrEnum
 from typing import Final
@@ -15,7 +15,7 @@ class Source(StrEnum):
 
 
 class Decision(StrEnum):
-    """What happens to a set-point."""
+    """Treatment of a set-point: passed on, ignored or refused."""
 
     PASS = "passed on"
     IGNORE = "ignored"
@@ -36,8 +36,7 @@ DECISIONS: Final[dict[tuple[DriveMode, Source], Decision]] = {
     (DriveMode.PILOT, Source.OPERATOR): Decision.REFUSE,
     (DriveMode.PILOT, Source.PILOT): Decision.PASS,
 }
-"""What happens to a set-point of each source in each mode; an operator is the one who has the stick, the
-pilot the one with the switch of the vehicle."""
+"""Treatment of a set-point by mode and source; the operator has the stick, the pilot the vehicle's switch."""
 
 _AUTO, _MANUAL, _HOLD, _PILOT = DriveMode.AUTO, DriveMode.MANUAL, DriveMode.HOLD, DriveMode.PILOT
 
@@ -55,7 +54,7 @@ TRANSITIONS: Final[dict[tuple[DriveMode, DriveEvent], DriveMode | None]] = {
     (_MANUAL, DriveEvent.EXPIRED): _HOLD,
     (_MANUAL, DriveEvent.RELEASE): _AUTO,
     (_MANUAL, DriveEvent.ORDER): _AUTO,
-    # a person flies: the failed mission takes the vehicle when the set-points stop
+    # a person flies: the recovery of a failed mission waits until the set-points stop
     (_MANUAL, DriveEvent.RECOVERY): None,
     (_MANUAL, DriveEvent.SWITCH_MANUAL): _PILOT,
     (_MANUAL, DriveEvent.SWITCH_AUTO): _MANUAL,
@@ -76,4 +75,4 @@ TRANSITIONS: Final[dict[tuple[DriveMode, DriveEvent], DriveMode | None]] = {
     (_PILOT, DriveEvent.SWITCH_MANUAL): _PILOT,
     (_PILOT, DriveEvent.SWITCH_AUTO): _AUTO,
 }
-"""Mode after each event in each mode; None: the event is refused and changes nothing."""
+"""Mode that follows from a mode and an event, or None if the event is refused in that mode."""

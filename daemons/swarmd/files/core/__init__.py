@@ -1,1 +1,1 @@
-"""Decisions of the service `files`: what is taken, and what must go for it."""
+"""Decisions of the service `files`: which files are accepted, and which incomplete files are evicted."""

@@ -1,4 +1,4 @@
-"""Which offered files are taken, and which incomplete ones are given up for them."""
+"""Acceptance of offered files, and eviction of incomplete files that are not continued."""
 
 from typing import Final
 
@@ -9,32 +9,32 @@ from swarmware.errors import Conflict, OutOfRange
 from swarmware.types.file import FileOffer
 
 PARTS_MAX: Final = 16
-"""Incomplete files at a time."""
+"""Maximum number of incomplete files at a time."""
 
 
 class IncompleteFile(msgspec.Struct):
-    """A file of which blocks arrive."""
+    """An accepted file whose blocks are still arriving."""
 
     offer: FileOffer
     touched_ns: int
 
 
 class FileIntake:
-    """The incomplete files by digest, and the room that is left."""
+    """Incomplete files by digest, and the storage that is left for further ones."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self._parts: dict[bytes, IncompleteFile] = {}
 
     def free_bytes(self, stored_bytes: int) -> int:
-        """Bytes that may still be offered, beside the stored files."""
+        """Bytes left for new offers; incomplete files count with their full size."""
         promised = sum(part.offer.size_bytes for part in self._parts.values())
         return max(0, self._config.limit_bytes - stored_bytes - promised)
 
     def on_offer(self, offer: FileOffer, stored_bytes: int, now_ns: int) -> list[bytes]:
-        """Takes an offer; returns the digests of incomplete files that were not continued for long.
+        """Accepts an offer; returns the digests of the incomplete files that were evicted as stale.
 
-        Raises: OutOfRange for a file that is too large, Conflict while too many others arrive.
+        Raises: OutOfRange for a file that is too large, Conflict while too many other files arrive.
         """
         part = self._parts.get(offer.digest)
         if part is not None:
@@ -44,6 +44,7 @@ class FileIntake:
                 )
             part.touched_ns = now_ns
             return []
+        # before the limits are checked: stale files free their bytes and their place
         gone = self._give_up(now_ns)
         config = self._config
         if offer.size_bytes > config.file_limit_bytes:
@@ -54,12 +55,14 @@ class FileIntake:
             room = f"{free} of {config.limit_bytes} (limit_bytes) are free"
             raise OutOfRange(f"{offer.name}: {offer.size_bytes} bytes; {room}")
         if len(self._parts) >= PARTS_MAX:
-            raise Conflict(f"{offer.name}: {PARTS_MAX} other files arrive; expected one after them")
+            raise Conflict(
+                f"{offer.name}: {PARTS_MAX} other files arrive; expected fewer; offer it again after them"
+            )
         self._parts[offer.digest] = IncompleteFile(offer, now_ns)
         return gone
 
     def on_block(self, name: str, digest: bytes, now_ns: int) -> FileOffer | None:
-        """The offer to which a block belongs; None: there is none."""
+        """The offer to which a block belongs, or None if the file was not offered."""
         part = self._parts.get(digest)
         if part is None or part.offer.name != name:
             return None
@@ -67,7 +70,7 @@ class FileIntake:
         return part.offer
 
     def on_ended(self, digest: bytes) -> None:
-        """A file is complete, or was refused."""
+        """Forgets a file that is complete or was refused."""
         self._parts.pop(digest, None)
 
     def _give_up(self, now_ns: int) -> list[bytes]:

@@ -1,1 +1,1 @@
-"""Decisions of the guard: when a service is started, killed, restarted or given up; no process or clock."""
+"""Decisions of the guard, without processes or clock: start, kill, restart and giving up of services."""

@@ -6,29 +6,29 @@ from typing import Final, NamedTuple
 import msgspec
 
 PRESSED_RATIO: Final = 0.85
-"""Use of all cores above which processes wait for each other …"""
+"""Use of all cores above which processes wait for each other, and priorities are set."""
 RELAXED_RATIO: Final = 0.7
-"""… and below which they do not: between both nothing changes."""
+"""Use of all cores below which priorities are reset; lower than `PRESSED_RATIO` for hysteresis."""
 PRESSED_NS: Final = 3_000_000_000
-"""Time of high use before anything is set: a start of services takes less."""
+"""Duration of high use before priorities are set; the start of the services is shorter."""
 RELAXED_NS: Final = 10_000_000_000
-"""Time of low use before everything is reset."""
+"""Duration of low use before all priorities are reset."""
 HEAVY_PERCENT: Final = 25.0
-"""Share of one core above which a process is one that others wait for."""
+"""Share of one core above which a process counts as heavy and can be demoted."""
 LATE_MS: Final = 20.0
-"""Lateness of an event loop that delays a control step of 50 ms; without load it is below 5 ms."""
+"""Lateness of an event loop that would delay a control step of 50 ms; without load it is below 5 ms."""
 SAMPLES: Final = 3
-"""Samples in a row that decide about a process."""
+"""Consecutive samples after which a process counts as heavy or late."""
 DEMOTED: Final = 5
-"""Niceness of a heavy process: a third of the weight of one with 0 (sched(7): a step is a factor of 1.25)."""
+"""Niceness of a heavy process, a third of the weight of niceness 0 (sched(7): factor 1.25 per step)."""
 PROMOTED: Final = -5
 """Niceness of a process that is late and not heavy."""
 NEVER_DEMOTED: Final = frozenset({"guard", "health", "broker", "hal", "control"})
-"""Services on which the others and the motors depend."""
+"""Services on which other services and the motors depend."""
 
 
 class ServiceLoad(NamedTuple):
-    """What one service used in the last second."""
+    """Load of one service in the last second."""
 
     name: str
     pid: int
@@ -39,11 +39,11 @@ class ServiceLoad(NamedTuple):
 
 
 class ProcessPriority(NamedTuple):
-    """ProcessPriority of a process."""
+    """Niceness of a process, and the cores on which it runs."""
 
     nice: int = 0
     cores: tuple[int, ...] = ()
-    """Cores on which it runs; empty: all."""
+    """Cores on which the process runs, or () for all cores."""
 
 
 class SetPriority(msgspec.Struct, frozen=True):
@@ -61,30 +61,30 @@ class _Process:
         self.pid = pid
         self.priority = ProcessPriority()
         self.heavy = 0
-        """Samples in a row in which it was heavy."""
+        """Consecutive samples in which the process was heavy."""
         self.late = 0
 
 
 class PriorityCore:
-    """Decides priorities: while the processor is short, heavy processes yield to those that are late.
+    """Decides priorities: while the processor is overloaded, heavy processes yield to late processes.
 
-    What was set stays until the processor is relaxed for a while, so that a process that became light because
-    it yields does not get its priority back at once.
+    A priority stays until the load has been low for a while. Otherwise a process that is light only because
+    it yields would get its priority back at once.
     """
 
     def __init__(self, cores: tuple[int, ...], lowest_nice: int) -> None:
-        """`lowest_nice`: the lowest niceness that may be set; above 0 no niceness can be taken back, and only
-        cores are set."""
+        """`lowest_nice`: lowest niceness that may be set; above 0 a niceness is irreversible, and only cores
+        are set."""
         self._cores = cores
         self._lowest_nice = lowest_nice
         self._processes: dict[str, _Process] = {}
         self._pressed = False
         self._since_ns: int | None = None
-        """Since when the use demands the other state."""
+        """Instant since which the use of the processor calls for the other state."""
 
     @property
     def pressed(self) -> bool:
-        """Whether the processor is short."""
+        """True while the processor is overloaded."""
         return self._pressed
 
     def of(self, name: str) -> ProcessPriority:
@@ -93,18 +93,19 @@ class PriorityCore:
         return ProcessPriority() if process is None else process.priority
 
     def on_found(self, name: str, pid: int, priority: ProcessPriority) -> None:
-        """A process has a priority that a former guard has set."""
+        """Takes a priority that the previous guard has set for a process."""
         process = self._processes[name] = _Process(pid)
         process.priority = priority
 
     def on_refused(self, name: str) -> None:
-        """The system refused a priority: it is not set again for this process."""
+        """Takes a refusal by the system; no priority is set again for this process."""
         if (process := self._processes.get(name)) is not None:
             process.priority = ProcessPriority()
+            # counts up without ever reaching SAMPLES
             process.heavy = process.late = -(1 << 62)
 
     def on_loads(self, busy_ratio: float, loads: Iterable[ServiceLoad], now_ns: int) -> list[SetPriority]:
-        """Takes a sample of the whole computer and of each service; what is to be set."""
+        """Takes a sample of the load of the computer and of each service; returns the priorities to set."""
         self._judge(busy_ratio, now_ns)
         actions = []
         seen = set()
@@ -112,8 +113,11 @@ class PriorityCore:
             seen.add(load.name)
             process = self._processes.get(load.name)
             if process is None or process.pid != load.pid:
-                process = self._processes[load.name] = _Process(load.pid)  # it begins with the default
+                process = self._processes[load.name] = _Process(
+                    load.pid
+                )  # a new process starts with the default priority
             heavy = load.cpu_percent >= HEAVY_PERCENT
+            # a negative count is a refused process, which must not be reset to 0
             process.heavy = process.heavy + 1 if heavy or process.heavy < 0 else 0
             process.late = process.late + 1 if load.late_ms >= LATE_MS or process.late < 0 else 0
             wanted = self._wanted(load.name, process)

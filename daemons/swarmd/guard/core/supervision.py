@@ -1,4 +1,4 @@
-"""Supervision of services: when each is started, killed, restarted, given up or stopped."""
+"""Supervision of services: decides the start, kill, restart, giving up and stop of each service."""
 
 from collections.abc import Container
 from enum import StrEnum
@@ -13,7 +13,7 @@ from swarmware.service.exit_status import ExitStatus
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 
 HEARTBEAT_NS: Final = 1_000_000_000
-"""Period of reading heartbeats: that of writing them, at the instants of all periodic work of a process."""
+"""Period of reading heartbeats, equal to the period of writing them; shared with other periodic work."""
 
 
 class ServiceEvent(StrEnum):
@@ -49,13 +49,13 @@ TRANSITIONS: Final[dict[tuple[ServiceState, ServiceEvent], ServiceState]] = {
 
 
 class Spawn(msgspec.Struct, frozen=True):
-    """Start the process of a service."""
+    """Action: start the process of a service."""
 
     service: str
 
 
 class Kill(msgspec.Struct, frozen=True):
-    """Kill the process of a service that hangs, or that did not end when requested to."""
+    """Action: kill the process of a service that is hung, or did not end when requested."""
 
     service: str
     pid: int
@@ -63,40 +63,40 @@ class Kill(msgspec.Struct, frozen=True):
 
 
 class Terminate(msgspec.Struct, frozen=True):
-    """Request the process of a service to end."""
+    """Action: request the process of a service to end."""
 
     service: str
     pid: int
 
 
 class Stop(msgspec.Struct, frozen=True):
-    """Stop a service that must not start again by itself."""
+    """Action: stop a service that must not be restarted automatically."""
 
     service: str
     pid: int
 
 
 class ReportRestart(msgspec.Struct, frozen=True):
-    """Publish a restart of a service, or that it was given up."""
+    """Action: publish that a service was restarted or given up."""
 
     service: WatchedService
 
 
 class WatchProcess(msgspec.Struct, frozen=True):
-    """Report the end of this process of a service to `on_exit`."""
+    """Action: report the end of this process of a service to `on_exit`."""
 
     service: str
     pid: int
 
 
 class ClearStartRecord(msgspec.Struct, frozen=True):
-    """Remove the start record of a service that has joined the node."""
+    """Action: remove the start record of a service that has joined the node."""
 
     service: str
 
 
 class ReadHeartbeats(msgspec.Struct, frozen=True):
-    """Read application files and heartbeats, call their events, then `on_heartbeats_read`."""
+    """Action: read application files and heartbeats, call their events, then `on_heartbeats_read`."""
 
 
 Action = Spawn | Kill | Terminate | Stop | ReportRestart | WatchProcess | ClearStartRecord | ReadHeartbeats
@@ -115,23 +115,23 @@ class SupervisedService(msgspec.Struct):
     reason: str = ""
     beat: int = -1
     deadline_ns: int | None = None
-    """Starting: when it must have joined. Running: when the next heartbeat is due. Back-off: when it is
-    started. Stopping: when it is killed."""
+    """Deadline of the present state: to join (starting), for a heartbeat (running), of the next start
+    (back-off), or to end before the kill (stopping)."""
     ran_before: bool = False
-    """It ran under the previous guard."""
+    """True if the service was running under the previous guard."""
     kill_reason: str = ""
-    """Reason for which the guard ended it, reported with its exit."""
+    """Reason why the guard ended the process, reported with its exit."""
     stopped_by: str = ""
-    """Operator who stopped it; empty: none."""
+    """Operator who stopped the service, or "" if no operator did."""
 
     def transition(self, event: ServiceEvent, now_ns: int) -> None:
-        """Change the state as the table of transitions says."""
+        """Changes the state by the table of transitions."""
         self.state = TRANSITIONS[self.state, event]
         self.since_ns = now_ns
         self.deadline_ns = None
 
     def status(self) -> WatchedService:
-        """State for the status board and the events."""
+        """State of the service, for the status board and the events."""
         return WatchedService(
             self.name,
             self.state,
@@ -145,7 +145,7 @@ class SupervisedService(msgspec.Struct):
 
 
 def exit_reason(how: ExitStatus) -> str:
-    """Reason of a restart; only the parent of a process learns its exit status."""
+    """Reason of a restart, with the exit status if this process is the parent and knows it."""
     return f"died: {how}" if how.known else "died"
 
 
@@ -174,14 +174,14 @@ class GuardCore:
         self._stop_ns = round(config.stop_s * 1e9)
         self._stopping: list[str] | None = None
         self._next_read_ns: int | None = None
-        """Next reading of heartbeats."""
+        """Instant of the next reading of heartbeats."""
 
     def __contains__(self, name: str) -> bool:
         return name in self._services
 
     @property
     def stopped(self) -> bool:
-        """Whether every service has stopped after `on_stop`."""
+        """True if every service has stopped after `on_stop`."""
         return self._stopping is not None and all(
             watched.state is ServiceState.STOPPED for watched in self._services.values()
         )
@@ -192,7 +192,7 @@ class GuardCore:
         return GuardStatus(self._supervisor, services, sum(watched.restarts for watched in services))
 
     def restore(self, before: GuardStatus, may_be_stopped: Container[str] = ()) -> None:
-        """Restore counters, and which services an operator stopped, from the status of a killed guard."""
+        """Restores the counters and the stopped services from the status board of a killed guard."""
         for old in before.services:
             if (watched := self._services.get(old.name)) is not None:
                 watched.restarts = old.restarts
@@ -203,13 +203,13 @@ class GuardCore:
     # -- events
 
     def on_start(self, running: dict[str, int], starting: dict[str, int], now_ns: int) -> list[Action]:
-        """Adopt services that run (pid by name), wait for those that are starting, start the others."""
+        """Adopts running services (pid by name), waits for starting services, and starts the other ones."""
         self._next_read_ns = now_ns
         actions: list[Action] = []
         for watched in self._services.values():
             if watched.name in running:
                 actions += self._adopt(watched, running[watched.name], now_ns)
-                if watched.stopped_by:  # the former guard was killed before it had ended
+                if watched.stopped_by:  # the previous guard was killed before the service had ended
                     actions += self.on_stop_order(watched.name, watched.stopped_by, now_ns)
                 continue
             if watched.stopped_by:
@@ -229,32 +229,34 @@ class GuardCore:
         return actions
 
     def on_spawned(self, name: str, pid: int, now_ns: int) -> list[Action]:
-        """The process was started; pid 0: by another supervisor that does not report its pid."""
+        """Takes the pid of a started process, or 0 if the supervisor does not report it."""
         self._services[name].pid = pid
         return [WatchProcess(name, pid)] if pid else []
 
     def on_joined(self, name: str, pid: int, now_ns: int) -> list[Action]:
-        """A living process has the application file of the service, whichever supervisor started it."""
+        """Takes that a living process has joined the node as this service, whatever supervisor started it."""
         watched = self._services[name]
         if watched.state is ServiceState.STARTING and watched.pid in {pid, 0}:
             watched.transition(ServiceEvent.JOINED, now_ns)
             followed, watched.pid = watched.pid, pid
             self._expect_heartbeat(watched, now_ns)
             return [ClearStartRecord(name)] if followed else [ClearStartRecord(name), WatchProcess(name, pid)]
+        # a process that another supervisor or an operator has started
         if (watched.state, ServiceEvent.ADOPT) in TRANSITIONS and watched.state is not ServiceState.WAITING:
             return self._adopt(watched, pid, now_ns)
         return []
 
     def on_heartbeat(self, name: str, beat: int, now_ns: int) -> list[Action]:
-        """The heartbeat count of its status board; only a change is a heartbeat."""
+        """Takes the count on the service's status board; only a changed count is a heartbeat."""
         watched = self._services[name]
+        # heartbeats of a process that is to restart must not postpone its kill
         if watched.state is ServiceState.RUNNING and beat != watched.beat and not watched.kill_reason:
             watched.beat = beat
             self._expect_heartbeat(watched, now_ns)
         return []
 
     def on_restarted(self, name: str, restarts: int, now_ns: int) -> list[Action]:
-        """The number of restarts of the service by the runner of its process."""
+        """Takes the number of times that the runner of the process has restarted the service."""
         watched = self._services[name]
         if watched.state is not ServiceState.RUNNING or restarts <= watched.restarts:
             return []
@@ -265,7 +267,7 @@ class GuardCore:
         return [ReportRestart(watched.status())]
 
     def on_exit(self, name: str, pid: int, how: ExitStatus, now_ns: int) -> list[Action]:
-        """A process ended; `how`: its exit status, as far as it is known."""
+        """Takes the end of a process; `how` is its exit status, as far as it is known."""
         watched = self._services[name]
         if watched.pid != pid or (watched.state, ServiceEvent.EXIT) not in TRANSITIONS:
             return []
@@ -279,10 +281,11 @@ class GuardCore:
             return []
         if self._stopping is not None:
             if (watched.state, ServiceEvent.STOP) in TRANSITIONS:
-                watched.transition(ServiceEvent.STOP, now_ns)  # it ended before it was requested to
+                watched.transition(ServiceEvent.STOP, now_ns)  # ended before it was requested to end
             return self._stop_next(now_ns)
         killed_here = bool(watched.kill_reason)
         watched.reason, watched.kill_reason = watched.kill_reason or exit_reason(how), ""
+        # a kill by the guard counts as a failure of the service, a kill by another process does not
         pause_s = watched.policy.on_end(now_ns, killed=how.killed and not killed_here)
         if pause_s is None:
             watched.transition(ServiceEvent.GIVE_UP, now_ns)
@@ -294,12 +297,12 @@ class GuardCore:
         return actions + self._due(watched, now_ns)
 
     def on_restart_order(self, name: str, now_ns: int) -> list[Action]:
-        """An operator requests a restart of the service, also of one that was given up."""
+        """Restarts a service at an operator's request, even if the service was given up."""
         watched = self._services[name]
         if self._stopping is not None:
             return []
         if watched.state is ServiceState.STOPPING:
-            return []  # the operator starts it when it has ended
+            return []  # the operator can start the service when it has ended
         watched.policy.reset()
         watched.stopped_by = ""
         if watched.state in {ServiceState.RUNNING, ServiceState.STARTING}:
@@ -314,7 +317,7 @@ class GuardCore:
         return []
 
     def on_stop_order(self, name: str, by: str, now_ns: int) -> list[Action]:
-        """An operator stops a service; it is not started again before `on_start_order` or a new node.
+        """Stops a service at an operator's request, until `on_start_order` or the next start of the node.
 
         Raises: Denied for a service that cannot be stopped.
         """
@@ -333,9 +336,9 @@ class GuardCore:
         return [Stop(name, watched.pid)]
 
     def on_start_order(self, name: str, now_ns: int) -> list[Action]:
-        """An operator starts a service that was stopped or given up; nothing happens to one that runs.
+        """Starts a stopped or given-up service at an operator's request; a running service is left alone.
 
-        Raises: Denied while it is still being stopped.
+        Raises: Denied while the service is still being stopped.
         """
         watched = self._services[name]
         if watched.state is ServiceState.STOPPING:
@@ -349,7 +352,7 @@ class GuardCore:
         return [self._spawn(watched, now_ns)]
 
     def on_stop(self, now_ns: int) -> list[Action]:
-        """Stop all services one after the other, in the reverse order of their start."""
+        """Stops all services one after the other, in the reverse order of their start."""
         if self._stopping is not None:
             return []
         self._stopping = list(reversed(self._services))
@@ -359,7 +362,7 @@ class GuardCore:
         return self._stop_next(now_ns)
 
     def deadline_ns(self) -> int | None:
-        """Next call of `on_timer`."""
+        """Instant of the next call of `on_timer`, or None when all services have stopped."""
         if self.stopped or self._next_read_ns is None:
             return None
         deadline_ns = self._service_deadline_ns()
@@ -372,15 +375,16 @@ class GuardCore:
         )
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Heartbeats are to be read: once a second, and at each deadline of a service."""
+        """Requests the heartbeats, once a second and at each deadline of a service."""
         if self._next_read_ns is not None and self._next_read_ns <= now_ns:
             self._next_read_ns = (now_ns // HEARTBEAT_NS + 1) * HEARTBEAT_NS
         return [ReadHeartbeats()]
 
     def on_heartbeats_read(self, now_ns: int) -> list[Action]:
-        """Handle expired deadlines: start after a back-off, kill what hangs or does not end.
+        """Handles expired deadlines: starts services after a back-off, kills services that hang or do not
+        end.
 
-        When the guard itself was delayed, deadlines are extended: silence in that time is not a failure.
+        A delay of the guard itself extends the deadlines, because silence in that time is not a failure.
         """
         deadline_ns = self._service_deadline_ns()
         late_ns = now_ns - deadline_ns if deadline_ns is not None else 0
@@ -407,7 +411,7 @@ class GuardCore:
             case ServiceState.RUNNING:
                 reason = f"hung: no beat for {silent_s:.1f} s"
             case _:
-                reason = "did not end when asked"
+                reason = "did not end when requested"
         return self._kill(watched, reason, now_ns)
 
     def _kill(self, watched: SupervisedService, reason: str, now_ns: int) -> list[Action]:

@@ -10,18 +10,18 @@ from swarmd.hal.driver import DeviceError, DeviceGone
 _ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR})
 _FORBIDDEN: Final = frozenset({errno.EACCES, errno.EPERM})
 _SILENT: Final = frozenset({errno.EREMOTEIO, errno.ETIMEDOUT, errno.EAGAIN, errno.ENXIO})
-"""What the drivers of I2C adapters report when no device acknowledges. Source: Linux, i2c/fault-codes."""
+"""Errors of I2C adapters when no device acknowledges. Source: Linux, Documentation/i2c/fault-codes."""
 _UNSUPPORTED: Final = frozenset({errno.ENOTTY, errno.EOPNOTSUPP, errno.EINVAL})
 
 
 class Bus(ABC):
-    """A connection to one device, opened by its constructor and used by one driver.
+    """Base of connections to one device, opened by the constructor and used by one driver.
 
     Each method raises DeviceGone when the device is absent, DeviceError when it does not answer.
     """
 
     path: str
-    """Device file, folder or interface of the bus, as errors name it."""
+    """Device file, folder or interface of the bus, for error messages."""
 
     @abstractmethod
     def close(self) -> None:
@@ -31,7 +31,7 @@ class Bus(ABC):
 class DeviceFile:
     """A device file of the kernel, open for reading and writing until it is closed.
 
-    Raises: DeviceGone when there is none; DeviceError without access.
+    Raises: DeviceGone when the file is missing; DeviceError without access.
     """
 
     def __init__(self, path: str) -> None:
@@ -42,14 +42,14 @@ class DeviceFile:
             raise opening_error(path, error) from error
 
     def close(self) -> None:
-        """Closes the file once."""
+        """Closes the file; further calls do nothing."""
         if self.fd >= 0:
             os.close(self.fd)
             self.fd = -1
 
 
 def opening_error(path: str, error: OSError) -> DeviceError:
-    """Why a bus could not be opened."""
+    """Error of a bus that could not be opened."""
     if error.errno in _ABSENT:
         return DeviceGone(f"{path}: no such device")
     if error.errno in _FORBIDDEN:
@@ -60,11 +60,11 @@ def opening_error(path: str, error: OSError) -> DeviceError:
 
 
 def transfer_error(path: str, error: OSError) -> DeviceError:
-    """Why a transfer on an open bus failed."""
+    """Error of a failed transfer on an open bus."""
     if error.errno in _SILENT:
         return DeviceError(f"{path}: the device does not answer ({error.strerror})")
     if error.errno == errno.ENODEV:
         return DeviceGone(f"{path}: unplugged: {error.strerror}")
     if error.errno in _UNSUPPORTED:
-        return DeviceError(f"{path}: not a bus of this kind, or one that cannot do this: {error.strerror}")
+        return DeviceError(f"{path}: not a bus of this kind, or without this function: {error.strerror}")
     return DeviceError(f"{path}: {error.strerror}")

@@ -1,4 +1,4 @@
-"""A CAN bus by python-can: frames in as they arrive, frames out without waiting."""
+"""A CAN bus with python-can, which receives frames as they arrive and sends without waiting."""
 
 import asyncio
 import threading
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from can import BusABC
 
 _WAIT_S: Final = 0.2
-"""Longest time after which the thread of a closed bus ends."""
+"""Maximum time until the thread of a closed bus ends."""
 
 
 class CanFrame(msgspec.Struct, frozen=True, gc=False):
-    """A data frame with an identifier of 29 bits."""
+    """A data frame with a 29-bit identifier."""
 
     id: int
     data: bytes
@@ -39,7 +39,7 @@ class CanBus(Bus):
             ) from error
         self.path = f"{interface}:{channel}"
         self.dropped = 0
-        """Frames that the interface did not take, because nothing acknowledges or its queue is full."""
+        """Number of unsent frames, because no controller acknowledges or the queue is full."""
         self._error, self._message = can.CanError, can.Message
         self._on_frame = on_frame
         self._lost = ""
@@ -52,12 +52,13 @@ class CanBus(Bus):
         threading.Thread(target=self._receive, name=f"can-{channel}", daemon=True).start()
 
     def _receive(self) -> None:
-        """Receives until the bus is closed or lost; the thread of the bus, which also ends it."""
+        """Body of the thread of the bus: receives until the bus is closed or lost, and shuts the bus down."""
         try:
             while not self._closed.is_set():
                 message = self._bus.recv(_WAIT_S)
                 if message is not None and message.is_extended_id and not message.is_error_frame:
                     frame = CanFrame(message.arbitration_id, bytes(message.data))
+                    # the driver belongs to the event loop, and must not be called in this thread
                     self._loop.call_soon_threadsafe(self._pass, frame)
         except (self._error, OSError, ValueError) as error:
             self._lost = f"{self.path}: lost: {error}"
@@ -84,5 +85,5 @@ class CanBus(Bus):
             self.dropped += 1
 
     def close(self) -> None:
-        """Ends the thread, which closes the interface."""
+        """Ends the thread, which then closes the interface."""
         self._closed.set()

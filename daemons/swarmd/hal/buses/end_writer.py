@@ -1,4 +1,4 @@
-"""The last writes of a driver whose process hangs or was killed: a process of its own makes them."""
+"""End writer: a separate process writes the safe outputs when the driver's process hangs or is killed."""
 
 import logging
 import os
@@ -15,20 +15,21 @@ from swarmd.hal.buses import write_at_end
 from swarmd.hal.driver import DeviceError
 
 CLOSE_S: Final = 1.0
-"""Time that the process has to write, after which it is killed."""
+"""Time for the process to write before it is killed."""
 _PROGRAM: Final = str(Path(write_at_end.__file__))
 _END: Final = b"e"
 _MARGIN: Final = 0.5
-"""Share of the time of silence from which the process may have written."""
+"""Ratio of `held_s` above which a silence may already have triggered the process."""
 
 log = logging.getLogger("swarm.hal")
 
 
 class EndWriter:
-    """Writes texts to files when this process hangs or ends: a kernel keeps its outputs as they are.
+    """Writes texts to files when this process hangs or ends, because the kernel would keep its outputs
+    unchanged.
 
-    `held_s`: time without a call of `keep` after which the texts are written; `dead_s`: the same where this
-    process has ended, unless another one has changed the files by then.
+    `held_s`: time without a call of `keep` after which the texts are written. `dead_s`: time after the end of
+    this process, unless another process has changed the files by then.
     Raises: DeviceError when the process does not start.
     """
 
@@ -42,11 +43,12 @@ class EndWriter:
         assert ready is not None
         if not ready.read(1):
             self.close()
-            raise DeviceError(f"{_PROGRAM}: ended at its start; expected a process that waits")
+            raise DeviceError(f"{_PROGRAM}: ended at its start; expected a running process")
 
     def _started(self) -> subprocess.Popen[bytes]:
         try:
             process = subprocess.Popen(
+                # isolated and without `site`: starts fast, and does not depend on installed packages
                 [sys.executable, "-I", "-S", _PROGRAM, str(self._held_s), str(self._dead_s), *self._texts],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -55,24 +57,25 @@ class EndWriter:
         except OSError as error:
             raise DeviceError(f"{_PROGRAM}: cannot be started: {error}") from error
         assert process.stdin is not None
+        # a heartbeat must never block the control loop
         os.set_blocking(process.stdin.fileno(), False)
         return process
 
     @property
     def pid(self) -> int:
-        """Process id of the waiting process."""
+        """Process id of the end writer's process."""
         return self._process.pid
 
     def keep(self) -> bool:
-        """A heartbeat of the driver; True if the process may have written since the last one.
+        """Sends a heartbeat; returns True if the process may have written since the previous heartbeat.
 
-        Starts the process again if something has ended it. Raises: DeviceError.
+        A process that has ended is started again. Raises: DeviceError.
         """
         now_s = time.monotonic()
         since_s, self._kept_s = now_s - self._kept_s, now_s
         if self._process.poll() is not None:
             log.warning(
-                "the process that stops the outputs of a driver that hangs has ended: it is started again"
+                "the end writer, which makes the outputs safe if this driver hangs, has ended; started again"
             )
             self._close_pipes()
             self._process = self._started()
@@ -82,17 +85,17 @@ class EndWriter:
     def _send(self, word: bytes) -> None:
         stdin = self._process.stdin
         if stdin is not None and not stdin.closed:
-            with suppress(BlockingIOError, BrokenPipeError):  # a full pipe has heartbeats enough
+            with suppress(BlockingIOError, BrokenPipeError):  # a full pipe has enough heartbeats
                 os.write(stdin.fileno(), word)
 
     def leave(self) -> None:
-        """Ends this side only: the process writes after its time, unless another driver changes the
+        """Closes this side only; the process writes after `dead_s`, unless another driver changes the
         outputs."""
         self._close_pipes()
         threading.Thread(target=self._process.wait, name="hal-end", daemon=True).start()
 
     def close(self) -> None:
-        """Ends the process, which writes the texts now."""
+        """Ends the process, which writes the texts at once."""
         self._send(_END)
         self._close_pipes()
         try:

@@ -1,4 +1,4 @@
-"""One line of a GPIO chip of the kernel, whose rising edges are read with their instants."""
+"""Rising edges on one line of a GPIO chip of the kernel, with their instants."""
 
 import asyncio
 import fcntl
@@ -22,9 +22,9 @@ _EVENTS: Final = 16
 
 
 class GpioEdges(Bus):
-    """The rising edges of one line, each given to `on_edge` with its instant in CLOCK_MONOTONIC.
+    """Reports each rising edge of one line to `on_edge`, with its instant in CLOCK_MONOTONIC.
 
-    `on_lost`: the kernel's buffer was full. Raises: DeviceGone, DeviceError.
+    `on_lost` is called after edges were lost in the kernel's full buffer. Raises: DeviceGone, DeviceError.
     """
 
     def __init__(
@@ -45,6 +45,7 @@ class GpioEdges(Bus):
             raise transfer_error(self.path, error) from error
         finally:
             file.close()
+        # the kernel returns the descriptor of the line in the request, which stays open without the chip
         self._fd: int = _REQUEST.unpack(request)[-1]
         os.set_blocking(self._fd, False)
         self._loop = asyncio.get_running_loop()
@@ -70,12 +71,12 @@ class GpioEdges(Bus):
             self._on_edge(stamp_ns)
 
     def check(self) -> None:
-        """Check that the line is still there. Raises: DeviceGone."""
+        """Checks that the line still exists. Raises: DeviceGone."""
         if self._lost:
             raise DeviceGone(f"{self.path}: lost: {self._lost}")
 
     def close(self) -> None:
-        """Releases the line once."""
+        """Releases the line; further calls do nothing."""
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
             os.close(self._fd)

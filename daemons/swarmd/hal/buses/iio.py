@@ -1,4 +1,4 @@
-"""Converters of the industrial I/O of Linux, as files below `/sys/bus/iio/devices`."""
+"""Analogue-digital converters in Linux's industrial I/O (IIO), as files below `/sys/bus/iio/devices`."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from swarmd.hal.driver import DeviceError
 
 
 class IioDevice(Bus):
-    """An analogue-digital converter, on whatever bus the kernel reaches it.
+    """An analogue-digital converter, on any bus that the kernel supports.
 
     Source: Linux, Documentation/ABI/testing/sysfs-bus-iio.
     """
@@ -24,7 +24,7 @@ class IioDevice(Bus):
         return (raw + offset) * scale_mv / 1000
 
     def _of(self, channel: int, what: str, default: float | None) -> float:
-        """A property of an input, else of all."""
+        """A property of one input, or of all inputs together if it has no own file."""
         for name in (f"in_voltage{channel}_{what}", f"in_voltage_{what}"):
             if (self._folder / name).exists():
                 return self._number(name)
@@ -42,4 +42,4 @@ class IioDevice(Bus):
             raise DeviceError(f"{file}: {text[:20]!r}, expected a number") from None
 
     def close(self) -> None:
-        """Nothing is open between two readings."""
+        """Does nothing, because no file stays open between two readings."""

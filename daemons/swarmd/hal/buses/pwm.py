@@ -8,13 +8,13 @@ from swarmd.hal.buses.bus import Bus, opening_error, transfer_error
 from swarmd.hal.driver import DeviceError
 
 _US: Final = 1000
-"""Nanoseconds, in which the kernel counts, of one microsecond."""
+"""Nanoseconds, the kernel's unit, per microsecond."""
 
 
 class PwmChannel(Bus):
-    """One output of a chip such as `/sys/class/pwm/pwmchip0`; its pulses begin with the first width.
+    """One output of a chip such as `/sys/class/pwm/pwmchip0`; the pulses begin with the first width.
 
-    `keeps`: pulses of this period that another process has left running continue until the first width.
+    `keeps`: running pulses of the same period, left by another process, continue until the first width.
     Source: Linux, Documentation/ABI/testing/sysfs-class-pwm.
     """
 
@@ -24,14 +24,14 @@ class PwmChannel(Bus):
         self._period_ns = round(period_s * 1e9)
         self._duty = -1
         self._on: bool | None = False
-        """Whether there are pulses; None: another process may have changed it."""
+        """True while there are pulses, or None if another process may have changed them."""
         try:
             if not self._folder.exists():
                 (Path(chip) / "export").write_text(f"{channel}\n", "ascii")
             if keeps and self._read("period") == self._period_ns and self._read("enable"):
                 self._on = True
             else:
-                # a former period may be shorter than a former width: off first
+                # the kernel refuses a period shorter than the old pulse width, so the width is cleared first
                 self._write("duty_cycle", 0)
                 self._write("period", self._period_ns)
             self._duty = os.open(self._folder / "duty_cycle", os.O_WRONLY | os.O_CLOEXEC)
@@ -46,11 +46,12 @@ class PwmChannel(Bus):
         return int(line) if line.isdigit() else 0
 
     def forget(self) -> None:
-        """Takes that another process may have changed the pulses: the next width is set in any case."""
+        """Takes that another process may have changed the pulses, so that the next width is always
+        written."""
         self._on = None
 
     def set_pulse(self, width_us: float) -> None:
-        """Sets the width of the pulses; zero: no pulses. Raises: DeviceError."""
+        """Sets the width of the pulses, or stops the pulses for 0. Raises: DeviceError."""
         if not 0 <= width_us * _US <= self._period_ns:
             raise DeviceError(f"{self.path}: pulse of {width_us:g} µs, expected at most one period")
         try:
@@ -62,12 +63,12 @@ class PwmChannel(Bus):
             raise transfer_error(self.path, error) from error
 
     def texts(self, width_us: float) -> list[tuple[str, str]]:
-        """What to write to which files for a width, when this process cannot do it any more."""
+        """Files and texts that set a width, for the end writer."""
         found = [(str(self._folder / "duty_cycle"), f"{round(width_us * _US)}\n")]
         return found if width_us > 0 else [*found, (str(self._folder / "enable"), "0\n")]
 
     def close(self) -> None:
-        """Closes the channel, whose pulses continue at the last width: a motor must not lose them."""
+        """Closes the channel; the pulses continue at the last width, because a motor must not lose them."""
         if self._duty >= 0:
             os.close(self._duty)
             self._duty = -1

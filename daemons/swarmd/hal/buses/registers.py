@@ -20,7 +20,7 @@ _SPI_MESSAGE: Final = 0x40206B00
 """SPI_IOC_WR_MODE, _WR_BITS_PER_WORD, _WR_MAX_SPEED_HZ, SPI_IOC_MESSAGE(1). Source: Linux,
 include/uapi/linux/spi/spidev.h."""
 _SPI_TRANSFER: Final = struct.Struct("=QQIIHBBBBBx")
-"""struct spi_ioc_transfer: buffers to send and to receive, length, speed, and what is left at zero."""
+"""struct spi_ioc_transfer: send buffer, receive buffer, length, speed, and fields that stay zero."""
 _SPI_READ: Final = 0x80
 
 
@@ -29,7 +29,7 @@ class RegisterBus(Bus):
 
     @abstractmethod
     def read(self, register: int, count: int) -> bytes:
-        """The contents of successive registers."""
+        """Reads the contents of successive registers."""
 
     @abstractmethod
     def write(self, register: int, data: bytes) -> None:
@@ -50,7 +50,7 @@ class _I2cTransfer(ctypes.Structure):
 
 
 class I2cBus(RegisterBus):
-    """One device, by its address of seven bits, on a bus such as `/dev/i2c-1`."""
+    """One device with a 7-bit address, on a bus such as `/dev/i2c-1`."""
 
     def __init__(self, path: str, address: int) -> None:
         self._file = DeviceFile(path)
@@ -58,7 +58,7 @@ class I2cBus(RegisterBus):
         self.path = f"{path} address {address:#04x}"
 
     def read(self, register: int, count: int) -> bytes:
-        """Writes the number of the register and reads, without releasing the bus between both."""
+        """Writes the number of the register and reads, without releasing the bus in between."""
         number = ctypes.create_string_buffer(bytes([register]), 1)
         data = ctypes.create_string_buffer(count)
         self._transfer((0, number, 1), (_I2C_READ, data, count))
@@ -88,7 +88,7 @@ class I2cBus(RegisterBus):
 
 
 class SpiBus(RegisterBus):
-    """One device at a chip select such as `/dev/spidev0.0`, with eight bits a word.
+    """One device at a chip select such as `/dev/spidev0.0`, with 8-bit words.
 
     `mode`: clock polarity and phase, 0 to 3.
     """
@@ -109,6 +109,7 @@ class SpiBus(RegisterBus):
 
     def read(self, register: int, count: int) -> bytes:
         """Sends the number of the register, and receives its contents."""
+        # the first byte arrives while the register's number is sent, and has no content
         return self._transfer(bytes([register | _SPI_READ]) + bytes(count))[1:]
 
     def write(self, register: int, data: bytes) -> None:
@@ -135,5 +136,5 @@ class SpiBus(RegisterBus):
 
 
 def open_registers(bus: RegisterBusName, device: str, address: int, speed_hz: int) -> RegisterBus:
-    """A connection to the device. Raises: DeviceGone, DeviceError."""
+    """Opens a connection to a device on I2C or SPI. Raises: DeviceGone, DeviceError."""
     return I2cBus(device, address) if bus == "i2c" else SpiBus(device, speed_hz)

@@ -1,4 +1,4 @@
-"""A serial line as a bus of a driver."""
+"""A serial line, as a bus for drivers."""
 
 from collections.abc import Callable
 
@@ -9,10 +9,10 @@ from swarmware.runtime.serial_port import SerialPort
 
 
 class SerialLine(Bus):
-    """An open serial line, eight data bits, no parity, one stop bit, for this process alone.
+    """An open serial line with 8 data bits, no parity and one stop bit, used by this process alone.
 
-    Raises: DeviceError when another process has it, or it cannot have this rate; DeviceGone when there is
-    none.
+    Raises: DeviceError when another process uses the line, or the line does not support the rate; DeviceGone
+    when the line is missing.
     """
 
     def __init__(self, path: str, baud: int, on_bytes: Callable[[bytes], None]) -> None:
@@ -26,18 +26,18 @@ class SerialLine(Bus):
 
     @property
     def dropped(self) -> int:
-        """Writes that the line could not take, because it is slower or its other end does not read."""
+        """Number of dropped writes, because the line is slower or its other end does not read."""
         return self._line.dropped
 
     def check(self) -> None:
-        """Raises DeviceGone when the other end was lost."""
+        """Checks that the line is connected. Raises: DeviceGone."""
         try:
             self._line.check()
         except NotFound as error:
             raise DeviceGone(str(error)) from error
 
     def write(self, data: bytes) -> None:
-        """Writes all bytes, or none of them when the line is full.
+        """Writes all bytes, or no byte if the line is full.
 
         Raises: DeviceGone when the line is lost.
         """
@@ -47,5 +47,5 @@ class SerialLine(Bus):
             raise DeviceGone(str(error)) from error
 
     def close(self) -> None:
-        """Closes the line for other processes."""
+        """Closes the line, so that other processes can open it."""
         self._line.close()

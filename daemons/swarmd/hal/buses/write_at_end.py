@@ -1,11 +1,12 @@
-"""Program: writes texts to files when its standard input brings nothing for too long, or has ended.
+"""Program that writes texts to files when its standard input is silent for too long, or has ended.
 
-Started as `python -I -S write_at_end.py HELD_S DEAD_S FILE TEXT [FILE TEXT...]`, it imports nothing that is
-installed: it starts at once and takes little memory. The first byte of its output means that it is ready.
+Command: `python -I -S write_at_end.py HELD_S DEAD_S FILE TEXT [FILE TEXT...]`. The program imports no
+installed packages, so it starts at once and takes little memory. Its first byte of output means "ready".
 
-Each byte of the input is a heartbeat. Without one for HELD_S the texts are written; so they are DEAD_S after
-the last one when the input has ended, unless another process has changed a file meanwhile: it has taken over
-the outputs. The byte `e` is an end in order: the texts are written at once.
+Each byte of the input is a heartbeat. After HELD_S without a heartbeat the texts are written. After the end
+of the input they are written DEAD_S after the last heartbeat, unless another process has changed a file
+since, and so has taken over the outputs. The byte `e` is a regular end, at which the texts are written at
+once.
 """
 
 import contextlib
@@ -16,13 +17,15 @@ import sys
 import time
 
 _LOOKS = 20
-"""Wakes within the time of silence: heartbeats come at the rate of control, and are taken together."""
+"""Wake-ups per HELD_S; heartbeats come at the rate of control, and are read in batches to save time."""
 
 
 def main(held_s: float, dead_s: float, pairs: list[str]) -> None:
-    """Waits for silence or the end of the input, then writes."""
+    """Waits for silence or the end of the input, then writes the texts."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # a supervisor ends all processes of a service
+        signal.signal(
+            number, signal.SIG_IGN
+        )  # a supervisor that ends all processes of a service must not end this one first
     with contextlib.suppress(BrokenPipeError):  # the parent may have ended already
         os.write(1, b".")
     lived_s, silent = time.monotonic(), False
@@ -43,7 +46,7 @@ def main(held_s: float, dead_s: float, pairs: list[str]) -> None:
 
 
 def is_ours(paths: list[str], end_s: float) -> bool:
-    """Waits until an instant; whether no other process has changed a file by then."""
+    """Waits until an instant; returns True if no other process has changed a file by then."""
     first = [content(path) for path in paths]
     while (left_s := end_s - time.monotonic()) > 0.0:
         time.sleep(min(left_s, 0.01))
@@ -53,14 +56,14 @@ def is_ours(paths: list[str], end_s: float) -> bool:
 
 
 def content(path: str) -> bytes:
-    """What a file contains; empty if it cannot be read."""
+    """Content of a file, or b"" if it cannot be read."""
     try:
         fd = os.open(path, os.O_RDONLY)
         try:
             return os.read(fd, 64)
         finally:
             os.close(fd)
-    except OSError:  # an output that is gone does not change any more
+    except OSError:  # a missing output does not change
         return b""
 
 
@@ -68,7 +71,7 @@ def write(pairs: list[str]) -> None:
     """Writes each text to its file."""
     for path, text in zip(pairs[::2], pairs[1::2], strict=True):
         try:
-            # an output that is gone is not made again as a file
+            # without O_CREAT: a missing output must not become a regular file
             fd = os.open(path, os.O_WRONLY | os.O_TRUNC)
             os.write(fd, text.encode("ascii"))
             os.close(fd)

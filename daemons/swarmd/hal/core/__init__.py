@@ -1,1 +1,1 @@
-"""Decisions of the hardware abstraction: when a device is read, filters of samples, stamps of packets."""
+"""Decisions of the hardware abstraction: schedule of readings, filters of samples, stamps of packets."""

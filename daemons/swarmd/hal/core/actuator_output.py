@@ -1,4 +1,4 @@
-"""The decisions of one output, a servo or a motor: the value in force, and when it is the safe one."""
+"""The decisions of one output, a servo or a motor: a fresh set-point, or the safe state."""
 
 import math
 
@@ -6,9 +6,9 @@ from swarmware.types.scalar import Float
 
 
 class ActuatorOutput:
-    """The newest set-point of one output while it is fresh, and the vehicle armed where that is needed.
+    """Applies the newest set-point of an output while it is fresh and, if required, the vehicle is armed.
 
-    `watchdog_s`: age of the set-point above which the output is safe.
+    `watchdog_s`: age of the set-point above which the output goes to its safe state.
     """
 
     def __init__(self, path: str, watchdog_s: float, *, needs_arming: bool) -> None:
@@ -19,18 +19,18 @@ class ActuatorOutput:
         self._stamp_ns: int | None = None
 
     def on_value(self, value: Float, stamp_ns: int) -> None:
-        """Takes a set-point with its instant; what is not a number counts as none."""
+        """Takes a set-point with its instant; infinite values and NaN are ignored."""
         if math.isfinite(value.value):
             self._value, self._stamp_ns = min(max(value.value, -1.0), 1.0), stamp_ns
 
     def value(self, now_ns: int, *, armed: bool) -> float | None:
-        """The set-point from -1 to 1; None: the safe state."""
+        """The set-point from -1 to 1, or None for the safe state."""
         if self._stamp_ns is None or self._is_old(now_ns) or (self._needs_arming and not armed):
             return None
         return self._value
 
     def failsafe(self, now_ns: int, *, armed: bool) -> str:
-        """Reason, when set-points arrived and do not any more; else empty."""
+        """Reason of a fail-safe after set-points have stopped, or "" without a fail-safe."""
         if self._stamp_ns is None or not self._is_old(now_ns) or (self._needs_arming and not armed):
             return ""
         return f"no set-point in {self._path} for more than {self._watchdog_ns / 1e9:g} s"

@@ -1,4 +1,4 @@
-"""A condition that a driver states about its device: one check of the health monitor."""
+"""Conditions that drivers report about their devices, as checks of the health monitor."""
 
 import msgspec
 
@@ -9,9 +9,9 @@ class Condition(msgspec.Struct, frozen=True):
     """The state of one check of a device."""
 
     name: str
-    """Name of the check: `flight/loop`."""
+    """Name of the check, such as `flight/loop`."""
     description: str
     state: str = OK_STATE
     level: Level = "ok"
     detail: str = ""
-    """Freeze frame of the fault: what was measured when it began."""
+    """Freeze frame of the fault, with the measurements at its beginning."""

@@ -12,19 +12,19 @@ from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.vehicle import Imu
 
 SAMPLES_MIN: Final = 20
-"""Fewer samples do not average the noise of a MEMS unit."""
+"""Minimum number of samples, so that the noise of a MEMS unit averages out."""
 STILL_RAD_S: Final = 0.05
 STILL_M_S2: Final = 0.5
-"""Standard deviations above which the vehicle was moved: several times the noise of a MEMS unit."""
+"""Standard deviations above which the vehicle was moved, several times the noise of a MEMS unit."""
 BIAS_MAX_RAD_S: Final = 0.2
-"""Twice the zero-rate output of the worst of the supported chips (MPU-6000: 20 °/s at most, 5 typical)."""
+"""Maximum plausible bias, twice the typical 5 °/s of the worst supported chip (MPU-6000, at most 20 °/s)."""
 TILT_MAX_RAD: Final = 0.35
-"""A unit that is mounted steeper has its axes in the wrong order."""
+"""Maximum tilt of the mounting; a larger tilt means that the axes are configured in the wrong order."""
 OFFSET_MAX_M_S2: Final = 2.0
 SCALE_ERROR_MAX: Final = 0.1
-"""A larger one comes from a wrong range or mounting, not from the chip."""
+"""Maximum plausible error of the scale; a larger error comes from a wrong range or mounting."""
 FACE_RATIO: Final = 0.85
-"""Part of gravity along an axis that counts as upright: 32° from it."""
+"""Ratio of gravity along an axis above which the axis counts as vertical, within 32°."""
 FACES: Final = {
     (0, 1): "nose up",
     (0, -1): "nose down",
@@ -33,25 +33,25 @@ FACES: Final = {
     (2, 1): "level",
     (2, -1): "upside down",
 }
-"""Attitudes of a vehicle by the axis that points up, and its sign."""
+"""Attitudes of a vehicle, by the axis that points up and its sign."""
 _NONE: Final = (0.0, 0.0, 0.0)
 
 
 class ImuCorrection(msgspec.Struct, frozen=True):
-    """What is subtracted from and applied to the samples of one unit."""
+    """Calibration that is applied to the samples of one inertial unit."""
 
     gyro_bias_rad_s: Vector = _NONE
     force_offset_m_s2: Vector = _NONE
     force_scale: Vector = (1.0, 1.0, 1.0)
     roll_rad: float = 0.0
-    """Mounting of the unit relative to the vehicle; positive with its left side up."""
+    """Roll of the mounting relative to the vehicle, positive with the left side up."""
     pitch_rad: float = 0.0
-    """The same; positive with its nose down."""
+    """Pitch of the mounting relative to the vehicle, positive with the nose down."""
     yaw_rad: float = 0.0
-    """Added to the heading that the unit measures."""
+    """Angle that is added to the measured heading."""
 
     def force(self, imu: Imu) -> Vector:
-        """Specific force with offset and scale corrected, in axes of the unit."""
+        """Specific force with corrected offset and scale, in the axes of the unit."""
         x, y, z = (
             (value - offset) * scale
             for value, offset, scale in zip(
@@ -62,7 +62,7 @@ class ImuCorrection(msgspec.Struct, frozen=True):
 
 
 class ImuCorrector:
-    """Applies a correction to samples; without one they pass as they are."""
+    """Applies a correction to samples; without a correction the samples pass unchanged."""
 
     def __init__(self, correction: ImuCorrection | None = None) -> None:
         self.correction = correction or ImuCorrection()
@@ -85,16 +85,18 @@ class ImuCorrector:
 
 
 def gyro(samples: Sequence[Imu], former: ImuCorrection) -> ImuCorrection:
-    """The bias of the gyro. Raises: Denied when the vehicle moved, or the bias is not plausible."""
+    """Calibrates the bias of the gyro. Raises: Denied when the vehicle moved, or the bias is implausible."""
     check_still(samples)
     bias = _mean([_rates(one) for one in samples])
     if max(map(abs, bias)) > BIAS_MAX_RAD_S:
-        raise Denied(f"gyro: bias of {_text(bias)} rad/s, expected at most {BIAS_MAX_RAD_S:g}: it turns")
+        raise Denied(
+            f"gyro: bias of {_text(bias)} rad/s, expected at most {BIAS_MAX_RAD_S:g}; the vehicle turns"
+        )
     return msgspec.structs.replace(former, gyro_bias_rad_s=bias)
 
 
 def level(samples: Sequence[Imu], former: ImuCorrection) -> ImuCorrection:
-    """The mounting of the unit in a vehicle that stands level. Raises: Denied as `gyro`."""
+    """Calibrates the mounting of the unit in a level vehicle. Raises: Denied as `gyro`."""
     check_still(samples)
     x, y, z = _mean([former.force(one) for one in samples])
     roll, pitch = math.atan2(y, z), math.atan2(-x, math.hypot(y, z))
@@ -107,20 +109,21 @@ def level(samples: Sequence[Imu], former: ImuCorrection) -> ImuCorrection:
 
 
 def compass(samples: Sequence[Imu], former: ImuCorrection, heading_rad: float) -> ImuCorrection:
-    """The error of the heading of a vehicle whose true one is known. Raises: Denied as `gyro`."""
+    """Calibrates the heading in a vehicle whose true heading is known. Raises: Denied as `gyro`."""
     check_still(samples)
     found = [one.yaw_rad for one in samples if one.yaw_rad is not None]
     if len(found) < SAMPLES_MIN:
         raise Denied("compass: this unit measures no heading")
+    # the mean of directions, since the headings may lie on both sides of ±180°
     mean = math.atan2(math.fsum(map(math.sin, found)), math.fsum(map(math.cos, found)))
     return msgspec.structs.replace(former, yaw_rad=math.remainder(heading_rad - mean, math.tau))
 
 
 class AccelerometerFaces:
-    """Collects gravity in the six attitudes of a vehicle, from which offset and scale follow.
+    """Collects gravity in six attitudes of a vehicle, from which offset and scale follow.
 
     Source: Frosio, Pedersini, Borghese 2009, "Autocalibration of MEMS accelerometers", IEEE Trans.
-    Instrumentation and Measurement 58: with known directions it is linear.
+    Instrumentation and Measurement 58. With known directions the problem is linear.
     """
 
     def __init__(self) -> None:
@@ -142,11 +145,11 @@ class AccelerometerFaces:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """The attitudes that were not taken yet."""
+        """Attitudes without samples yet."""
         return tuple(name for face, name in FACES.items() if face not in self._along)
 
     def result(self, former: ImuCorrection) -> ImuCorrection:
-        """Offset and scale of the three axes. Raises: Denied when they are not plausible."""
+        """Offset and scale of the three axes. Raises: Denied when they are implausible."""
         ups = [self._along[axis, 1] for axis in range(3)]
         downs = [self._along[axis, -1] for axis in range(3)]
         x, y, z = ((up + down) / 2 for up, down in zip(ups, downs, strict=True))
@@ -160,7 +163,7 @@ class AccelerometerFaces:
 
 
 def check_still(samples: Sequence[Imu]) -> None:
-    """Check that there are enough samples of a vehicle at rest. Raises: Denied."""
+    """Checks that there are enough samples of a vehicle at rest. Raises: Denied."""
     if len(samples) < SAMPLES_MIN:
         raise Denied(f"{len(samples)} samples of the inertial unit, expected at least {SAMPLES_MIN}")
     turns = max(map(_deviation, zip(*map(_rates, samples), strict=True)))

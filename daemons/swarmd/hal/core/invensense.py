@@ -1,4 +1,4 @@
-"""Registers of the inertial units MPU-6000 to ICM-20602, which differ in their number only."""
+"""Registers of the inertial units MPU-6000 to ICM-20602, which differ only in their chip number."""
 
 import math
 import struct
@@ -19,33 +19,33 @@ CHIPS: Final = {
     0x73: "MPU-9255",
     0xAF: "ICM-20608",
 }
-"""Contents of the register `ID`; that of the MPU-6000 is also that of the MPU-6050."""
+"""Chips by the content of the register `ID`; the MPU-6050 has the number of the MPU-6000."""
 DATA: Final = 0x3B
 DATA_BYTES: Final = 14
 SETTLING_NS: Final = 100_000_000
-"""Time after the wake-up in which the gyroscope is not yet stable; 35 to 100 ms in the data sheets."""
+"""Settling time of the gyroscope after the wake-up; 35 to 100 ms in the data sheets."""
 _WAKE: Final = (0x6B, 0x01)
-"""PWR_MGMT_1: no sleep, clock of the gyroscope."""
+"""Register PWR_MGMT_1: wake up, and use the clock of the gyroscope."""
 _FILTER: Final = (0x1A, 0x03)
 _ACCELERATION_FILTER: Final = (0x1D, 0x03)
-"""Low pass of 41 to 44 Hz for both, 1 kHz inside."""
+"""Registers of the low-pass filters: 41 to 44 Hz for gyroscope and accelerometer, 1 kHz inside."""
 _GYRO_RANGE: Final = (0x1B, 0x18)
 _ACCELERATION_RANGE: Final = (0x1C, 0x18)
-"""±2000 °/s and ±16 g."""
+"""Registers of the ranges: ±2000 °/s and ±16 g."""
 SETTINGS: Final = (_WAKE, _FILTER, _ACCELERATION_FILTER, _GYRO_RANGE, _ACCELERATION_RANGE)
 """Registers with their contents, in the order in which they are written."""
 _FORM: Final = struct.Struct(">7h")
 _RAD_S: Final = math.radians(1) / 16.4
 _M_S2: Final = 9.80665 / 2048
-"""Of one step, at these ranges. Source: ICM-20602 register map 1.0; MPU-6000 register map 4.2."""
+"""Scale per LSB at the configured ranges. Source: ICM-20602 register map 1.0; MPU-6000 register map 4.2."""
 
 Axes = tuple["Axis", "Axis", "Axis"]
 
 
 def measurement(data: bytes, axes: Axes) -> Imu:
-    """Rates and forces in the body frame, FLU.
+    """Decodes rates and forces in the body frame, FLU.
 
-    `axes`: those of the chip that point forward, left and up. Raises: WireError when the device is silent.
+    `axes`: axes of the chip that point forward, left and up. Raises: WireError when the device is silent.
     """
     if len(data) != DATA_BYTES:
         raise WireError(f"{len(data)} bytes, expected {DATA_BYTES}")
@@ -57,14 +57,15 @@ def measurement(data: bytes, axes: Axes) -> Imu:
 
 
 def mounted(vector: tuple[float, float, float], axes: Axes) -> tuple[float, float, float]:
-    """A vector of the chip in the body frame."""
+    """Rotates a vector from the axes of the chip to the body frame."""
     along = dict(zip("xyz", vector, strict=True))
     forward, left, up = (-along[axis[1]] if len(axis) == 2 else along[axis] for axis in axes)
     return forward, left, up
 
 
 def is_right_handed(axes: Axes) -> bool:
-    """Whether the axes are three different ones and no mirror image."""
+    """True if the axes are distinct and right-handed."""
     units = [mounted(unit, axes) for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]
     (a, b, c), (d, e, f), (g, h, i) = units
+    # the determinant is 1 for a rotation, -1 for a mirror image and 0 for repeated axes
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) == 1.0

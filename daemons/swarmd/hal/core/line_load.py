@@ -1,4 +1,4 @@
-"""What drivers ask of the lines and buses to their devices, against what these carry (S1.17)."""
+"""Load of the lines and buses by their drivers, compared with the capacity (S1.17)."""
 
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -8,37 +8,37 @@ import msgspec
 from swarmware.types.vehicle import LineLoad
 
 CAPACITY_RATIO: Final = 0.8
-"""Share of a line above which values wait for it: as that of the cores in `doctor placement`."""
+"""Ratio of load to capacity above which values wait; equal to the ratio for cores in `doctor placement`."""
 I2C_BIT_S: Final = 100_000.0
-"""Standard mode, where no other rate is configured. Source: NXP UM10204."""
+"""Rate of I2C in standard mode, unless another rate is configured. Source: NXP UM10204."""
 CAN_BIT_S: Final = 500_000.0
-"""The rate that the manual of the drivers sets, where no other one is configured."""
+"""Rate of CAN in the manual of the drivers, unless another rate is configured."""
 SERIAL_BITS: Final = 10
-"""Start bit, eight bits, stop bit."""
+"""Bits per byte on a serial line: start bit, eight data bits, stop bit."""
 I2C_BITS: Final = 9
-"""Eight bits and the acknowledgement."""
+"""Bits per byte on I2C: eight data bits and the acknowledgement."""
 _READ_BYTES: Final = 3
-"""Address, register, address again of a read on I2C."""
+"""Overhead of a read on I2C: address, register, and address again."""
 
 
 class LineUse(msgspec.Struct, frozen=True):
-    """What one driver asks of one line."""
+    """Load of one line by one driver."""
 
     device: str
     bit_s: float
     capacity_bit_s: float
-    """What the line carries, unless it is configured; 0: not known."""
+    """Capacity of the line unless configured, or 0 if unknown."""
     shared: bool = False
-    """Whether other drivers may use it, too: a bus."""
+    """True for a bus, which other drivers may use as well."""
 
 
 def serial_use(device: str, baud: int, bytes_s: float) -> LineUse:
-    """A serial line, by the bytes a second of its busier direction."""
+    """Load of a serial line, from the bytes per second in its busier direction."""
     return LineUse(device, bytes_s * SERIAL_BITS, float(baud))
 
 
 def register_use(bus: str, device: str, speed_hz: int, reads: Iterable[int], rate_hz: float) -> LineUse:
-    """Reads of a number of registers each, at a rate, on I2C or SPI."""
+    """Load of I2C or SPI by reads at a rate; `reads` are the numbers of registers of each read."""
     counts = list(reads)
     if bus == "i2c":
         return LineUse(
@@ -48,7 +48,7 @@ def register_use(bus: str, device: str, speed_hz: int, reads: Iterable[int], rat
 
 
 def can_use(device: str, frames: Iterable[tuple[int, float]]) -> LineUse:
-    """Frames with extended identifiers: bytes of data of each, and how often a second.
+    """Load of CAN by extended frames, given as pairs of data bytes and rate.
 
     Source: Davis, Burns, Bril, Lukkien 2007, "Controller Area Network (CAN) schedulability analysis",
     Real-Time Systems 35: the longest frame with stuffed bits.
@@ -58,7 +58,7 @@ def can_use(device: str, frames: Iterable[tuple[int, float]]) -> LineUse:
 
 
 def line_loads(uses: Iterable[tuple[str, LineUse]], capacities: Mapping[str, float]) -> tuple[LineLoad, ...]:
-    """The load of each line, by the names of drivers and their uses; `capacities` are those configured."""
+    """Load of each line, from uses by drivers; `capacities` are configured and have precedence."""
     by_device: dict[str, list[tuple[str, LineUse]]] = {}
     for driver, use in uses:
         by_device.setdefault(use.device, []).append((driver, use))
@@ -74,7 +74,7 @@ def line_loads(uses: Iterable[tuple[str, LineUse]], capacities: Mapping[str, flo
 
 
 def crowded(uses: Iterable[tuple[str, LineUse]]) -> tuple[str, str, str] | None:
-    """A line that only one driver can have, and two that want it; None: there is none."""
+    """Line that only one driver can use, and two drivers that use it, or None without such a conflict."""
     owners: dict[str, tuple[str, bool]] = {}
     for driver, use in uses:
         former = owners.setdefault(use.device, (driver, use.shared))
@@ -84,5 +84,5 @@ def crowded(uses: Iterable[tuple[str, LineUse]]) -> tuple[str, str, str] | None:
 
 
 def is_over(load: LineLoad) -> bool:
-    """Whether drivers ask more of a line than it carries without delay."""
+    """True if the load of a line exceeds the capacity without delay."""
     return load.capacity_bit_s > 0 and load.asked_bit_s > CAPACITY_RATIO * load.capacity_bit_s

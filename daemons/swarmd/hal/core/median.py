@@ -1,4 +1,4 @@
-"""Median filter: rejects rare outliers of a sonar."""
+"""Median filter, which rejects rare outliers of a sonar."""
 
 from collections import deque
 
@@ -12,12 +12,12 @@ class MedianFilter:
         self._values: deque[float] = deque(maxlen=window)
 
     def add(self, value: float) -> float:
-        """Adds a value; the median of the window, which includes it."""
+        """Adds a value; returns the median of the window, which includes the value."""
         self._values.append(value)
         ordered = sorted(self._values)
         half = len(ordered) // 2
         return ordered[half] if len(ordered) % 2 else (ordered[half - 1] + ordered[half]) / 2
 
     def reset(self) -> None:
-        """Clears the window: the next values are unrelated to the previous ones."""
+        """Clears the window before values that are unrelated to the previous ones."""
         self._values.clear()

@@ -1,4 +1,4 @@
-"""Timing of a packet recording: the packets that are due, and the exact instant of each."""
+"""Timing of a packet recording, with the due packets and the exact instant of each."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -7,7 +7,7 @@ import msgspec
 
 _NS: Final = 1_000_000_000
 _CATCH_UP_S: Final = 1.0
-"""Longest stall that is caught up; a real device would not wait for its reader."""
+"""Maximum stall that is caught up, because a real device does not wait for its reader."""
 
 
 class Due(msgspec.Struct, frozen=True, gc=False):
@@ -16,11 +16,11 @@ class Due(msgspec.Struct, frozen=True, gc=False):
     index: int
     """Index of the packet in the recording."""
     stamp_ns: int
-    """Instant at which the device sends it."""
+    """Instant at which the recorded device sends the packet."""
 
 
 class PacketClock:
-    """Packets at a constant rate; the k-th is due at start + k / rate, rounded to 1 ns.
+    """Packets at a constant rate; packet k is due at start + k / rate, rounded to 1 ns.
 
     The mean rate is exact, independent of the times of the calls.
     """
@@ -40,7 +40,7 @@ class PacketClock:
         return self._start_ns + k * _NS * 1_000_000 // self._rate_uhz
 
     def due(self, now_ns: int) -> Iterator[Due]:
-        """The packets that are due up to now, oldest first."""
+        """Packets that are due up to now, the oldest first."""
         end = (now_ns - self._start_ns) * self._rate_uhz // (_NS * 1_000_000) + 1
         max_packets = max(1, int(_CATCH_UP_S * self._rate_uhz) // 1_000_000)
         if end - self._sent > max_packets:

@@ -1,4 +1,4 @@
-"""Recognition of devices: which driver serves a device file that appears (S4.30)."""
+"""Recognition of devices, which selects the driver for a device file that appears (S4.30)."""
 
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
@@ -8,7 +8,7 @@ import msgspec
 
 
 class DeviceRule(Protocol):
-    """What the recognition needs of a rule."""
+    """The part of a rule by which devices are recognised."""
 
     @property
     def path(self) -> str: ...
@@ -20,31 +20,31 @@ R = TypeVar("R", bound=DeviceRule)
 
 
 class DeviceNode(msgspec.Struct, frozen=True):
-    """A device file of the kernel."""
+    """A device file of the kernel, with its USB identifiers."""
 
     path: str
     usb: str = ""
-    """`vendor:product` in hexadecimal digits; empty: not on USB."""
+    """Identifiers `vendor:product` in hexadecimal digits, or "" for a device that is not on USB."""
 
 
 class Recognised(msgspec.Struct, Generic[R], frozen=True):
-    """A device that a rule recognises."""
+    """A recognised device, and the rule that matched."""
 
     node: DeviceNode
     rule: R
 
 
 class Recognition(Generic[R]):
-    """Recognises each device once; the first rule that fits decides."""
+    """Recognises each device once, by the first matching rule."""
 
     def __init__(self, rules: tuple[R, ...]) -> None:
         self._rules = rules
         self._known: set[str] = set()
 
     def on_nodes(self, nodes: Iterable[DeviceNode]) -> list[Recognised[R]]:
-        """Takes the device files that there are; returns those that are recognised for the first time.
+        """Takes the present device files; returns the files that are recognised for the first time.
 
-        The driver of a device that was unplugged waits for it, and needs no second start.
+        The driver of an unplugged device waits for its return, and needs no second start.
         """
         found = []
         for node in sorted(nodes, key=lambda node: node.path):
@@ -58,5 +58,5 @@ class Recognition(Generic[R]):
 
 
 def fits(rule: DeviceRule, node: DeviceNode) -> bool:
-    """Whether a rule recognises a device file."""
+    """True if a rule matches a device file."""
     return fnmatchcase(node.path, rule.path) and (not rule.usb or rule.usb.lower() == node.usb)

@@ -1,4 +1,4 @@
-"""Decisions about the transmitter of the safety pilot: the position of the switch, and the sticks."""
+"""Evaluation of the safety pilot's transmitter: position of the switch, and set-point of the sticks."""
 
 from typing import TYPE_CHECKING, Final
 
@@ -11,23 +11,23 @@ if TYPE_CHECKING:
     from swarmd.hal.config import PilotSettings
 
 CONFIRMATIONS: Final = 3
-"""Frames in a row that move the switch: a CRC of eight bits passes one of 256 damaged frames."""
+"""Consecutive frames that move the switch, because an 8-bit CRC passes one of 256 damaged frames."""
 _MANUAL_ABOVE: Final = 0.3
 _AUTO_BELOW: Final = -0.3
-"""Positions of the switch; between them it keeps its former one."""
+"""Switch thresholds, with hysteresis."""
 
 
 class PilotInput(msgspec.Struct, frozen=True, gc=False):
-    """What one frame of the transmitter means."""
+    """Decoded meaning of one frame of the transmitter."""
 
     switch: VehicleMode | None
-    """Position of the switch; None: not known yet."""
+    """Position of the switch, or None while it is not known."""
     sticks: Setpoint | None
-    """Set-point of the sticks; None while the switch is at auto."""
+    """Set-point of the sticks, or None while the switch is at auto."""
 
 
 class SafetyPilot:
-    """Takes the channels of the receiver, of which a link without quality is ignored."""
+    """Evaluates the channels of the receiver, and ignores them while the radio link is lost."""
 
     def __init__(self, config: "PilotSettings") -> None:
         self._config = config
@@ -37,13 +37,13 @@ class SafetyPilot:
         self._count = 0
 
     def on_link(self, quality_ratio: float) -> None:
-        """Takes the quality of the radio link; at zero the receiver repeats channels that are not real."""
+        """Takes the quality of the radio link; at 0 the receiver repeats outdated channels."""
         self._linked = quality_ratio > 0
         if not self._linked:
             self._count = 0
 
     def on_channels(self, channels: RcChannels) -> PilotInput | None:
-        """Takes a frame; None while the transmitter is lost."""
+        """Takes a frame; returns its meaning, or None while the transmitter is lost."""
         if not self._linked:
             return None
         positions, config = channels.positions, self._config
@@ -56,6 +56,7 @@ class SafetyPilot:
             beyond = abs(position) - config.dead_band_ratio
             if beyond <= 0:
                 return 0.0
+            # scaled, so that the output has no step at the edge of the dead band
             return beyond / (1 - config.dead_band_ratio) * (1 if position > 0 else -1)
 
         return PilotInput(
@@ -69,7 +70,7 @@ class SafetyPilot:
         )
 
     def _confirm(self, position: float) -> None:
-        """Moves the switch when enough frames agree."""
+        """Moves the switch when enough consecutive frames agree."""
         found = self._switch
         if position > _MANUAL_ABOVE:
             found = VehicleMode.MANUAL

@@ -1,4 +1,4 @@
-"""Schedule of a driver: absolute instants, with statistics of lateness and rate."""
+"""Schedule of a driver with absolute instants, and statistics of lateness and rate."""
 
 from typing import Final
 
@@ -7,15 +7,15 @@ from swarmware.types.vehicle import DriverState, DriverStatus
 
 _NS: Final = 1_000_000_000
 _HUNG_NS: Final = 2 * _NS
-"""Time without the next call after which the status says that the device does not answer."""
+"""Time without a call after which the status reports that the device does not answer."""
 _LASTING_NS: Final = 3 * _NS
-"""Time of fail-safe after which it is an error, as for the age of a resource."""
+"""Duration of a fail-safe above which it is an error, as for the age of a resource."""
 
 
 class Schedule:
     """Instants at which a driver reads, and statistics of its timing.
 
-    A read longer than its period skips periods; these are counted and not caught up.
+    A read that is longer than the period skips periods, which are counted and not caught up.
     `phase_ns`: offset of the instants from the multiples of the period.
     """
 
@@ -51,32 +51,33 @@ class Schedule:
         self._since_ns = now_ns
         self._reads = self._since_reads = self._errors = self._missed = 0
         self._lates_ns: list[int] = []
-        """Lateness of each call since the last report."""
+        """Lateness of the calls since the last report."""
         self._failed_in_a_row = 0
         self._first = False
         self.state = DriverState.WAITING
-        """State of the driver."""
+        """Present state of the driver."""
         self._note = self._stalled = ""
         self._safe_level: Level = "ok"
         self._safe_since_ns = 0
 
     def opened(self, now_ns: int) -> None:
-        """Takes that the device is open; the first read is due at once, others at multiples of the period.
+        """Takes that the device is open; the first read is due at once, further reads at multiples of the
+        period.
 
-        Devices are thus read together, and their process wakes less often.
+        Reads of several devices thus coincide, and the process wakes less often.
         """
         self.state, self._note, self._due_ns, self._first = DriverState.RUNNING, "", now_ns, True
         self._failed_in_a_row = 0
 
     def closed(self, state: DriverState, note: str) -> None:
-        """Takes that the device is closed: `waiting` or `failed`, with the reason."""
+        """Takes that the device is closed, in the state `waiting` or `failed`, with the reason."""
         self.state, self._note = state, note
 
     def safe(self, reason: str, now_ns: int) -> Level | None:
-        """Takes why the watchdog of an actuator is in control, or empty; a new level of its check.
+        """Takes the reason of an actuator's fail-safe, or ""; returns the level of its check if it changed.
 
-        A short time is a warning: a service that is restarted, or a processor that is overloaded, is back
-        before the mission need be given up.
+        A short fail-safe is a warning, because a restarted service or an overloaded processor recovers before
+        the mission must be aborted.
         """
         if bool(reason) != (self.state is DriverState.FAILSAFE):
             self.state = DriverState.FAILSAFE if reason else DriverState.RUNNING
@@ -89,7 +90,7 @@ class Schedule:
         return level
 
     def stalled(self, reason: str) -> bool:
-        """Takes why a sensor that answers has no measurements, or empty; True when this changed."""
+        """Takes why an answering sensor has no measurements, or ""; returns True if the reason changed."""
         if reason == self._stalled:
             return False
         self._stalled = self._note = reason
@@ -101,7 +102,7 @@ class Schedule:
         return self._due_ns
 
     def begin(self, now_ns: int) -> None:
-        """Takes the begin of a read, and schedules the next one."""
+        """Takes the begin of a read, and schedules the next read."""
         late_ns = now_ns - self._due_ns
         self._lates_ns.append(late_ns)
         skipped = max(0, late_ns // self._period_ns)
@@ -109,12 +110,13 @@ class Schedule:
         self._due_ns += (skipped + 1) * self._period_ns
         if self._first:
             self._first = False
+            # from the second read on at multiples of the period
             self._due_ns -= (self._due_ns - self._phase_ns) % self._period_ns
             if self._due_ns <= now_ns:
                 self._due_ns += self._period_ns
 
     def retime(self, period_s: float) -> None:
-        """Takes the period from now on; the next read is at a multiple of it."""
+        """Changes the period; the next read is at a multiple of the new period."""
         period_ns = round(period_s * _NS)
         if period_ns != self._period_ns:
             before_ns = self._due_ns - self._period_ns
@@ -127,14 +129,14 @@ class Schedule:
         self._failed_in_a_row = 0
 
     def failed(self, note: str) -> int:
-        """Takes a failed read; the number of failures in a row."""
+        """Takes a failed read; returns the number of consecutive failures."""
         self._errors += 1
         self._failed_in_a_row += 1
         self._note = note
         return self._failed_in_a_row
 
     def report(self, now_ns: int) -> DriverStatus:
-        """Statistics since the last report."""
+        """Statistics since the last report, which start again."""
         span_s = max((now_ns - self._since_ns) / _NS, 1e-9)
         lates_ns = sorted(self._lates_ns)
         overdue_ns = now_ns - self._due_ns
@@ -148,7 +150,7 @@ class Schedule:
             self._reads,
             self._errors,
             self._missed,
-            f"the device does not answer since {overdue_ns / 1e9:.0f} s" if hung else self._note,
+            f"the device has not answered for {overdue_ns / 1e9:.0f} s" if hung else self._note,
             self._actuator,
             round(lates_ns[int(0.99 * (len(lates_ns) - 1))] / 1e6, 3) if lates_ns else 0.0,
         )

@@ -1,4 +1,4 @@
-"""CAN frames of VESC motor controllers: commands out, states in."""
+"""Codec for the CAN frames of VESC motor controllers, commands and states."""
 
 import struct
 from typing import TYPE_CHECKING, Final
@@ -14,21 +14,21 @@ _COMMANDS: Final[dict["VescQuantity", tuple[int, float]]] = {
     "current": (1, 1000.0),
     "speed": (3, 1.0),
 }
-"""Number of the command, and steps of one unit: ratio, A, electrical revolutions a minute."""
+"""Command number by quantity, and steps per unit: ratio, A, electrical revolutions per minute."""
 _STATUS_FORM: Final = struct.Struct(">ihh")
 _STATUS_4_FORM: Final = struct.Struct(">hhhh")
 _STATUS_5_FORM: Final = struct.Struct(">ih")
 
 
 def command(controller: int, quantity: "VescQuantity", value: float) -> tuple[int, bytes]:
-    """Identifier and data of a command. Source: VESC firmware, its page on CAN."""
+    """Identifier and data of a command. Source: VESC firmware documentation, page on CAN."""
     number, steps = _COMMANDS[quantity]
     steps_clipped = max(-(2**31), min(2**31 - 1, round(value * steps)))
     return number << 8 | controller, struct.pack(">i", steps_clipped)
 
 
 class VescState:
-    """The state of one controller, collected from its frames."""
+    """Collects the state of one controller from its frames."""
 
     def __init__(self, controller: int) -> None:
         self._controller = controller
@@ -36,9 +36,10 @@ class VescState:
         self._temperature_degc: float | None = None
 
     def on_frame(self, identifier: int, data: bytes) -> MotorControllerState | None:
-        """Takes a frame of the bus; a state with each first status of this controller.
+        """Takes a frame of the bus; returns the state at each first status frame of this controller, else
+        None.
 
-        Raises: WireError for a status that is too short.
+        Raises: WireError for a status frame that is too short.
         """
         kind, controller = identifier >> 8, identifier & 0xFF
         if controller != self._controller:

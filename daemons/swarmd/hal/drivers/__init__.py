@@ -1,1 +1,1 @@
-"""Drivers of devices: one file for each device or protocol, which knows its resources and nothing else."""
+"""Drivers of devices, one file per device or protocol, which contains nothing about other devices."""

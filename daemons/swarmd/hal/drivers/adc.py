@@ -1,4 +1,4 @@
-"""Driver of analogue inputs: the kernel's industrial I/O, whatever bus the converter is on."""
+"""Driver of analogue inputs, with converters in the kernel's industrial I/O on any bus."""
 
 from swarmd.hal.blocking import BlockingSensor
 from swarmd.hal.buses.iio import IioDevice
@@ -10,7 +10,7 @@ from swarmware.types.scalar import Float
 
 
 class AnalogueInputs(BlockingSensor[list[float]]):
-    """Publishes each channel as a board; a converter behind I2C or SPI blocks its reader."""
+    """Publishes each channel as a board; reads in a thread, because a converter on I2C or SPI blocks."""
 
     name = "adc"
 
@@ -36,7 +36,7 @@ class AnalogueInputs(BlockingSensor[list[float]]):
         self.measure()
 
     def measure(self) -> list[float]:
-        """The values of all channels, in their units. Raises: DeviceGone; DeviceError without a number."""
+        """Values of all channels, in their units. Raises: DeviceGone; DeviceError without a number."""
         return [self._converter.voltage_v(one.channel) * one.per_volt for one in self._config.channels]
 
     def publish(self, value: list[float], now_ns: int) -> bool:

@@ -10,14 +10,14 @@ from swarmware.types.vehicle import Barometer
 
 
 class Bmp280(RegisterSensor[Barometer]):
-    """Publishes pressure and temperature, compensated by the coefficients of the chip."""
+    """Publishes pressure and temperature, compensated with the coefficients of the chip."""
 
     def __init__(self, config: Bmp280Driver) -> None:
         super().__init__("bmp280", config, Barometer, (1, bmp280.DATA_BYTES))
         self._calibration: bmp280.Calibration | None = None
 
     def begin(self, bus: RegisterBus) -> None:
-        """Finds the chip and starts it. Raises: DeviceError when it is another one."""
+        """Identifies the chip and starts it. Raises: DeviceError for another chip."""
         chip = bus.read(bmp280.ID, 1)[0]
         if chip not in bmp280.CHIPS:
             raise DeviceError(f"{bus.path}: chip {chip:#04x}, expected a BMP280 (0x58) or BME280 (0x60)")
@@ -29,14 +29,14 @@ class Bmp280(RegisterSensor[Barometer]):
         bus.write(bmp280.CONTROL, bytes([bmp280.NORMAL]))
 
     def measured(self, bus: RegisterBus) -> Barometer:
-        """Reads both values. Raises: DeviceError when they cannot be measurements."""
+        """Reads pressure and temperature. Raises: DeviceError when the values are invalid."""
         calibration = self._calibration
         if calibration is None:
             raise DeviceError(f"{bus.path}: not started")
         if (found := bus.read(bmp280.CONTROL, 1)[0]) != bmp280.NORMAL:
             raise DeviceError(
                 f"{bus.path}: register {bmp280.CONTROL:#04x} has {found:#04x}, expected {bmp280.NORMAL:#04x}:"
-                " it lost its supply, or its connection"
+                " the chip lost its supply or its connection"
             )
         try:
             return bmp280.measurement(bus.read(bmp280.DATA, bmp280.DATA_BYTES), calibration)

@@ -1,4 +1,4 @@
-"""Driver of a camera: pictures by PyAV, from Video4Linux, a stream of the network or a file (S0.8, S1.74)."""
+"""Driver of a camera, with PyAV from Video4Linux, a network stream or a file (S0.8, S1.74)."""
 
 from collections.abc import Iterator
 from types import ModuleType
@@ -14,12 +14,12 @@ from swarmware.module.writer import BoardWriter
 from swarmware.types.perception import Image, ImageEncoding
 
 PIXELS: Final = {ImageEncoding.RGB8: ("rgb24", 3), ImageEncoding.MONO8: ("gray", 1)}
-"""Format of PyAV and bytes of a pixel; JPEG is compressed from RGB."""
+"""Format of PyAV and bytes per pixel by encoding; JPEG is compressed from RGB."""
 SLOTS: Final = 4
 
 
 def pyav() -> ModuleType:
-    """The module of PyAV. Raises: DeviceError where it is not installed."""
+    """Imports PyAV. Raises: DeviceError where it is not installed."""
     try:
         import av
     except ImportError:
@@ -28,12 +28,12 @@ def pyav() -> ModuleType:
 
 
 class Camera(BlockingSensor[Image]):
-    """Publishes pictures as a stream of images, which waits for the camera in its own thread."""
+    """Publishes pictures as a stream of images, and waits for the camera in a thread."""
 
     name = "camera"
 
     def __init__(self, config: CameraDriver) -> None:
-        # the camera gives the pace: a call waits for the next picture
+        # the camera sets the pace, because a call waits for the next picture
         self.period_s = 1 / config.rate_hz
         self._config = config
         self._encoding = ImageEncoding(config.encoding)
@@ -80,7 +80,7 @@ class Camera(BlockingSensor[Image]):
             self._images = self._decoded(stream)
 
     def _compressed(self, stream: Any) -> Iterator[Image]:
-        """The JPEG files of a camera that compresses them itself, as they are."""
+        """Yields the JPEG pictures of a compressing camera, without decoding them."""
         for packet in self._container.demux(stream):
             if packet.size:
                 yield Image(stream.width, stream.height, ImageEncoding.JPEG, bytes(packet))
@@ -103,7 +103,7 @@ class Camera(BlockingSensor[Image]):
         try:
             return next(self._images)
         except StopIteration:
-            raise DeviceGone(f"camera {self._config.device}: its pictures have ended") from None
+            raise DeviceGone(f"camera {self._config.device}: the source has ended") from None
         except (OSError, ValueError, pyav().FFmpegError) as error:
             raise DeviceError(f"camera {self._config.device}: {error}") from error
         except SwarmError as error:

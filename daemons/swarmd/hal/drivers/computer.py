@@ -1,6 +1,6 @@
-"""Readings of the computer from the kernel's files: use of the processors, memory, disk, temperature.
+"""Load of the computer from the kernel's files: processors, memory, disk and temperature.
 
-psutil reads the same files, and costs each node a megabyte of resident memory.
+psutil reads the same files, but would occupy a megabyte of memory in each node.
 """
 
 import os
@@ -13,11 +13,11 @@ SYS: Final = Path("/sys")
 _HARDWARE: Final = ("class/hwmon/hwmon*/temp*_input", "class/hwmon/hwmon*/device/temp*_input")
 """Sensors of the computer, in thousandths of a degree Celsius. Source: Linux, hwmon/sysfs-interface."""
 _ZONES: Final = "class/thermal/thermal_zone*/temp"
-"""Where there is no such sensor. Source: Linux, thermal/sysfs-api."""
+"""Thermal zones, for a computer without hwmon sensors. Source: Linux, thermal/sysfs-api."""
 
 
 def memory_used_ratio(proc: Path = PROC) -> float:
-    """Memory that a new process could not have without swapping, 0 to 1.
+    """Ratio of the memory that is not available to a new process without swapping, 0 to 1.
 
     Source: proc_meminfo(5), MemAvailable.
     """
@@ -30,13 +30,13 @@ def memory_used_ratio(proc: Path = PROC) -> float:
 
 
 def disk_free_bytes(path: str) -> int:
-    """Space that a process without privileges may use."""
+    """Disk space that an unprivileged process may use."""
     disk = os.statvfs(path)
     return disk.f_bavail * disk.f_frsize
 
 
 def temperature_degc(sys: Path = SYS) -> float | None:
-    """Temperature of the hottest sensor; None without sensors."""
+    """Temperature of the hottest sensor, or None without sensors."""
     hardware = [value for pattern in _HARDWARE for value in _degrees(sys, pattern)]
     found = hardware or list(_degrees(sys, _ZONES))
     return round(max(found), 1) if found else None
@@ -46,5 +46,5 @@ def _degrees(sys: Path, pattern: str) -> Iterator[float]:
     for path in sys.glob(pattern):
         try:
             yield int(path.read_text("ascii")) / 1000
-        except (OSError, ValueError):  # a sensor that is switched off, or goes away
+        except (OSError, ValueError):  # a sensor that is switched off or was removed
             continue

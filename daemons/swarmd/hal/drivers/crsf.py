@@ -10,16 +10,16 @@ from swarmware.devices.crsf import BAUD, CrsfDecoder, RcChannels, RcLink
 from swarmware.module.module import Module
 
 FRAME_BYTES: Final = 26
-"""Frame of the channels: address, size, type, 22 bytes, CRC."""
+"""Size of a frame with channels: address, size, type, 22 bytes, CRC."""
 FRAMES_HZ: Final = 500.0
-"""The fastest packet rate of ExpressLRS at 2.4 GHz."""
+"""Highest packet rate of ExpressLRS at 2.4 GHz."""
 
 
 class CrsfReceiver(SerialSensor[RcChannels | RcLink]):
     """Publishes the position of the switch when it changes, and the sticks while it is at manual.
 
-    When the transmitter is lost, the switch keeps its position and the sticks end: the vehicle holds, or
-    stays with the navigator.
+    When the transmitter is lost, the switch keeps its position and no sticks are published, so the vehicle
+    holds or stays with the navigator.
     """
 
     silent_s = 1.0
@@ -35,7 +35,7 @@ class CrsfReceiver(SerialSensor[RcChannels | RcLink]):
         self._boards = PilotBoards(module, self._config)
 
     def publish(self, value: RcChannels | RcLink, now_ns: int) -> bool:
-        """Writes what the frame changes."""
+        """Publishes the changes of a frame; returns False if it has no channels."""
         if self._boards is None:
             return False
         if isinstance(value, RcLink):

@@ -30,26 +30,28 @@ class InvensenseImu(ImuSource, RegisterSensor[Imu]):
         self._settled_ns = module.now_ns() + invensense.SETTLING_NS
 
     def begin(self, bus: RegisterBus) -> None:
-        """Finds the chip and starts it. Raises: DeviceError when it is another one, or not writable."""
+        """Identifies the chip and starts it. Raises: DeviceError for another chip, or if it is not
+        writable."""
         chip = bus.read(invensense.ID, 1)[0]
         if chip not in invensense.CHIPS:
             known = ", ".join(f"{name} ({number:#04x})" for number, name in invensense.CHIPS.items())
             raise DeviceError(f"{bus.path}: chip {chip:#04x}, expected one of {known}")
         for register, value in invensense.SETTINGS:
             bus.write(register, bytes([value]))
+        # reads a register back, because a bus without a device accepts all writes
         register, value = invensense.SETTINGS[0]
         if (found := bus.read(register, 1)[0]) != value:
             raise DeviceError(f"{bus.path}: register {register:#04x} has {found:#04x}, expected {value:#04x}")
 
     def measured(self, bus: RegisterBus) -> Imu:
-        """Reads all values at once. Raises: DeviceError when the device is silent."""
+        """Reads all values in one transfer. Raises: DeviceError when the device is silent."""
         try:
             return invensense.measurement(bus.read(invensense.DATA, invensense.DATA_BYTES), self._axes)
         except WireError as error:
             raise DeviceError(f"{bus.path}: {error}") from error
 
     def publish(self, value: Imu, now_ns: int) -> bool:
-        """Writes the board of the unit; not before the gyroscope is stable."""
+        """Writes the board of the unit, but not before the gyroscope is stable."""
         return now_ns >= self._settled_ns and super().publish(self.corrected(value), now_ns)
 
 

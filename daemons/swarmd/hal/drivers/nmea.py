@@ -10,11 +10,11 @@ from swarmware.module.module import Module
 from swarmware.types.vehicle import GnssFix
 
 FIX_BYTES: Final = 2 * 82
-"""The sentences GGA and GST (or RMC) of one fix, at their longest. Source: NMEA 0183, 5.3."""
+"""Maximum size of the sentences GGA and GST (or RMC) of one fix. Source: NMEA 0183, 5.3."""
 
 
 class NmeaReceiver(SerialBoard[GnssFix]):
-    """Publishes each fix as it arrives."""
+    """Publishes each fix when it arrives."""
 
     def __init__(self, config: NmeaDriver) -> None:
         self._messages = ReceiverDecoder()
@@ -36,7 +36,7 @@ class NmeaReceiver(SerialBoard[GnssFix]):
         return super().publish(value, now_ns)
 
     def stalled(self, now_ns: int) -> str:
-        """Reason why valid sentences have no fix, with the line of the receiver."""
+        """Reason why valid sentences contain no fix, or "" if they do."""
         if now_ns - self._fix_ns <= self.silent_s * 1e9 or self._messages.valid == 0:
             return ""
         return f"{self._device}: sentences are valid, {self._messages.reason}"

@@ -10,13 +10,13 @@ from swarmware.devices.ppm import PpmDecoder
 from swarmware.module.module import Module
 
 SILENT_NS: Final = 1_000_000_000
-"""Time without a valid frame after which the receiver counts as failed; it sends 45 a second."""
+"""Time without a valid frame after which the receiver counts as failed; it sends 45 frames a second."""
 
 
 class PpmReceiver(Sensor):
     """Publishes the switch and the sticks of the safety pilot, as the driver `crsf` does.
 
-    The signal has no state of the radio link: the receiver must end it when the transmitter is lost.
+    The signal has no state of the radio link, so the receiver must stop it when the transmitter is lost.
     """
 
     name = "ppm"
@@ -44,7 +44,7 @@ class PpmReceiver(Sensor):
             self._boards.on_channels(channels, self._module.now_ns())
 
     async def read(self, now_ns: int) -> bool:
-        """Whether there was a frame since the last call.
+        """Returns True if a frame arrived since the last call.
 
         Raises: DeviceGone when the line is lost; DeviceError when no valid frame arrives.
         """

@@ -1,4 +1,4 @@
-"""Driver of an airframe whose motors and servos follow pulses: the flight controller on its actuators."""
+"""Driver of an airframe with motors and servos on PWM, flown by the flight controller."""
 
 import logging
 import os
@@ -26,17 +26,17 @@ log = logging.getLogger("swarm.hal")
 
 REALTIME: Final = frozenset({os.SCHED_FIFO, os.SCHED_RR})
 _RESET_ON_FORK: Final = 0x40000000
-"""Flag that sched_getscheduler adds (SCHED_RESET_ON_FORK). Source: Linux, include/uapi/linux/sched.h."""
+"""Flag SCHED_RESET_ON_FORK in sched_getscheduler's result. Source: Linux, include/uapi/linux/sched.h."""
 _REPORT_NS: Final = 500_000_000
-"""Period of the report without a change: a chassis that is silent for 3 s counts as lost."""
+"""Period of unchanged reports, because a chassis that is silent for 3 s counts as lost."""
 _HELICOPTER: Final = (1, 4)
-"""Motors, and servos: lateral and longitudinal cyclic, collective, pedal."""
+"""Numbers of motors and of servos of a helicopter: two cyclic servos, collective, pedal."""
 
 
 class PwmFlight(FlightController):
-    """Flight controller whose motors follow the width of pulses of the PWM of Linux.
+    """Flight controller whose motors follow the pulse widths of Linux's PWM.
 
-    The chip continues the pulses of a process that hangs or was killed: another process stops them (ADR 59,
+    The chip continues its pulses when this process hangs or is killed, so another process stops them (ADR 59,
     69).
     """
 
@@ -49,19 +49,19 @@ class PwmFlight(FlightController):
         self._switch = MotorSwitch()
         self._setpoint = Setpoint(0.0)
         self._outputs: ActuatorOutputs | None = ActuatorOutputs()
-        """Outputs of the newest step; None: none yet, in a flight that was taken over."""
+        """Outputs of the newest step, or None before the first step of a flight that was taken over."""
         self._reported: tuple[ChassisReport, int] | None = None
-        """The report that was made last, and when."""
+        """The newest report, and its instant."""
         self._thread: DeviceThread | None = None
         self._former: DeviceThread | None = None
         self._channels: list[PwmChannel] = []
         self._end_writer: EndWriter | None = None
         self._widths_us: Sequence[float] = ()
-        """What the channels have now."""
+        """Present pulse widths of the channels, or () if unknown."""
         self._scheduling_stated = False
 
     async def open(self, module: Module) -> None:
-        """Opens the channels; the motors stop and the vehicle is disarmed, unless it flies.
+        """Opens the channels; unless the vehicle is in flight, the motors stop and it is disarmed.
 
         Raises: DeviceError, DeviceGone.
         """
@@ -80,30 +80,31 @@ class PwmFlight(FlightController):
             self._channels.append(PwmChannel(settings.device, number, 1 / settings.pulses_hz, keeps=keeps))
         if not keeps:
             self._stop()
+        # prepared now, because a hanging process cannot compute them
         pairs = zip(self._channels, self._widths(ActuatorOutputs()), strict=True)
         texts = [text for channel, width_us in pairs for text in channel.texts(width_us)]
         held_s = self._timing.held_s
         self._end_writer = EndWriter(texts, held_s, held_s)
 
     async def write(self, now_ns: int) -> bool:
-        """Runs the cascade for the newest inertial sample, and sets the pulses.
+        """Runs the control law for the newest inertial sample, and sets the pulses.
 
         Raises: DeviceError when a channel fails.
         """
         stepped = await super().write(now_ns)
         if self._switch.stop_if_blind(now_ns):
-            log.warning("driver %s: no inertial samples: the motors are stopped", self.name)
+            log.warning("driver %s: no inertial samples; the motors are stopped", self.name)
         self._report(now_ns)
         if self._outputs is None and self._switch.report.armed:
-            return stepped  # what the process before has set is held until the first step
+            return stepped  # the outputs of the previous process are held until the first step
         widths = self._widths(self._switch.outputs(self._outputs or ActuatorOutputs()))
         if self._thread is not None:
             await self._thread.run(lambda: self._carry(widths))
         return stepped
 
     def conditions(self, now_ns: int) -> Sequence[Condition]:
-        """Faults of the flight that changed; at first also how the loop is scheduled: real motors depend on
-        it."""
+        """Changed faults of the flight; the first call also returns the scheduling, on which real motors
+        depend."""
         found = super().conditions(now_ns)
         if self._scheduling_stated:
             return found
@@ -111,7 +112,7 @@ class PwmFlight(FlightController):
         return [*found, scheduling(os.sched_getscheduler(0))]
 
     def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
-        """Takes the set-point that the cascade follows."""
+        """Takes the set-point for the control law."""
         self._setpoint = setpoint
         super().send_setpoint(setpoint, stamp_ns)
 
@@ -122,7 +123,7 @@ class PwmFlight(FlightController):
         self._switch.on_step(sample, stamp_ns)
 
     def carry_order(self, order: ChassisOrder) -> None:
-        """Executes the order; motors that it stops stop at once."""
+        """Executes the order; an order to stop the motors takes effect at once."""
         module, thread = self.module, self._thread
         if module is None or thread is None:
             return
@@ -138,7 +139,7 @@ class PwmFlight(FlightController):
             self.on_report(report, now_ns)
 
     def _widths(self, outputs: ActuatorOutputs) -> list[float]:
-        """Widths of the pulses in µs; without outputs motors are stopped, and servos in their centre."""
+        """Pulse widths in µs; missing outputs stop the motors and centre the servos."""
         motors, servos = self._settings.motors, self._settings.servos
         found = [one.width_us(value) for one, value in zip(motors, outputs.motors, strict=False)]
         found += [one.width_us(0.0) for one in motors[len(found) :]]
@@ -150,7 +151,7 @@ class PwmFlight(FlightController):
         self._carry(self._widths(ActuatorOutputs()))
 
     def _carry(self, widths_us: Sequence[float]) -> None:
-        """Sets the pulses that changed, in the thread of the device."""
+        """Sets the changed pulses, in the thread of the device."""
         if self._end_writer is not None and self._end_writer.keep():
             self._widths_us = ()
             for channel in self._channels:
@@ -165,7 +166,7 @@ class PwmFlight(FlightController):
     def _disconnect(self) -> None:
         channels, self._channels = self._channels, []
         if self._switch.phase is MotorPhase.AIRBORNE and self._end_writer is not None:
-            # as after a kill: outputs are held until this driver, or another process, continues the flight
+            # as after a kill, the outputs are held until this driver or another process continues the flight
             self._end_writer.leave()
             self._end_writer = None
             self._close(channels)
@@ -185,7 +186,7 @@ class PwmFlight(FlightController):
             channel.close()
 
     async def close(self) -> None:
-        """Stops the motors of a vehicle that does not fly, and closes the channels."""
+        """Closes the channels, and stops the motors unless the vehicle is in flight."""
         await super().close()
         if self._thread is not None:
             self._thread.close(self._disconnect)
@@ -193,7 +194,7 @@ class PwmFlight(FlightController):
 
 
 def scheduling(policy: int) -> Condition:
-    """Whether the process of the loop has real-time scheduling."""
+    """Condition that the process of the control loop has real-time scheduling."""
     name, description = "flight/scheduling", "The loop of real motors has real-time scheduling"
     if policy & ~_RESET_ON_FORK in REALTIME:
         return Condition(name, description)
@@ -204,22 +205,22 @@ def scheduling(policy: int) -> Condition:
 def make(config: Config, site: Site) -> list[Device]:
     """Creates the driver of the airframe.
 
-    Raises: ConfigError when the platform has none, or not as many outputs as it.
+    Raises: ConfigError when the platform has no airframe, or another number of outputs than the airframe.
     """
     airframe, settings = site.airframe, config.pwm_flight
     if airframe is None:
         raise ConfigError("driver pwm_flight: no airframe; expected `airframe` in node.toml")
     if isinstance(airframe, FixedWingAirframe):
         raise ConfigError(
-            "driver pwm_flight: a fixed wing; expected an airframe that hovers: nothing here shows that an"
-            " aircraft has landed"
+            "driver pwm_flight: a fixed wing; expected an airframe that can hover, because this driver"
+            " cannot detect that an aircraft has landed"
         )
     _check_outputs(airframe, settings.motors, settings.servos)
     return [PwmFlight(config.chassis, settings, hover_law(airframe), flight_timing(airframe))]
 
 
 def _check_outputs(airframe: Airframe, motors: Sequence[MotorPulse], servos: Sequence[ServoPulse]) -> None:
-    """Check the number of outputs. Raises: ConfigError."""
+    """Checks the number of outputs. Raises: ConfigError."""
     wanted = (len(airframe.rotors), 0) if isinstance(airframe, MultirotorAirframe) else _HELICOPTER
     for name, given, expected in zip(("motors", "servos"), (motors, servos), wanted, strict=True):
         if len(given) != expected:

@@ -1,4 +1,4 @@
-"""Replay of a log: the recorded resources of a vehicle take the place of its devices."""
+"""Replay of a log, whose recorded resources replace the devices of a vehicle."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,14 +19,14 @@ from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, LogSource, Query
 
 _BATCH: Final = 1000
-"""Entries of one call: at most this many are written before other drivers have their turn."""
+"""Maximum number of entries that are published before other drivers have their turn."""
 _STREAMS: Final = frozenset({Kind.STREAM.value, Kind.EVENT.value})
 
 Writer = BoardWriter[Any] | StreamWriter[Any]
 
 
 class RecordedDevices(BlockingDevice, Sensor):
-    """Publishes the entries of a log at their pace, each with the stamp of its own instant."""
+    """Publishes the entries of a log at the recorded pace, each with its own stamp."""
 
     name = "recording"
 
@@ -34,7 +34,7 @@ class RecordedDevices(BlockingDevice, Sensor):
         self.period_s = 1 / config.wake_hz
         self._config = config
         self._source = config.file or config.folder
-        """What is replayed, for messages."""
+        """Path of the file or folder, for error messages."""
         self._file: BinaryIO | None = None
         self._entries: Iterator[LogEntry] = iter(())
         self._next: LogEntry | None = None
@@ -43,7 +43,7 @@ class RecordedDevices(BlockingDevice, Sensor):
         self._module: Module | None = None
         self._writers: dict[str, Writer] = {}
         self.refused = 0
-        """Entries of unknown types, or whose payload does not match their type."""
+        """Number of entries of unknown types, or with a payload that does not match the type."""
 
     async def open(self, module: Module) -> None:
         """Opens the log; its resources appear with their first entries."""
@@ -68,12 +68,14 @@ class RecordedDevices(BlockingDevice, Sensor):
         self._advance()
 
     def _opened_source(self) -> LogSource:
-        """The log from its begin. Raises: DeviceGone when it is missing."""
+        """Opens the log at its begin. Raises: DeviceGone when it is missing."""
         config = self._config
         try:
             if not config.file:
                 return FolderSource([Path(config.folder)])
-            from swarmware.recorder.spool import SpoolSource  # few vehicles replay an export
+            from swarmware.recorder.spool import (
+                SpoolSource,
+            )  # imported here, because few vehicles replay an export
 
             self._close_file()
             self._file = Path(config.file).open("rb")  # noqa: SIM115 - read until `disconnect`
@@ -84,7 +86,7 @@ class RecordedDevices(BlockingDevice, Sensor):
             raise DeviceGone(f"log {config.file}: {error.strerror}") from error
 
     def _advance(self) -> None:
-        """Reads the next entry. Raises: DeviceError for a file of another form."""
+        """Reads the next entry. Raises: DeviceError for a file of another format."""
         try:
             self._next = next(self._entries, None)
         except WireError as error:
@@ -106,13 +108,13 @@ class RecordedDevices(BlockingDevice, Sensor):
         return bool(due)
 
     def _due(self, now_ns: int) -> list[LogEntry]:
-        """The entries that are due, read in the thread of the device."""
+        """Due entries, read in the thread of the device."""
         found: list[LogEntry] = []
         while len(found) < _BATCH:
             entry = self._next
             if entry is None:
                 if not self._config.loop or found:
-                    return found  # what was found has stamps of this pass
+                    return found  # the found entries have the time base of this pass
                 self._rewind()
                 self._playback = None
                 if self._next is None:
@@ -137,7 +139,7 @@ class RecordedDevices(BlockingDevice, Sensor):
         writer.write(value, stamp_ns)
 
     def _opened(self, entry: LogEntry, cls: type[msgspec.Struct]) -> Writer:
-        """The writer of a resource. Raises: Conflict when another program writes it."""
+        """Opens the writer of a resource. Raises: Conflict when another program writes it."""
         if self._module is None:
             raise DeviceError(f"{self.name}: not open")
         if entry.kind in _STREAMS:
@@ -160,7 +162,7 @@ class RecordedDevices(BlockingDevice, Sensor):
 
 
 def _sent_ns(entry: LogEntry) -> int:
-    """Instant of a value in UTC; of its recording where it is not known."""
+    """Instant of a value in UTC, or of its recording if the instant is not known."""
     return entry.sent_utc_ns or entry.utc_ns
 
 

@@ -1,4 +1,4 @@
-"""Replay of raw packets: a recording replaces the device."""
+"""Replay of raw packets from a recording, in place of a device."""
 
 from pathlib import Path
 

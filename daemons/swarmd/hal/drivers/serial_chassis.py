@@ -1,4 +1,4 @@
-"""Driver of a chassis on a serial line; `chassis-protocol.md` specifies what its firmware does."""
+"""Driver of a chassis on a serial line, whose firmware implements `chassis-protocol.md`."""
 
 from typing import Final
 
@@ -15,7 +15,7 @@ from swarmware.types.chassis import ChassisOrder
 from swarmware.types.vehicle import BatteryState, Setpoint
 
 _BATTERY_NS: Final = 1_000_000_000
-"""Period of `power/battery`."""
+"""Minimum time between two values of `power/battery`."""
 
 
 class SerialChassis(Chassis):
@@ -39,7 +39,8 @@ class SerialChassis(Chassis):
         await super().open(module)
 
     async def write(self, now_ns: int) -> bool:
-        """Sends what is due. Raises: DeviceGone when the line is lost; DeviceError as every chassis."""
+        """Sends due set-points and orders. Raises: DeviceGone when the line is lost; DeviceError as every
+        chassis."""
         if self._line is not None:
             self._line.check()
         return await super().write(now_ns)
@@ -77,7 +78,8 @@ class SerialChassis(Chassis):
         self._battery.write(found.battery, now_ns)
 
     def failsafe(self, now_ns: int) -> str:
-        """Reason, also when the chassis stopped by its own watchdog."""
+        """Reason of the fail-safe, including the watchdog of the chassis itself, or "" without a
+        fail-safe."""
         return super().failsafe(now_ns) or (
             "the chassis stopped by its own watchdog" if self._stopped_itself else ""
         )

@@ -1,4 +1,4 @@
-"""Driver of servos and motor controllers that follow the width of pulses (RC, 1 to 2 ms)."""
+"""Driver of servos and motor controllers that follow pulse widths (RC, 1 to 2 ms)."""
 
 from swarmd.hal.blocking import BlockingDevice
 from swarmd.hal.buses.end_writer import EndWriter
@@ -10,7 +10,7 @@ from swarmware.module.module import Module
 
 
 class Servos(BlockingDevice, Actuator):
-    """Outputs of one chip; each has a board of its set-points from -1 to 1 and a safe width."""
+    """Outputs of one chip, each with a board of set-points from -1 to 1 and a safe width."""
 
     name = "servo"
 
@@ -19,7 +19,7 @@ class Servos(BlockingDevice, Actuator):
         self._config = config
         self._channels: list[PwmChannel] = []
         self._widths_us: list[float] = []
-        """What the channels have now."""
+        """Present pulse widths of the channels, or [] if unknown."""
         self._boards: OutputBoards | None = None
         self._end_writer: EndWriter | None = None
 
@@ -36,7 +36,7 @@ class Servos(BlockingDevice, Actuator):
         self._carry([one.safe_us for one in config.outputs])
         pairs = zip(self._channels, config.outputs, strict=True)
         texts = [text for channel, one in pairs for text in channel.texts(one.safe_us)]
-        # as old set-points: while the driver hangs they are not followed for longer either
+        # set-points of a hanging driver are followed no longer than other old set-points
         self._end_writer = EndWriter(texts, config.watchdog_s)
 
     async def write(self, now_ns: int) -> bool:

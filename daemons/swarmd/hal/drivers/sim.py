@@ -1,4 +1,4 @@
-"""Drivers of the simulated sensors: publish the measurements of service `sim`."""
+"""Drivers of the simulated sensors, which publish the measurements of service `sim`."""
 
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -24,7 +24,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 
 
 class RestPeriod:
-    """Period of a device: a longer one while the vehicle is disarmed and on the ground."""
+    """Period of a device, which is longer while the vehicle is disarmed and on the ground."""
 
     def __init__(self, rate_hz: float, rest_hz: float) -> None:
         self._moving_s = 1 / rate_hz
@@ -32,7 +32,7 @@ class RestPeriod:
         self._reader: BoardReader[VehicleState] | None = None
 
     def open(self, module: Module) -> None:
-        """Opens the board with the state of the vehicle, if there are two periods."""
+        """Opens the board with the state of the vehicle, if both periods differ."""
         if self._resting_s > self._moving_s:
             self._reader = module.reader("vehicle/state", VehicleState)
 
@@ -50,7 +50,7 @@ class RestPeriod:
 
 
 class SimSensor(Sensor, Generic[T]):
-    """A simulated sensor whose values and stamps are passed through."""
+    """Driver of a simulated sensor, which passes values and stamps through."""
 
     def __init__(self, device: str, path: str, cls: type[T], rate_hz: float, rest_hz: float) -> None:
         self.name = f"sim.{device}"
@@ -73,7 +73,7 @@ class SimSensor(Sensor, Generic[T]):
         self._writer = module.writer(self._path, self._cls, rate_hz=self._rate_hz)
 
     async def read(self, now_ns: int) -> bool:
-        """Publishes the newest value once."""
+        """Publishes the newest value, once."""
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
@@ -86,7 +86,7 @@ class SimSensor(Sensor, Generic[T]):
         return True
 
     def passed(self, value: T) -> T:
-        """What is published for a value of the simulation."""
+        """Value that is published for a value of the simulation."""
         return value
 
     async def close(self) -> None:
@@ -100,7 +100,7 @@ class SimSensor(Sensor, Generic[T]):
 
 
 class SimImu(ImuSource, SimSensor[Imu]):
-    """The simulated inertial unit, corrected like a real one."""
+    """The simulated inertial unit, with the calibration of a real unit."""
 
     def passed(self, value: Imu) -> Imu:
         """The sample with the correction applied."""
@@ -108,7 +108,7 @@ class SimImu(ImuSource, SimSensor[Imu]):
 
 
 class SimSonar(Sensor):
-    """The sonar of an air vehicle: height above the ground, with outlier rejection."""
+    """The simulated sonar of an air vehicle, which publishes the height with outlier rejection."""
 
     name = "sim.sonar"
 
@@ -127,11 +127,11 @@ class SimSonar(Sensor):
         self._filter.reset()
         self._period.open(module)
         self._reader = module.reader("sim/sensors/sonar", Range)
-        # without a rate: above its range the sonar publishes nothing, which is not a fault
+        # without a rate, because a sonar out of range publishes nothing, which is not a fault
         self._writer = module.writer("sensor/height", Float, unit="m", link="request")
 
     async def read(self, now_ns: int) -> bool:
-        """Publishes the filtered height; nothing when the ground is out of range."""
+        """Publishes the filtered height, unless the ground is out of range."""
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
@@ -157,7 +157,7 @@ class SimSonar(Sensor):
 
 
 def make(config: Config, site: Site) -> list[Device]:
-    """Creates the drivers of a simulated vehicle; none for a ground station."""
+    """Creates the drivers of a simulated vehicle; a ground station has no drivers."""
     rates = config.sim
     if site.kind == PlatformKind.GCS:
         return []
@@ -180,8 +180,8 @@ def make(config: Config, site: Site) -> list[Device]:
 
 
 def _flight(config: Config, airframe: "Airframe") -> Device:
-    """The flight controller of an airframe."""
-    from swarmd.hal.core.flight.flight_core import control_law, flight_timing  # other vehicles have none
+    """Creates the flight controller of an airframe."""
+    from swarmd.hal.core.flight.flight_core import control_law, flight_timing  # not loaded by other vehicles
     from swarmd.hal.drivers.sim_flight import SimFlight
 
     return SimFlight(config.chassis, control_law(airframe), flight_timing(airframe), config.sim.imu_hz)

@@ -1,4 +1,4 @@
-"""Driver of the simulated chassis, which service `sim` serves in shared memory."""
+"""Driver of the simulated chassis, which is connected to service `sim` by shared memory."""
 
 from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import ChassisConfig
@@ -17,7 +17,7 @@ class SimChassis(Chassis):
         self._port = SimPort(paths.SIM_SETPOINT, Setpoint)
 
     async def open(self, module: Module) -> None:
-        """Opens the boards that it shares with the simulation, which may not run yet."""
+        """Opens the boards shared with the simulation, which may not run yet."""
         await super().open(module)
         self._port.open(module)
         self.start(self._port.follow(self.on_report))

@@ -1,4 +1,4 @@
-"""Driver of the actuators of a simulated airframe: the flight controller's outputs go to service `sim`."""
+"""Driver of a simulated airframe, whose flight controller sends its outputs to service `sim`."""
 
 from swarmd.hal.config import ChassisConfig
 from swarmd.hal.core.flight.control_law import ControlLaw
@@ -22,7 +22,7 @@ class SimFlight(ImuSource, FlightController):
         self._port = SimPort(paths.SIM_OUTPUTS, ActuatorOutputs)
 
     async def open(self, module: Module) -> None:
-        """Opens the boards that it shares with the simulation, which may not run yet."""
+        """Opens the boards shared with the simulation, which may not run yet."""
         self.take_over(module)
         await super().open(module)
         self._port.open(module)

@@ -1,4 +1,4 @@
-"""Port of the simulated chassis in shared memory: commands and orders out, reports in."""
+"""Port to the simulated chassis in shared memory, with commands, orders and reports."""
 
 from collections.abc import Callable
 from typing import Final, Generic, TypeVar
@@ -15,14 +15,14 @@ from swarmware.types.chassis import ChassisOrder, ChassisReport
 T = TypeVar("T", bound=msgspec.Struct)
 
 _ORDERS: Final = 16
-"""Orders that remain readable for a simulation that is busy."""
+"""Number of orders that stay readable for a busy simulation."""
 _ORDER_BYTES: Final = 512
 
 
 class SimPort(Generic[T]):
-    """The boards that a driver shares with service `sim`, which may not run yet.
+    """Boards that a driver shares with service `sim`, which may not run yet.
 
-    `path`: board of its commands: set-points, or outputs of a flight controller.
+    `path`: board of the commands, which are set-points or outputs of a flight controller.
     """
 
     def __init__(self, path: str, cls: type[T]) -> None:
@@ -43,7 +43,7 @@ class SimPort(Generic[T]):
         self._reports = module.reader(paths.SIM_REPORT, ChassisReport)
 
     async def follow(self, take: Callable[[ChassisReport, int], None]) -> None:
-        """Passes each report on, with the instant at which it was made, until the port is closed."""
+        """Passes each report on with the instant of its creation, until the port is closed."""
         reports, module = self._reports, self._module
         if reports is None or module is None:
             return

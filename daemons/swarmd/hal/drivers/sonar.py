@@ -13,11 +13,11 @@ from swarmware.module.writer import BoardWriter
 from swarmware.types.scalar import Float
 
 READING_BYTES: Final = 6
-"""`R1234` and its end, of the models with millimetres; the others send one digit less."""
+"""Size of a reading `R1234` with its end, for models in millimetres; other models send one digit less."""
 
 
 class SerialSonar(SerialSensor[float]):
-    """Publishes the height above the ground, with outlier rejection; nothing when it is out of range."""
+    """Publishes the height above the ground with outlier rejection, unless the ground is out of range."""
 
     silent_s = 2.0
 
@@ -33,7 +33,7 @@ class SerialSonar(SerialSensor[float]):
         """Opens the line and the board of the height."""
         await super().open(module)
         self._filter.reset()
-        # without a rate: out of range it publishes nothing, which is not a fault
+        # without a rate, because a sonar out of range publishes nothing, which is not a fault
         self._writer = module.writer(self._config.path, Float, unit="m", link="request")
 
     def publish(self, value: float, now_ns: int) -> bool:

@@ -1,4 +1,4 @@
-"""Driver of the computer: load, memory, disk, temperature."""
+"""Driver of the computer, which publishes load, memory, disk and temperature."""
 
 import os
 from typing import Final
@@ -32,7 +32,7 @@ class System(Sensor):
         self._reads = 0
 
     async def open(self, module: Module) -> None:
-        """Open the writer of `system/load`."""
+        """Opens the writer of `system/load`."""
         self._module = module
         self._writer = module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
         self._processors = ProcessorUse()
@@ -56,7 +56,7 @@ class System(Sensor):
         return True
 
     async def close(self) -> None:
-        """Close the writer of `system/load`."""
+        """Closes the writer of `system/load`."""
         if self._module is not None and self._writer is not None:
             self._module.close_writer(self._writer)
             self._writer = None

@@ -1,4 +1,4 @@
-"""Driver of inertial units of VectorNav on a serial line, binary output."""
+"""Driver of VectorNav inertial units on a serial line, with binary output."""
 
 from swarmd.hal.config import Config, VectorNavDriver
 from swarmd.hal.driver import Device, Site
@@ -9,7 +9,7 @@ from swarmware.types.vehicle import Imu
 
 
 class VectorNavImu(ImuSource, SerialBoard[Imu]):
-    """Publishes each measurement as it arrives, with the heading of the unit."""
+    """Publishes each measurement when it arrives, with the heading of the unit."""
 
     silent_s = 1.0
 

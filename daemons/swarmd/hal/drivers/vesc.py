@@ -20,11 +20,11 @@ _STATE_HZ: Final = 10.0
 _COMMAND_BYTES: Final = 4
 _STATUS_BYTES: Final = 8
 _STATUS_HZ: Final = 50.0
-"""Bytes of a command and of a status, and the greatest rate of the latter."""
+"""Sizes of a command and of a status, and the highest rate of a status."""
 
 
 class VescMotors(Actuator):
-    """Motors that follow boards of set-points from -1 to 1; without a fresh one they run without current."""
+    """Motors that follow boards of set-points from -1 to 1, and get no current without a fresh set-point."""
 
     name = "vesc"
 
@@ -42,7 +42,7 @@ class VescMotors(Actuator):
         self._module: Module | None = None
         self._writers: list[BoardWriter[MotorControllerState]] = []
         self.refused: Counter[str] = Counter()
-        """Frames that were not understood, by the reason."""
+        """Number of invalid frames, by the reason."""
 
     async def open(self, module: Module) -> None:
         """Opens the bus and the boards of all motors."""
@@ -75,7 +75,7 @@ class VescMotors(Actuator):
                 self._writers[i].write(found, now_ns)
 
     async def write(self, now_ns: int) -> bool:
-        """Sends a command to each motor, as their watchdogs expect.
+        """Sends a command to each motor, at every call because the controllers have watchdogs.
 
         Raises: DeviceGone when the bus is lost; DeviceError when a controller is silent.
         """
@@ -123,7 +123,7 @@ class VescMotors(Actuator):
         try:
             bus.send(CanFrame(*command(controller, "current", 0.0)))
         except DeviceError:
-            return  # the bus is lost: the controllers stop by their own time-out
+            return  # the bus is lost, and the controllers stop by their own time-out
 
 
 def make(config: Config, site: Site) -> list[Device]:

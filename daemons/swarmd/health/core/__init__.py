@@ -1,1 +1,1 @@
-"""Decisions of the monitor: states of faults, checks of modules, own rules; no sockets or clock."""
+"""Decisions of the monitor, without sockets or clock: states of faults, checks of modules, own rules."""

@@ -1,4 +1,4 @@
-"""Applications: alive, hung, died, restarted."""
+"""State of the node's applications: alive, hung, died or restarted."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -12,7 +12,7 @@ from swarmware.types.system import AppStatus
 DIED: Final = "died"
 HUNG: Final = "hung"
 FAILED: Final = "failed"
-"""It ended with an error, and was restarted inside the same process."""
+"""State of a service that ended with an error and was restarted inside the same process."""
 
 APP_LEVELS: Final[dict[str, Level]] = {OK_STATE: "ok", DIED: "error", HUNG: "error", FAILED: "warn"}
 
@@ -27,16 +27,16 @@ class WatchedApp(msgspec.Struct):
     resources: dict[str, Resource] = {}
     state: str = OK_STATE
     beats: bool = False
-    """It writes a heartbeat: only then its end or silence is a fault."""
+    """True once the application has written a heartbeat; before, its end or silence is not a fault."""
     started_ns: int = 0
-    """Node clock when it joined."""
+    """Node clock at which the application joined."""
     beat: int = -1
     beat_ns: int = 0
     failures: int = 0
 
     @property
     def check(self) -> str:
-        """Name of its check."""
+        """Name of the check of this application."""
         return f"app/{self.name}" if self.id.endswith("#1") else f"app/{self.id.replace('#', '_')}"
 
 
@@ -58,7 +58,7 @@ class WatchedApps:
     def on_running(
         self, app_id: str, name: str, pid: int, resources: dict[str, Resource], now_ns: int
     ) -> WatchedApp:
-        """It has an application file; one that died is alive again."""
+        """Takes that the application has a file, and so is alive, even if it died before."""
         app = self._apps.get(app_id)
         if app is None:
             app = self._apps[app_id] = WatchedApp(app_id, name, pid, now_ns)
@@ -70,7 +70,8 @@ class WatchedApps:
         return app
 
     def on_died(self, app_id: str, now_ns: int) -> WatchedApp | None:
-        """Its process ended without leaving the node; None if its end is not a fault."""
+        """Takes a death without leaving the node; returns the application, or None if its end is not a
+        fault."""
         app = self._apps.get(app_id)
         if app is None or app.state == DIED:
             return None
@@ -82,8 +83,10 @@ class WatchedApps:
         return app
 
     def restore(self, check: str, now_ns: int) -> None:
-        """Restore an application that a former monitor found dead; its file identifies it when it is back."""
+        """Restores an application that the previous monitor found dead; its file identifies it on its
+        return."""
         name, _, number = check.removeprefix("app/").rpartition("_")
+        # `check` leaves the number out of the name of the first instance
         if not (name and number.isdigit()):
             name, number = check.removeprefix("app/"), "1"
         app_id = f"{name}#{number}"
@@ -91,23 +94,23 @@ class WatchedApps:
             self._apps[app_id] = WatchedApp(app_id, name, 0, now_ns, state=DIED, beats=True)
 
     def remove(self, app_id: str) -> None:
-        """Remove an application: its end is not a fault any more."""
+        """Removes an application, whose end is then not a fault any more."""
         self._apps.pop(app_id, None)
 
     def on_left(self, app_id: str) -> WatchedApp | None:
-        """It left the node; None if it had died before."""
+        """Takes that an application left the node; returns it, or None if it had died before."""
         app = self._apps.get(app_id)
         if app is None or app.state == DIED:
             return None
         return self._apps.pop(app_id)
 
     def on_status(self, app: WatchedApp, status: AppStatus, now_ns: int) -> bool:
-        """Evaluate its status board; True if its state changed, or at its first heartbeat."""
+        """Evaluates the status board; returns True if the state changed, and at the first heartbeat."""
         if status.pid != app.pid:
             return False  # left in shared memory by a process that has ended
         first, app.beats = not app.beats, True
         if first:
-            # the count continues after a restart of the service in its process; a new process begins at 0
+            # the count continues after a restart of the service in its process, but a new process begins at 0
             app.failures = min(self._failures.get(app.id, status.failures), status.failures)
         self._failures[app.id] = status.failures
         if status.beat != app.beat:
@@ -124,11 +127,11 @@ class WatchedApps:
         return first
 
     def extend_heartbeats(self, late_ns: int) -> None:
-        """Extend the time of the next heartbeats: the monitor itself was delayed."""
+        """Extends the time of the next heartbeats by a delay of the monitor itself."""
         for app in self._apps.values():
             app.beat_ns += late_ns
 
     def count(self) -> tuple[int, int]:
-        """Number of applications: (alive, failed)."""
+        """Numbers of alive and of failed applications."""
         failed = sum(app.state in {DIED, HUNG} for app in self._apps.values())
         return len(self._apps) - failed, failed

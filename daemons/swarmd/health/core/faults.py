@@ -1,4 +1,4 @@
-"""Faults and their states: pending → confirmed → healed → cleared.
+"""Faults with their phases pending, confirmed, healed and cleared.
 
 Source: AUTOSAR Classic Platform, Diagnostic Event Manager.
 """
@@ -12,20 +12,20 @@ import msgspec
 from swarmware.types.health import WORSE, Fault, Level, Phase
 
 HISTORY: Final = 64
-"""Cleared faults that are kept for requests."""
+"""Number of cleared faults that are kept for requests."""
 
 
 class FaultEvent(StrEnum):
     """Event of a fault, made from samples of its check."""
 
     PREFAILED = "prefailed"
-    """A sample failed that is not confirmed."""
+    """A sample failed, and the failure is not confirmed."""
     FAILED = "failed"
     """The failure is confirmed."""
     PASSED = "passed"
-    """The check passes."""
+    """A sample of the check passed."""
     EXPIRED = "expired"
-    """It passed for the whole clear time."""
+    """The check passed for the whole clear time."""
 
 
 TRANSITIONS: Final[dict[tuple[Phase, FaultEvent], Phase]] = {
@@ -65,18 +65,18 @@ class FaultTable:
         self._history: deque[Fault] = deque(maxlen=HISTORY)
 
     def restore(self, faults: tuple[Fault, ...], now_ns: int) -> None:
-        """Restore the faults of a monitor that was killed."""
+        """Restores the faults of the previous, killed monitor."""
         for fault in faults:
             self._open[fault.check] = fault
             if fault.phase is Phase.HEALED:
                 self._clear_at_ns[fault.check] = now_ns + self._clear_ns
 
     def set_clear_time(self, check: str, clear_s: float) -> None:
-        """Set for how long this check must pass before its fault is cleared."""
+        """Sets the time for which this check must pass before its fault is cleared."""
         self._clear_ns_by_check[check] = round(clear_s * 1e9)
 
     def on_failed(self, sample: CheckSample, now_ns: int, *, confirmed: bool) -> Fault | None:
-        """A check failed; returns its fault if it changed and is to be published."""
+        """Takes a failed sample; returns the fault if it changed and is to be published."""
         event = FaultEvent.FAILED if confirmed else FaultEvent.PREFAILED
         old = self._open.get(sample.check)
         phase = TRANSITIONS[old.phase if old else Phase.CLEARED, event]
@@ -100,6 +100,7 @@ class FaultTable:
                 new = msgspec.structs.replace(
                     new, state=sample.state, level=sample.level, message=sample.message
                 )
+            # the freeze frame shows the sample that confirmed the fault; a healed fault keeps its first one
             if newly_confirmed and old.phase is Phase.PENDING:
                 new = msgspec.structs.replace(new, freeze=sample.freeze_frame)
         self._open[sample.check] = new
@@ -109,7 +110,7 @@ class FaultTable:
         return None if known or phase is Phase.PENDING else new
 
     def on_passed(self, check: str, now_ns: int) -> Fault | None:
-        """A check passed; returns its fault if it changed and is to be published."""
+        """Takes a passed sample; returns the fault if it changed and is to be published."""
         old = self._open.get(check)
         if old is None:
             return None
@@ -117,7 +118,7 @@ class FaultTable:
         if phase is old.phase:
             return None
         if phase is Phase.CLEARED:
-            del self._open[check]  # it was never confirmed, so never announced
+            del self._open[check]  # never confirmed, so never announced
             return None
         healed = msgspec.structs.replace(old, phase=phase)
         self._open[check] = healed
@@ -125,13 +126,13 @@ class FaultTable:
         return healed
 
     def withdraw(self, check: str, now_ns: int) -> Fault | None:
-        """The check was withdrawn: clear its fault."""
+        """Clears the fault of a withdrawn check; returns the fault if it is to be published."""
         self._clear_ns_by_check.pop(check, None)
         healed = self.on_passed(check, now_ns)
         return self._clear(check) if check in self._open else healed
 
     def advance(self, now_ns: int) -> list[Fault]:
-        """Clear faults whose clear time is over."""
+        """Clears the faults whose clear time is over, and returns them."""
         due = [check for check, at_ns in self._clear_at_ns.items() if at_ns <= now_ns]
         return [self._clear(check) for check in due]
 
@@ -143,14 +144,14 @@ class FaultTable:
         return cleared
 
     def confirmed(self) -> list[Fault]:
-        """Confirmed faults, by level, then the oldest first."""
+        """Confirmed faults, the worst level first, then the oldest first."""
         found = [fault for fault in self._open.values() if fault.phase is Phase.CONFIRMED]
         return sorted(found, key=lambda fault: (-WORSE[fault.level], fault.first_ns))
 
     def open(self) -> tuple[Fault, ...]:
-        """Faults that are not cleared, newest first."""
+        """Faults that are not cleared, the newest first."""
         return tuple(sorted(self._open.values(), key=lambda fault: -fault.last_ns))
 
     def cleared(self) -> tuple[Fault, ...]:
-        """Cleared faults, newest first."""
+        """Cleared faults, the newest first."""
         return tuple(reversed(self._history))

@@ -27,46 +27,46 @@ from swarmware.types.health import (
 from swarmware.types.system import AppStatus
 
 FAULTS_LIMIT: Final = 16
-"""Names of faults in the published state."""
+"""Maximum number of faults that the published state names."""
 AGE_PREFIX: Final = "age/"
 PLATFORM_PREFIX: Final = "platform/"
 BATTERY_PATH: Final = "power/battery"
 BATTERY_STEP: Final = 0.05
-"""The ratio is rounded to this: the state travels on change."""
+"""Step to which the ratio is rounded, because each change of the state is published."""
 
 GUARD: Final = "guard"
-"""The application that starts all others, and the only one on which the monitor acts."""
+"""Name of the application that starts all others, and the only one on which the monitor acts."""
 VALUES_NS: Final = 1_000_000_000
 """Period of sampling values with limits."""
 
 
 class ReadInputs(msgspec.Struct, frozen=True):
-    """Read positions, status boards, reports and routes, call their events, then `on_inputs_read`."""
+    """Action: read positions, status boards, reports and routes, call their events, then `on_inputs_read`."""
 
     values: bool
-    """Also values with limits."""
+    """True if the values with limits are to be read as well."""
 
 
 class FaultChanged(msgspec.Struct, frozen=True):
-    """Write the change of a fault to the journal, then announce it."""
+    """Action: write the change of a fault to the journal, then announce it."""
 
     fault: Fault
 
 
 class RegistrationChanged(msgspec.Struct, frozen=True):
-    """Write to the journal: a module has registered or withdrawn a check."""
+    """Action: write to the journal that a module has registered or withdrawn a check."""
 
     registration: CheckRegistration
 
 
 class FaultsCleared(msgspec.Struct, frozen=True):
-    """Faults after an operator has cleared them."""
+    """Action: report the faults that an operator has cleared, in their phase after that."""
 
     faults: tuple[Fault, ...]
 
 
 class GuardHung(msgspec.Struct, frozen=True):
-    """The guard runs without a heartbeat."""
+    """Action: kill the guard, which runs without a heartbeat."""
 
     pid: int
 
@@ -105,23 +105,24 @@ class MonitorCore:
         self._expected: dict[str, Resource] = {}
         self._critical: set[str] = set()
         self._restored_until_ns: int | None = None
-        """Until then faults of a former monitor are kept without their checks."""
+        """Instant until which faults of the previous monitor are kept without their checks."""
         self._actions: list[Action] = []
 
     def set_template(self, resources: tuple[Resource, ...]) -> None:
-        """Set the resources of the template: a sensor without a provider is not valid."""
+        """Sets the resources of the template, whose sensors are invalid until an application provides
+        them."""
         self._expected = {resource.path: resource for resource in resources if self._is_sensor(resource.path)}
         self._critical = {resource.path for resource in resources if resource.critical}
 
     def _take_actions(self) -> list[Action]:
-        """Return the actions of the current event."""
+        """Returns the actions of the current event, and clears them."""
         actions, self._actions = self._actions, []
         return actions
 
     def on_start(
         self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...], now_ns: int
     ) -> list[Action]:
-        """Restore the journal of a monitor that was killed."""
+        """Restores the journal of the previous, killed monitor."""
         self._next_read_ns = self._next_values_ns = (now_ns // self._period_ns + 1) * self._period_ns
         for registration in registrations:
             self.faults.set_clear_time(registration.check, registration.clear_s)
@@ -136,9 +137,9 @@ class MonitorCore:
         return self._take_actions()
 
     def on_clear(self, pattern: str, now_ns: int) -> list[Action]:
-        """Clear the faults that match, and remove checks of applications that ended: an operator's request.
+        """Clears the matching faults at an operator's request, and removes the checks of ended applications.
 
-        A check that still fails makes a new fault. `FaultsCleared` has the faults after that.
+        A check that still fails makes a new fault.
         """
         wanted = Pattern(pattern)
         after: list[Fault] = []
@@ -147,13 +148,13 @@ class MonitorCore:
                 cleared = self.faults.withdraw(fault.check, now_ns)
                 self._announce(cleared)
                 self._forget(fault.check, now_ns)
-                # a pending fault was never announced, so it is not in the history
+                # a pending fault was never announced, so the history does not contain it
                 after.append(cleared or msgspec.structs.replace(fault, phase=Phase.CLEARED))
         self._actions.append(FaultsCleared(tuple(after)))
         return self._take_actions()
 
     def _forget(self, check: str, now_ns: int) -> None:
-        """Remove the check itself unless its application lives."""
+        """Removes the check itself, unless its application is alive."""
         if check.startswith(PLATFORM_PREFIX):
             self.platforms.forget(check.removeprefix(PLATFORM_PREFIX))
         for app in self.apps:
@@ -173,7 +174,7 @@ class MonitorCore:
         return app is None or app.state == DIED
 
     def _has_check(self, check: str) -> bool:
-        """Whether a check exists that can pass."""
+        """True if a check of this name exists, so that its fault can heal."""
         return (
             check in self.reports
             or check in self._rules
@@ -185,7 +186,7 @@ class MonitorCore:
     # -- other platforms
 
     def on_platforms(self, reachable: set[str], now_ns: int) -> list[Action]:
-        """Platforms that are reachable: the loss of one is a fault."""
+        """Takes the reachable platforms; the loss of a platform is a fault."""
         for platform, lost_s in self.platforms.on_reachable(reachable, now_ns):
             check = f"{PLATFORM_PREFIX}{platform}"
             if lost_s is None:
@@ -198,7 +199,7 @@ class MonitorCore:
     # -- applications and their resources
 
     def on_running(self, entry: RunningApp, now_ns: int) -> list[Action]:
-        """An application has an application file; its resources are monitored from now on."""
+        """Takes that an application has a file, and monitors its resources from now on."""
         app_id, resources = entry.app_id, entry.resources
         before = self.apps.get(app_id)
         was_dead = before is not None and before.state == DIED
@@ -216,14 +217,14 @@ class MonitorCore:
         return self._take_actions()
 
     def on_died(self, app_id: str, now_ns: int) -> list[Action]:
-        """An application died: its resources are still expected."""
+        """Takes the death of an application, whose resources are still expected."""
         app = self.apps.on_died(app_id, now_ns)
         if app is not None:
             self._update_app_fault(app, now_ns)
         return self._take_actions()
 
     def on_left(self, app_id: str, now_ns: int) -> list[Action]:
-        """An application left the node: its resources are no longer monitored."""
+        """Takes that an application left the node, and stops monitoring its resources."""
         app = self.apps.on_left(app_id)
         if app is None:
             return []
@@ -235,7 +236,7 @@ class MonitorCore:
         return self._take_actions()
 
     def on_status(self, app: WatchedApp, status: AppStatus, now_ns: int) -> list[Action]:
-        """The status board of an application."""
+        """Takes the status board of an application."""
         if self.apps.on_status(app, status, now_ns):
             self._update_app_fault(app, now_ns)
             if app.name == GUARD and app.state == HUNG:
@@ -272,15 +273,15 @@ class MonitorCore:
     # -- rules of the monitor
 
     def ages(self) -> list[AgeRule]:
-        """The rules for ages of resources."""
+        """Rules for the ages of resources."""
         return list(self._ages.values())
 
     def limits(self) -> list[LimitRule]:
-        """The rules for limits of values."""
+        """Rules for the limits of values."""
         return list(self._rules.values())
 
     def on_age_sample(self, age: AgeRule, position: int, now_ns: int) -> list[Action]:
-        """Sample of the position of a resource's ring."""
+        """Takes a sample of the position of a resource's ring, which moves with each value."""
         age.on_sample(position, now_ns)
         if age.in_grace(now_ns):
             return []
@@ -293,7 +294,7 @@ class MonitorCore:
         return self._take_actions()
 
     def on_value(self, rule: LimitRule, value: float, now_ns: int) -> list[Action]:
-        """Sample of a field with limits."""
+        """Takes a sample of a field with limits."""
         rule.on_value(value, now_ns)
         state = rule.state if rule.state != OK_STATE else rule.raw
         freeze = f"{rule.field} {value:g}"
@@ -305,7 +306,7 @@ class MonitorCore:
     # -- checks of modules
 
     def on_registration(self, registration: CheckRegistration, now_ns: int) -> list[Action]:
-        """A module registers, renews or withdraws a check."""
+        """Takes that a module registers, renews or withdraws a check."""
         if self._register(registration, now_ns):
             self._actions.append(RegistrationChanged(registration))
         return self._take_actions()
@@ -321,7 +322,7 @@ class MonitorCore:
         return self.reports.withdraw(check)
 
     def on_reports(self, reports: CheckReports, now_ns: int) -> list[Action]:
-        """Reports of an application on its checks."""
+        """Takes the reports of an application on its checks."""
         for report in reports.reports:
             known = self.reports.on_report(reports.app, report, now_ns)
             if known is not None:
@@ -342,7 +343,7 @@ class MonitorCore:
     # -- faults
 
     def _update_fault(self, sample: CheckSample, raw: str, now_ns: int) -> None:
-        """Update the fault of a check; `sample.state`: confirmed, `raw`: of the last sample, or empty."""
+        """Updates the fault of a check from its confirmed state and the state `raw` of the last sample."""
         if sample.state != OK_STATE and sample.level != "ok":
             self._announce(self.faults.on_failed(sample, now_ns, confirmed=True))
         elif raw not in {OK_STATE, ""} and sample.level != "ok":
@@ -356,7 +357,7 @@ class MonitorCore:
             self._actions.append(FaultChanged(fault))
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Inputs are to be read; a delay of the monitor itself extends ages and the time of heartbeats."""
+        """Requests the inputs; a delay of the monitor itself extends ages and the time of heartbeats."""
         if late_ns := self._delay.on_turn(self._next_read_ns, now_ns):
             self.apps.extend_heartbeats(late_ns)
             for age in self._ages.values():
@@ -368,15 +369,15 @@ class MonitorCore:
         return [ReadInputs(values)]
 
     def deadline_ns(self) -> int | None:
-        """Next reading of inputs."""
+        """Instant of the next reading of inputs."""
         return self._next_read_ns
 
     def on_inputs_read(self, now_ns: int) -> list[Action]:
-        """Evaluate silent checks and the clear times of faults, after all inputs were read."""
+        """Evaluates silent checks and the clear times of faults, after all inputs were read."""
         for known in self.reports.silent(now_ns):
             app = self.apps.get(known.registration.app)
             if app is not None and app.state != DIED and known.stamp_ns < app.started_ns:
-                # of a former process of the application, which has not registered it again
+                # registered by a previous process of the application, and not by the present one
                 self._withdraw(known.registration.check, now_ns)
             else:
                 self._update_report_fault(known, now_ns)
@@ -396,7 +397,7 @@ class MonitorCore:
         return "hung" if guard.state == HUNG else "alive"
 
     def state(self) -> HealthState:
-        """Logical state of the platform."""
+        """Logical state of the platform, as it is published."""
         confirmed = self.faults.confirmed()
         alive, failed = self.apps.count()
         level: Level = confirmed[0].level if confirmed else "ok"
@@ -435,7 +436,7 @@ class MonitorCore:
         return ("ok" if level == "ok" else "low" if level == "warn" else "critical"), ratio
 
     def checks(self) -> tuple[CheckState, ...]:
-        """Every check with its state, failed ones first."""
+        """All checks with their states, failed checks first."""
         found = [
             CheckState(app.check, "health", app.state, APP_LEVELS[app.state], app.since_ns, 1.0)
             for app in self.apps

@@ -1,13 +1,13 @@
-"""Presence of other platforms: reachable, or lost."""
+"""Presence of other platforms, which are reachable or lost."""
 
 from typing import Final
 
 LOST_NS: Final = 3_000_000_000
-"""A link is down after one second, an indirect route a little later; a short interruption is not a loss."""
+"""Time without a route that is a loss; a link is down after 1 s, an indirect route a little later."""
 
 
 class PlatformPresence:
-    """Detects the loss of platforms that were reachable since the start or in the journal."""
+    """Detects the loss of platforms that were reachable before, or lost according to the journal."""
 
     def __init__(self) -> None:
         self._reached_ns: dict[str, int] = {}
@@ -17,16 +17,17 @@ class PlatformPresence:
         return platform in self._reached_ns or platform in self._lost
 
     def restore_lost(self, platform: str) -> None:
-        """A former monitor announced its loss."""
+        """Restores the loss of a platform that the previous monitor announced."""
         self._lost.add(platform)
 
     def forget(self, platform: str) -> None:
-        """Do not report its loss until it was reachable again."""
+        """Forgets a platform until it is reachable again."""
         self._lost.discard(platform)
         self._reached_ns.pop(platform, None)
 
     def on_reachable(self, reachable: set[str], now_ns: int) -> list[tuple[str, float | None]]:
-        """Changes: lost platforms with the seconds since they were reachable; None: reachable again."""
+        """Returns changed platforms, with the seconds since they were reachable, or None if reachable
+        again."""
         for platform in reachable:
             self._reached_ns[platform] = now_ns
         back = self._lost & reachable

@@ -1,4 +1,4 @@
-"""Readiness of a vehicle to be armed: one table of items, each of which applies or not, and may refuse."""
+"""Readiness of a vehicle to be armed: a table of items, which may not apply, may pass or may refuse."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -10,51 +10,51 @@ from swarmware.types.fence import FenceState
 from swarmware.types.health import OK_STATE, Fault, NotReady, Readiness
 
 POSE_S: Final = 1.5
-"""Age above which the pose is not present: at rest it comes five times a second."""
+"""Age above which the pose counts as missing; a vehicle at rest publishes it five times a second."""
 FENCE_S: Final = 3.0
-"""Age above which the state of the fence is not known: it is published once a second."""
+"""Age above which the state of the fence is not known; it is published once a second."""
 REPEAT_NS: Final = 1_000_000_000
-"""Period of `health/ready` without a change: its readers see that the monitor runs."""
+"""Period of `health/ready` without a change, which shows its readers that the monitor runs."""
 NAMED: Final = 4
-"""Faults that a reason names."""
+"""Maximum number of faults that a reason names."""
 GNSS: Final = "sensor/gnss"
 BATTERY: Final = "power/battery"
 
 
 class ReadinessInputs(msgspec.Struct, frozen=True, kw_only=True):
-    """What the shell reads for readiness, beside what the monitor knows."""
+    """Inputs of readiness that the shell reads in addition to the monitor's own data."""
 
     estimates: bool
-    """Whether a service of this node estimates the pose."""
+    """True if a service of this node estimates the pose."""
     pose_age_s: float | None = None
-    """Age of `nav/pose`; None: no value."""
+    """Age of `nav/pose`, or None without a value."""
     station: bool | None = None
-    """Whether a ground station is in reach; None before the first one was."""
+    """True if a ground station is in reach, or None before the first station was."""
     fence: FenceState | None = None
-    """Newest `nav/fence`; None: there is none."""
+    """Newest value of `nav/fence`, or None without a value."""
     fence_age_s: float = 0.0
     remote_linked: bool | None = None
-    """Whether the safety pilot's transmitter is received; None: there is no receiver."""
+    """True if the safety pilot's transmitter is received, or None without a receiver."""
 
 
 class Picture(msgspec.Struct, frozen=True):
-    """Everything that the items check, at one instant."""
+    """State of everything that the items check, at one instant."""
 
     now_ns: int
     around: ReadinessInputs
     ages: Mapping[str, AgeRule]
-    """Rules of ages by the path of the resource: what applications of this node provide."""
+    """Rules of ages by path, for the resources that applications of this node provide."""
     limits: Sequence[LimitRule]
     faults: Sequence[Fault]
-    """Confirmed faults, worst first."""
+    """Confirmed faults, the worst first."""
 
 
 Item = Callable[[Picture], str | None]
-"""Reason for which the vehicle is not ready; empty: it is ready; None: the item does not apply to it."""
+"""Function that returns why the vehicle is not ready, "" if it is, or None if the item does not apply."""
 
 
 def estimator(picture: Picture) -> str | None:
-    """The pose is estimated, and recent."""
+    """Item: the pose is estimated, and recent."""
     around = picture.around
     if around.pose_age_s is None:
         return "no pose (nav/pose) yet" if around.estimates else None
@@ -64,17 +64,17 @@ def estimator(picture: Picture) -> str | None:
 
 
 def fix(picture: Picture) -> str | None:
-    """The receiver of satellite navigation has a position that is accurate enough."""
+    """Item: satellite navigation has a position of sufficient accuracy."""
     return _measured(picture, GNSS)
 
 
 def battery(picture: Picture) -> str | None:
-    """The battery is above its warning."""
+    """Item: the charge of the battery is above its warning."""
     return _measured(picture, BATTERY)
 
 
 def _measured(picture: Picture, path: str) -> str | None:
-    """A resource is provided, fresh, and within the warnings of its limits."""
+    """Item for a resource: it is provided, fresh, and within the warnings of its limits."""
     age = picture.ages.get(path)
     if age is None:
         return None
@@ -92,12 +92,12 @@ def _measured(picture: Picture, path: str) -> str | None:
 
 
 def _bad(limit: LimitRule) -> str:
-    """The present state, or the confirmed one while the present one passes."""
+    """The present state, or the confirmed state while the present sample passes."""
     return limit.present if limit.present != OK_STATE else limit.state
 
 
 def link(picture: Picture) -> str | None:
-    """A ground station is in reach, where one ever was."""
+    """Item: a ground station is in reach; applies once a station was in reach."""
     station = picture.around.station
     if station is None:
         return None
@@ -105,7 +105,7 @@ def link(picture: Picture) -> str | None:
 
 
 def remote(picture: Picture) -> str | None:
-    """The safety pilot's transmitter is received, where the vehicle has a receiver."""
+    """Item: the safety pilot's transmitter is received; applies to a vehicle with a receiver."""
     linked = picture.around.remote_linked
     if linked is None:
         return None
@@ -113,7 +113,7 @@ def remote(picture: Picture) -> str | None:
 
 
 def realtime(picture: Picture) -> str | None:
-    """The services that node.toml gives real-time scheduling have it, and the loop of real motors as well."""
+    """Item: the services and motor loops that are to have real-time scheduling have it."""
     found = [fault for fault in picture.faults if _is_scheduling(fault)]
     return ", ".join(f"{fault.check}={fault.state}" for fault in found) or None
 
@@ -123,7 +123,7 @@ def _is_scheduling(fault: Fault) -> bool:
 
 
 def fence(picture: Picture) -> str | None:
-    """The vehicle is inside its geofence, where it has one."""
+    """Item: the vehicle is inside its geofence; applies to a vehicle with a geofence."""
     state, age_s = picture.around.fence, picture.around.fence_age_s
     if state is None or not state.exists:
         return None
@@ -138,7 +138,7 @@ def fence(picture: Picture) -> str | None:
 
 
 def faults(picture: Picture) -> str | None:
-    """No confirmed fault is an error, beside those of the other items."""
+    """Item: no confirmed fault is an error, apart from the faults of the other items."""
     others = {f"age/{path}" for path in ("nav/pose", GNSS, BATTERY)}
     others |= {limit.check for limit in picture.limits if limit.path in {GNSS, BATTERY}}
     errors = [
@@ -159,15 +159,15 @@ ITEMS: Final[Mapping[str, Item]] = {
     "fence": fence,
     "faults": faults,
 }
-"""What must be right before a vehicle is armed, in the order of display. A further item is one more line."""
+"""Items that refuse arming, in the order of display."""
 
 
 WARNINGS: Final[Mapping[str, Item]] = {"realtime": realtime}
-"""What an operator should act on before a vehicle is armed; none of them refuses."""
+"""Items that warn an operator before arming, without refusing it."""
 
 
 def assess(picture: Picture) -> Readiness:
-    """Readiness by all items that apply."""
+    """Computes the readiness from all items that apply."""
     found = {name: reason for name, item in ITEMS.items() if (reason := item(picture)) is not None}
     not_ready = tuple(NotReady(name, reason) for name, reason in found.items() if reason)
     warned = tuple(NotReady(name, reason) for name, item in WARNINGS.items() if (reason := item(picture)))
@@ -175,18 +175,19 @@ def assess(picture: Picture) -> Readiness:
 
 
 class ReadinessRepeater:
-    """Decides when a readiness is published: on change of an item, else once a period."""
+    """Decides when a readiness is published: at each change of an item, else once per period."""
 
     def __init__(self) -> None:
         self._published: Readiness | None = None
         self._due_ns = 0
 
     def due(self, found: Readiness, now_ns: int) -> bool:
-        """Whether it is to be published now; another number in a reason is not a change."""
+        """True if the readiness is to be published now; a changed number in a reason is not a change."""
         before = self._published
         same = before is not None and _named(before) == _named(found)
         if same and now_ns < self._due_ns:
             return False
+        # a tenth early, so that jitter of the calls, which come at this period, does not double the pause
         self._published, self._due_ns = found, now_ns + REPEAT_NS - REPEAT_NS // 10
         return True
 

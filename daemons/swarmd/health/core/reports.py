@@ -1,4 +1,4 @@
-"""Checks that modules run themselves: registrations and reports."""
+"""Registrations and reports of the checks that modules run themselves."""
 
 from typing import Final, Literal
 
@@ -17,24 +17,24 @@ class RegisteredCheck(msgspec.Struct):
 
     registration: CheckRegistration
     updated_ns: int
-    """When it was registered, or its last report was read."""
+    """Instant of the registration, or of the reading of the newest report."""
     since_ns: int
     state: str = OK_STATE
     raw: str = ""
     freeze_frame: str = ""
     stamp_ns: int = 0
-    """Newest registration or report of the module; 0: the registration is from the journal."""
+    """Stamp of the module's newest registration or report, or 0 for a registration from the journal."""
     reported_level: Level | Literal[""] = ""
-    """Level that the newest report gives with its state."""
+    """Level that the newest report states, or "" without one."""
 
     @property
     def silent_ns(self) -> int:
-        """Time without a report after which it is silent."""
+        """Time without a report after which the check is silent."""
         period_s = max(REPORT_S, 1 / self.registration.frequency_hz)
         return round(SILENT_PERIODS * period_s * 1e9)
 
     def level(self, state: str) -> Level:
-        """Level of a state as registered or reported."""
+        """Level of a state, as reported or registered."""
         if state == SILENT:
             return "warn"
         if self.reported_level and state == self.state:
@@ -59,7 +59,7 @@ class RegisteredCheck(msgspec.Struct):
 
 
 class RegisteredChecks:
-    """Every check that a module has registered, with its newest report."""
+    """All checks that modules have registered, with their newest reports."""
 
     def __init__(self) -> None:
         self._checks: dict[str, RegisteredCheck] = {}
@@ -71,11 +71,11 @@ class RegisteredChecks:
         return len(self._checks)
 
     def restore(self, registration: CheckRegistration, now_ns: int) -> None:
-        """Restore a check from the journal: its module may have ended since."""
+        """Restores a check from the journal, although its module may have ended since."""
         self._checks[registration.check] = RegisteredCheck(registration, now_ns, now_ns)
 
     def register(self, registration: CheckRegistration, now_ns: int) -> bool:
-        """Add or renew a check; True if the journal must be written."""
+        """Adds or renews a check; returns True if the journal must be written."""
         known = self._checks.get(registration.check)
         if known is None:
             self._checks[registration.check] = RegisteredCheck(registration, now_ns, now_ns, stamp_ns=now_ns)
@@ -87,11 +87,11 @@ class RegisteredChecks:
         return True
 
     def withdraw(self, check: str) -> bool:
-        """Remove a check that was withdrawn, or whose module has ended; False if it is unknown."""
+        """Removes a check that was withdrawn, or whose module has ended; returns False if it is unknown."""
         return self._checks.pop(check, None) is not None
 
     def owner(self, check: str) -> str | None:
-        """Application that runs a check; None for an unknown one."""
+        """Application that runs a check, or None if the check is unknown."""
         known = self._checks.get(check)
         return None if known is None else known.registration.app
 
@@ -100,7 +100,7 @@ class RegisteredChecks:
         return [check for check, known in self._checks.items() if known.registration.app == app]
 
     def on_report(self, app: str, report: CheckReport, now_ns: int) -> RegisteredCheck | None:
-        """Store a report; None if the check is not registered, or belongs to another application."""
+        """Stores a report; returns its check, or None if this application has not registered the check."""
         known = self._checks.get(report.check)
         if known is None or known.registration.app != app:
             return None
@@ -113,7 +113,7 @@ class RegisteredChecks:
         return known
 
     def silent(self, now_ns: int) -> list[RegisteredCheck]:
-        """Checks that became silent: without a report for three periods."""
+        """Returns the checks that became silent, which are three periods without a report."""
         found = []
         for known in self._checks.values():
             if known.state != SILENT and now_ns - known.updated_ns >= known.silent_ns:
@@ -124,7 +124,7 @@ class RegisteredChecks:
         return found
 
     def registrations(self) -> tuple[CheckRegistration, ...]:
-        """Registrations for the journal."""
+        """All registrations, for the journal."""
         return tuple(known.registration for known in self._checks.values())
 
     def check_states(self) -> list[CheckState]:

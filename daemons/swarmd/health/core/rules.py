@@ -1,4 +1,4 @@
-"""Rules that the monitor evaluates itself: ages of resources, limits of values."""
+"""Rules that the monitor evaluates itself, for ages of resources and limits of values."""
 
 import math
 from collections.abc import Callable
@@ -12,15 +12,15 @@ STALE: Final = "stale"
 LOST: Final = "lost"
 LOST_PERIODS: Final = 10.0
 LOST_MIN_S: Final = 3.0
-"""A killed service is restarted in less time: its resource is stale, not lost."""
+"""Minimum age of a lost resource; a killed service restarts faster, so its resource is only stale."""
 AGE_CONFIRM_SAMPLES: Final = 2
-"""Samples that must agree: one alone may be due to load of the machine."""
+"""Number of samples that must agree; load of the machine may delay a single one."""
 
 AGE_LEVELS: Final[dict[str, Level]] = {OK_STATE: "ok", STALE: "warn", LOST: "error"}
 
 
 class AgeRule:
-    """Age of a resource with a rate: stale after three periods, lost after ten and at least three seconds."""
+    """Age of a resource with a rate: stale after three periods, lost after ten periods and at least 3 s."""
 
     def __init__(self, resource: Resource, grace_until_ns: int, *, critical: bool = False) -> None:
         self.path = resource.path
@@ -40,7 +40,7 @@ class AgeRule:
 
     @staticmethod
     def applies(resource: Resource) -> bool:
-        """Whether the resource has a maximum age."""
+        """True if the resource has a maximum age."""
         return math.isfinite(resource.stale_after_s)
 
     @property
@@ -54,30 +54,30 @@ class AgeRule:
         return self._debouncer.raw
 
     def level(self, state: str) -> Level:
-        """Level of a state: an error only for a critical resource, because errors prevent a start."""
+        """Level of a state; only a critical resource causes an error, because errors prevent a take-off."""
         level = AGE_LEVELS[state]
         return "warn" if level == "error" and not self._critical else level
 
     @property
     def fresh(self) -> bool:
-        """Whether it has a value that is not stale."""
+        """True if the resource has a value that is not stale."""
         return self._changed_ns is not None and self.state == OK_STATE
 
     def in_grace(self, now_ns: int) -> bool:
-        """Whether the grace time is not over."""
+        """True during the grace time."""
         return now_ns < self._grace_until_ns
 
     def age_s(self, now_ns: int) -> float:
-        """Time since the last sample that found a new value; infinite without a value."""
+        """Time since the last sample that found a new value, or infinity without a value."""
         return math.inf if self._changed_ns is None else (now_ns - self._changed_ns) / 1e9
 
     def extend(self, late_ns: int) -> None:
-        """The monitor was delayed, and so was the owner of the resource where both share an event loop."""
+        """Forgives a delay of the monitor, which also delays a resource whose owner shares the event loop."""
         if self._changed_ns is not None:
             self._changed_ns += late_ns
 
     def on_sample(self, position: int, now_ns: int) -> bool:
-        """Sample the position of the ring; True if another state is confirmed."""
+        """Samples the position of the ring; returns True if another state is confirmed."""
         if position != self._position or self._changed_ns is None:
             self._position = position
             self._changed_ns = now_ns
@@ -90,7 +90,7 @@ class AgeRule:
 
 
 class LimitRule:
-    """Limits of one field of a resource."""
+    """Limits of one field of a resource, with debouncing."""
 
     def __init__(
         self,
@@ -118,11 +118,11 @@ class LimitRule:
 
     @property
     def raw(self) -> str:
-        """The state of the last sample; `ok` during the grace time."""
+        """The state of the last sample, or `ok` during the grace time."""
         return self._debouncer.raw
 
     def on_value(self, value: float, now_ns: int) -> bool:
-        """Sample the newest value; True if another state is confirmed."""
+        """Samples the newest value; returns True if another state is confirmed."""
         self.value = value
         self.present = self._criterion(value)
         changed = self._debouncer.on_sample(self.present, now_ns)

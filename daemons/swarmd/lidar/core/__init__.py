@@ -1,1 +1,1 @@
-"""Computations of the lidar: from packets to points, from points to obstacles; arrays, no threads."""
+"""Computations of the lidar, without threads: from packets to points, and from points to obstacles."""

@@ -9,7 +9,8 @@ from swarmware.types.vehicle import Range
 
 
 class ObstacleModel:
-    """Points of a turn, made level by the attitude of the vehicle, as one distance for each direction."""
+    """Reduces the points of a turn, levelled by the vehicle's attitude, to one distance for each
+    direction."""
 
     def __init__(self, config: Config) -> None:
         """Raises: NotFound without NumPy."""
@@ -18,7 +19,7 @@ class ObstacleModel:
         self._step_rad = 2 * math.pi / config.beams
 
     def ranges(self, points: Any, roll_rad: float, pitch_rad: float) -> Range:
-        """The scan of one turn; `points`: rows of x, y, z in m, FLU of the vehicle."""
+        """Distances of one turn; `points` has rows of x, y, z in m, in the vehicle's FLU axes."""
         np, config = self._np, self._config
         x, y, z = (points @ self._level(roll_rad, pitch_rad)).T
         distances = np.hypot(x, y)
@@ -30,9 +31,10 @@ class ObstacleModel:
         )
         distances = distances[chosen]
         beams = np.round(np.arctan2(y[chosen], x[chosen]) / self._step_rad).astype("i4") % config.beams
+        # sorted by direction, then distance, so that each direction is one ascending run
         order = np.lexsort((distances, beams))
         beams, distances = beams[order], distances[order]
-        # of each direction the point behind those that may be dust
+        # skips the nearest `echoes - 1` points of each direction, which may be dust
         places = np.searchsorted(beams, np.arange(config.beams)) + config.echoes - 1
         ends = np.searchsorted(beams, np.arange(config.beams), side="right")
         found = np.full(config.beams, config.max_m)
@@ -41,7 +43,7 @@ class ObstacleModel:
         return Range(0.0, self._step_rad, config.max_m, tuple(round(float(one), 3) for one in found))
 
     def _level(self, roll_rad: float, pitch_rad: float) -> Any:
-        """Matrix that turns rows of body axes into level ones, without the heading."""
+        """Rotation of row vectors from body axes to level axes, without the heading."""
         cr, sr, cp, sp = math.cos(roll_rad), math.sin(roll_rad), math.cos(pitch_rad), math.sin(pitch_rad)
         rotation = [[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]]
         return self._np.array(rotation, "f4").T

@@ -1,1 +1,1 @@
-"""Decisions of the logger: which values are recorded, at which rate; no input, output or clock."""
+"""Decisions of the logger, without input, output or clock: the recorded values and their rates."""

@@ -12,24 +12,24 @@ LOGGED_KINDS: Final = frozenset({Kind.BOARD, Kind.EVENT, Kind.STREAM, Kind.SETTI
 """Kinds of resource that have a ring in shared memory."""
 
 _EVERY_VALUE_KINDS: Final = frozenset({Kind.EVENT, Kind.STREAM, Kind.COMMAND})
-"""Kinds of which every value is logged, not only the newest."""
+"""Kinds of resource whose values are all logged, not only the newest value of a period."""
 
 
 class LoggedResource(msgspec.Struct, frozen=True):
-    """A resource that is logged, and how."""
+    """A logged resource, and the way in which its values are sampled."""
 
     path: str
     kind: Kind
     type: str
     module: str
     every_value: bool
-    """True: every value, in order; False: the newest value once per period."""
+    """True to log every value in order, False to log the newest value once per period."""
     period_ns: int
-    """Minimum time between two entries; 0: every new value."""
+    """Minimum time between two entries, or 0 to log every new value."""
 
 
 def logged_resource(resource: Resource) -> LoggedResource | None:
-    """Logging parameters of a resource; None when it is not logged."""
+    """Logging parameters of a resource, or None if it is not logged."""
     rate_hz = resource.log_hz
     if rate_hz == 0 or resource.kind not in LOGGED_KINDS:
         return None
@@ -51,7 +51,7 @@ class SamplingPlan:
         self._due_ns: dict[str, int] = {}
 
     def update(self, resources: Iterable[Resource]) -> tuple[list[LoggedResource], list[str]]:
-        """Applies the current resource table; the resources to open (new or changed), the paths to close."""
+        """Applies the resource table; returns new or changed resources to open, and paths to close."""
         wanted = {
             made.path: made for resource in resources if (made := logged_resource(resource)) is not None
         }
@@ -63,13 +63,13 @@ class SamplingPlan:
         return opened, closed
 
     def waits(self, path: str, now_ns: int) -> bool:
-        """Whether a decimated resource was sampled in its present period already."""
+        """True if a decimated resource was already sampled in its present period."""
         return self._due_ns.get(path, now_ns) > now_ns
 
     def due(self, path: str, now_ns: int) -> bool:
-        """Whether a decimated resource is due for sampling; True starts its next period.
+        """True if a decimated resource is due for sampling, which also starts its next period.
 
-        The schedule is absolute: a late sample does not lower the mean rate.
+        The schedule is absolute, so that a late sample does not lower the mean rate.
         """
         period_ns = self._resources[path].period_ns
         if period_ns == 0:
@@ -77,6 +77,7 @@ class SamplingPlan:
         due_ns = self._due_ns.get(path, now_ns)
         if now_ns < due_ns:
             return False
+        # periods without a sample are skipped, not caught up in a burst
         behind = (now_ns - due_ns) // period_ns
         self._due_ns[path] = due_ns + (behind + 1) * period_ns
         return True

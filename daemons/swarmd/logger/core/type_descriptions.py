@@ -7,27 +7,28 @@ from swarmware.model.resource import Resource
 from swarmware.recorder.payload_type import logged_description
 
 KEPT: Final = 1000
-"""Descriptions that are kept after their application has ended: its last values are recorded later."""
+"""Maximum number of descriptions; they outlive their application, whose last values are recorded later."""
 
 
 class Definitions(NamedTuple):
-    """What an application declares about its types."""
+    """Resources and type descriptions that an application declares."""
 
     application: str
     provides: Iterable[Resource]
     types: Mapping[str, str]
-    """Descriptions by name."""
+    """Descriptions by the name of the type."""
 
 
 class TypeDescriptions:
-    """Finds the description of a resource's type in the entries of the applications that provide it."""
+    """Finds the description of a resource's type among the declarations of the applications."""
 
     def __init__(self) -> None:
         self.found: Mapping[tuple[str, str], str] = {}
-        """By path and type; a change makes a new object."""
+        """Descriptions by path and type; each change creates a new mapping, so that readers see it by
+        identity."""
 
     def update(self, applications: Iterable[Definitions]) -> list[str]:
-        """Applies the current applications; the types with a new description that a log cannot have."""
+        """Applies the current applications; returns the types whose new description is invalid in a log."""
         found, refused = dict(self.found), []
         for entry in applications:
             for resource in entry.provides:
@@ -40,6 +41,7 @@ class TypeDescriptions:
                     found[key] = logged
                 else:
                     found.pop(key, None)
+        # a dict keeps the order of insertion, so the oldest descriptions are evicted
         for key in list(found)[: max(0, len(found) - KEPT)]:
             del found[key]
         if found != self.found:

@@ -1,1 +1,1 @@
-"""Decisions of the navigator: estimator, planner, controllers, formation; no input, output or clock."""
+"""Decisions of the navigator, without input, output or clock: estimator, planner, controllers, formation."""

@@ -1,4 +1,4 @@
-"""Controller of an air vehicle: velocity towards the target, changed to avoid collisions."""
+"""Controller of an air vehicle, which commands a velocity towards the target and avoids collisions."""
 
 import math
 from typing import Final
@@ -15,24 +15,24 @@ Vector = tuple[float, float, float]
 _DIRECTIONS: Final = 16
 _SPEEDS: Final = (1.0, 0.6, 0.25)
 _LEFT_COST_M_S: Final = 0.02
-"""Cost of passing on the left, in m/s: two vehicles that meet must both turn right."""
+"""Cost of passing on the left, in m/s, so that two vehicles that meet both turn right."""
 _COLLISION_COST: Final = 6.0
-"""Cost of a collision, in m/s · s: the deviation that a collision one second ahead is worth."""
+"""Cost of a collision, in m/s · s, as the deviation that avoids a collision one second ahead."""
 _COST_SPEED_M_S: Final = 6.0
-"""Commanded speed above which it grows in proportion: the same angle is a larger deviation then."""
+"""Commanded speed above which the cost of a collision grows in proportion, as deviations do."""
 _YIELDING_RATIO: Final = 0.7
-"""Share of separation and horizon kept from a vehicle that gives way."""
+"""Ratio of separation and horizon that is kept from a vehicle that gives way."""
 _EVADE_MIN_M_S: Final = 0.8
 """Minimum speed of an evading vehicle."""
 _CLIMBS_M_S: Final = (0.0, 0.8, -0.8)
 _FINAL_M: Final = 1.5
 """Height below which a landing vehicle descends at touch-down speed."""
 _DEEP_M: Final = 10.0
-"""The target of a landing lies this far below the vehicle: at ground level it would hover just above it."""
+"""Depth of a landing's target below the vehicle; with a target on the ground it would hover just above it."""
 
 
 class AirController:
-    """Velocity set-points from a target, in three dimensions."""
+    """Computes velocity set-points towards a target, in three dimensions."""
 
     __slots__ = ("_altitude", "_config", "_last_ns", "free")
 
@@ -45,10 +45,10 @@ class AirController:
         self._altitude = AltitudeHold(config.altitude)
         self._last_ns = 0
         self.free = True
-        """Always true: in the air there is a way around."""
+        """Always True, because in the air there is a way around an obstacle."""
 
     def set_config(self, config: Config) -> None:
-        """Replace the gains of all control loops."""
+        """Replaces the gains of all control loops."""
         self._config = config
         self._altitude.set_gains(config.altitude)
 
@@ -63,22 +63,23 @@ class AirController:
         return Setpoint(0.0, vz_m_s=-rate_m_s)
 
     def hold_at(self, pose: Pose) -> tuple[float, float]:
-        """The position at which it will have stopped: without overshoot."""
+        """Position at which the vehicle can stop without overshoot."""
         slip = math.hypot(pose.vx_m_s, pose.vy_m_s) / (2 * self._config.air.a_max_m_s2)
         return pose.x_m + pose.vx_m_s * slip, pose.y_m + pose.vy_m_s * slip
 
     def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
-        """The target of a landing at the place where it holds: straight down."""
+        """Target of a landing straight down at the held position."""
         sink = speed_m_s if pose.z_m > _FINAL_M else min(speed_m_s, self._config.air.touch_down_m_s)
         return msgspec.structs.replace(stay, z_m=pose.z_m - _DEEP_M, climb_m_s=sink)
 
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
-        """The set-point for this control step."""
+        """Computes the set-point of one control step."""
         air = self._config.air
         dt_s = min(max((now_ns - self._last_ns) / 1e9, 0.0), 0.2)
         self._last_ns = now_ns
         dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
         distance = math.hypot(dx, dy)
+        # half the deceleration leaves a reserve, so that the vehicle does not overshoot the target
         speed = min(air.kp_1_s * distance, math.sqrt(2 * 0.5 * air.a_max_m_s2 * distance), target.speed_m_s)
         scale = speed / distance if distance > 1e-9 else 0.0
         vx, vy = target.velocity_m_s[0] + dx * scale, target.velocity_m_s[1] + dy * scale
@@ -107,10 +108,10 @@ class AirController:
 def avoid(
     config: Config, pose: Pose, wanted: Vector, around: Surroundings, speeds: tuple[float, ...] = _SPEEDS
 ) -> Vector:
-    """The velocity nearest to the commanded one that leads to no collision within the horizon.
+    """Velocity nearest to the commanded velocity that leads to no collision within the horizon.
 
-    Candidates are only tried when the commanded velocity leads to a collision; `speeds`: theirs over the
-    commanded one. A vehicle that can fly slower may also stop.
+    Candidates are tried only if the commanded velocity leads to a collision; `speeds` are the ratios of their
+    speeds to the commanded speed. A vehicle that can fly slower may also stop.
     """
     threats = _threats(config, pose, around)
     if not threats or math.isinf(_collision_time_s(threats, wanted)):
@@ -123,6 +124,7 @@ def avoid(
         meeting_s = _collision_time_s(threats, candidate)
         price = detour + (_LEFT_COST_M_S if cross > 0 else 0.0)
         if not math.isinf(meeting_s):
+            # a later collision is cheaper, because the vehicle can still evade in a later step
             price += collision_cost / max(meeting_s, 0.05)
         if price < best_cost:
             best, best_cost = candidate, price
@@ -146,7 +148,7 @@ def _candidates(config: Config, wanted: Vector, speeds: tuple[float, ...]) -> li
 
 
 _Threat = tuple[float, float, float, float, float, float, float, float]
-"""Relative position; velocity; radius to keep free; horizon in s."""
+"""Relative position, velocity, radius to keep free, and horizon in s."""
 
 
 def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
@@ -155,6 +157,7 @@ def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
     found: list[_Threat] = []
     for n in around.neighbours:
         dx, dy, dz = n.x_m - pose.x_m, n.y_m - pose.y_m, n.z_m - pose.z_m
+        # two vehicles at full speed towards each other cover twice the own distance
         if max(abs(dx), abs(dy), abs(dz)) < reach:
             share = _YIELDING_RATIO if n.yields else 1.0
             radius, horizon = air.separation_m * share, air.horizon_s * share
@@ -165,17 +168,17 @@ def _threats(config: Config, pose: Pose, around: Surroundings) -> list[_Threat]:
 
 
 def _collision_time_s(threats: list[_Threat], velocity: Vector) -> float:
-    """Time until the first threat is closer than its radius; infinite when none is within its horizon.
+    """Time until the first threat is closer than its radius, or infinity without such a threat.
 
-    An obstacle of unknown height (NaN) is infinitely high. A threat that is already too close counts while
-    the distance decreases.
+    An obstacle of unknown height (NaN) is infinitely high. A threat that is already too close counts only
+    while the distance decreases.
     """
     soonest = math.inf
     vx, vy, vz = velocity
     for dx, dy, dz, ox, oy, oz, radius, horizon in threats:
         rx, ry, rz = vx - ox, vy - oy, vz - oz
         if math.isnan(dz):
-            dz = rz = 0.0  # noqa: PLW2901  # infinitely high: only the horizontal motion counts
+            dz = rz = 0.0  # noqa: PLW2901  # infinitely high, so only the horizontal motion counts
         closing = dx * rx + dy * ry + dz * rz
         if closing <= 0.0:
             continue

@@ -1,10 +1,10 @@
-"""Altitude hold: a PID controller of the climb rate."""
+"""Altitude hold with a PID controller."""
 
 from swarmd.navigator.config import AltitudeConfig
 
 
 class AltitudeHold:
-    """PID from height to climb rate; the derivative acts on the measured rate: no derivative kick."""
+    """PID controller from height to climb rate; the derivative of the measurement avoids derivative kick."""
 
     __slots__ = ("_gains", "_integral_m_s")
 
@@ -34,7 +34,7 @@ class AltitudeHold:
         error_m = wanted_m - height_m
         unlimited = gains.kp_1_s * error_m + self._integral_m_s - gains.kd * climb_m_s
         answer = min(max(unlimited, min_m_s), max_m_s)
-        # anti-windup: the integral only grows while the output is not saturated
+        # anti-windup: the integral grows only while the output is not saturated
         if answer == unlimited or (unlimited - answer) * error_m < 0:
             self._integral_m_s += gains.ki_1_s2 * error_m * dt_s
         return answer

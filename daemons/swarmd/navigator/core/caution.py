@@ -1,4 +1,4 @@
-"""Speed towards platforms whose positions are old: a vehicle covers less than the gap until it sees again."""
+"""Speed limit towards platforms with old positions, so that the vehicle never covers the gap unseen."""
 
 import math
 from typing import Final
@@ -9,17 +9,17 @@ from swarmd.navigator.core.target import PLATFORM_HEIGHT_M, PLATFORM_RADIUS_M, M
 from swarmware.types.vehicle import Pose, Setpoint
 
 FRESH_S: Final = 0.5
-"""Time without sight up to which the avoidance of the controllers suffices: where processors and channels
-have room, poses are at most 0.3 s old."""
+"""Age of a position up to which the avoidance of the controllers suffices; without overload of processors and
+channels, poses are at most 0.3 s old."""
 MARGIN_M: Final = 0.2
-"""Distance that is kept between two bodies."""
+"""Minimum distance between two bodies."""
 _NO_SPEED_M_S: Final = 1e-3
 
 
 def cautious(setpoint: Setpoint, pose: Pose, around: Surroundings, *, flies: bool) -> Setpoint:
-    """A set-point whose velocity towards each platform is at most its distance over the time without sight.
+    """Limits a set-point so that the vehicle cannot reach any platform before its next known position.
 
-    That time is the age of its position, and until the next step, late by `around.delay_s`.
+    The time without a known position is its age plus the delay of the next step, `around.delay_s`.
     """
     cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
     vx = setpoint.vx_m_s * cos - setpoint.vy_m_s * sin
@@ -32,12 +32,12 @@ def cautious(setpoint: Setpoint, pose: Pose, around: Surroundings, *, flies: boo
     slower = msgspec.structs.replace(setpoint, vx_m_s=setpoint.vx_m_s * share, vy_m_s=setpoint.vy_m_s * share)
     if flies:
         return slower
-    # on the same arc
+    # a ground vehicle slows down on the same arc
     return msgspec.structs.replace(slower, wz_rad_s=setpoint.wz_rad_s * share)
 
 
 def _share(other: MovingObstacle, pose: Pose, vx: float, vy: float, blind_s: float) -> float:
-    """Share of the velocity that is admissible with regard to one platform."""
+    """Ratio of the velocity that is admissible with regard to one platform."""
     if blind_s <= FRESH_S or abs(other.z_m - pose.z_m) >= PLATFORM_HEIGHT_M:
         return 1.0
     dx, dy = other.x_m - pose.x_m, other.y_m - pose.y_m

@@ -1,4 +1,4 @@
-"""Controller of a fixed-wing aircraft, which cannot stop: it circles around its target."""
+"""Controller of a fixed-wing aircraft, which cannot stop and circles around its target."""
 
 import math
 from typing import Final
@@ -12,42 +12,43 @@ from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.types.vehicle import Pose, Setpoint
 
 _ORBIT_GAIN: Final = 2.5
-"""Gain of the vector field around a circle: the course turns inwards with the distance over the radius."""
+"""Gain of the vector field around a circle, which turns the course inwards with the relative distance."""
 _ON_CIRCLE: Final = 0.4
-"""Deviation over the radius within which the turn of the circle is fed forward."""
+"""Ratio of deviation to radius within which the turn rate of the circle is fed forward."""
 _ARRIVE_RATIO: Final = 0.06
-"""Arrival radius over that of the circle."""
+"""Ratio of the arrival radius to the radius of the circle."""
 _CLIMB_KP_1_S: Final = 0.4
 """Climb rate per metre of height error."""
 _CLEARANCE_M: Final = 5.0
-"""Distance that is kept beside twice the radius of the vehicle: it cannot stop when the other one turns."""
+"""Distance kept in addition to twice the vehicle's radius, because an aircraft cannot stop for others."""
 _LINE_GAIN_1_M: Final = 0.03
-"""Gain of the vector field along a line: atan of it times the distance is the angle to the line."""
+"""Gain of the vector field along a line; the angle to the line is atan(gain · distance)."""
 _FINAL_M: Final = 180.0
-"""Length of the final approach: from its height down to the flare, and the way that the flare takes."""
+"""Length of the final approach, including the distance of the flare."""
 _GLIDE: Final = 0.1
 """Slope of the final approach."""
 _FLARE_M: Final = 90.0
-"""Distance before the touch-down at which the glide path meets the ground: the flare carries further."""
+"""Distance from the touch-down at which the glide path meets the ground, because the flare carries
+further."""
 _ALIGNED_RAD: Final = 0.2
-"""Deviation of the course at which the final approach begins."""
+"""Maximum deviation of the course at the begin of the final approach."""
 _NEAR_M: Final = 40.0
-"""Distance from the begin of the final approach at which it begins."""
+"""Maximum distance from the planned begin of the final approach at which it may begin."""
 _HIGH_M: Final = 3.0
-"""Height above the glide path at which the final approach still begins."""
+"""Maximum height above the glide path at which the final approach may begin."""
 
 
 class Approach(msgspec.Struct, frozen=True):
-    """A landing: a circle that meets the final approach at its begin, and the line down to the place."""
+    """A landing on a circle that touches the begin of the final approach, and on a line down to the place."""
 
     x_m: float
     y_m: float
-    """Place of the touch-down."""
+    """Position of the touch-down."""
     course_rad: float
     stay: Target
-    """The target that it held before."""
+    """Target that the aircraft held before the landing."""
     final: bool = False
-    """Whether it has left the circle."""
+    """True if the aircraft has left the circle."""
 
     @property
     def begin_m(self) -> tuple[float, float]:
@@ -59,7 +60,7 @@ class Approach(msgspec.Struct, frozen=True):
 
 
 class CirclingController:
-    """Velocity set-points for an aircraft: straight to a far target, then to the left around it.
+    """Computes velocity set-points for an aircraft: straight to a far target, then to the left around it.
 
     Source: Beard and McLain 2012, "Small Unmanned Aircraft", chapter 10 (vector fields of line and orbit).
     """
@@ -73,7 +74,7 @@ class CirclingController:
         self._clear_m = 2 * airframe.body.radius_m + _CLEARANCE_M
         self._approach: Approach | None = None
         self.free = True
-        """Always true: in the air there is a way around."""
+        """Always True, because in the air there is a way around an obstacle."""
         self.set_config(config)
 
     @property
@@ -83,11 +84,11 @@ class CirclingController:
 
     @property
     def arrive_m(self) -> float:
-        """Smallest arrival radius: what the circle deviates from a perfect one."""
+        """Minimum arrival radius, the deviation of the flown circle from a perfect circle."""
         return _ARRIVE_RATIO * self._limits.loiter_radius_m
 
     def set_config(self, config: Config) -> None:
-        """Replaces the settings; size and limits of the airframe are also those of avoidance."""
+        """Replaces the settings; avoidance uses the size and the limits of the airframe."""
         limits = self._limits
         air = msgspec.structs.replace(
             config.air,
@@ -100,27 +101,27 @@ class CirclingController:
         self._config = msgspec.structs.replace(config, air=air)
 
     def stop(self) -> Setpoint:
-        """Set-point without a velocity: the aircraft circles, or stands."""
+        """Set-point without a velocity, at which the aircraft circles, or rests on the ground."""
         self._approach = None
         return Setpoint(0.0)
 
     def sink(self, rate_m_s: float) -> Setpoint:
-        """Set-point of a descent without a position, on the circle that the aircraft flies by itself."""
+        """Set-point of a descent without a position, on the circle that the flight controller flies."""
         self._approach = None
         return Setpoint(0.0, vz_m_s=-rate_m_s)
 
     def hold_at(self, pose: Pose) -> tuple[float, float]:
-        """Centre of the circle to the left that begins here."""
+        """Centre of the circle to the left that begins at this pose."""
         course = _course_rad(pose)
         return pose.x_m - self.circle_m * math.sin(course), pose.y_m + self.circle_m * math.cos(course)
 
     def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
-        """The target of a landing: down on a circle, then along the final approach."""
+        """Target of a landing: down on a circle, then along the final approach."""
         approach = self._approach
         if approach is None or approach.stay != stay:
             course = _course_rad(pose)
             radius = self.circle_m
-            # the circle that is held touches the line of the approach in the place of the touch-down
+            # the held circle touches the line of the approach at the touch-down
             x, y = stay.x_m + radius * math.sin(course), stay.y_m - radius * math.cos(course)
             approach = Approach(x, y, course, stay)
         x, y = approach.begin_m
@@ -153,9 +154,9 @@ class CirclingController:
         )
 
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
-        """The set-point for this control step.
+        """Computes the set-point of one control step.
 
-        A commanded speed below the minimum of the aircraft means that of its cruise.
+        A commanded speed below the minimum airspeed is replaced by the cruise speed.
         """
         limits = self._limits
         speed = min(target.speed_m_s, limits.airspeed_max_m_s)
@@ -171,7 +172,7 @@ class CirclingController:
         return Setpoint(vx * cos + vy * sin, vy * cos - vx * sin, vz, turn if evaded == wanted else 0.0)
 
     def _guide(self, pose: Pose, target: Target, speed_m_s: float) -> tuple[float, float]:
-        """Course, and rate of turn: along the course of the target, or around it."""
+        """Course and rate of turn, along the course of the target or around the target."""
         if target.course_rad is not None:
             return target.course_rad, 0.0
         radius = self.circle_m
@@ -184,7 +185,7 @@ class CirclingController:
 
 
 def _course_rad(pose: Pose) -> float:
-    """Direction of motion; the heading of an aircraft that stands."""
+    """Direction of motion, or the heading of an aircraft at rest."""
     if math.hypot(pose.vx_m_s, pose.vy_m_s) < 1.0:
         return pose.yaw_rad
     return math.atan2(pose.vy_m_s, pose.vx_m_s)

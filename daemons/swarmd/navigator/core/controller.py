@@ -1,4 +1,4 @@
-"""The controllers of ground and air vehicles, behind one interface."""
+"""Interface of the controllers of ground and air vehicles, and their choice."""
 
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 class Controller(Protocol):
-    """Interface of a controller: from target and obstacles to a set-point.
+    """Interface of a controller, which computes a set-point from target and obstacles.
 
-    `circle_m`: radius of the circle that it flies around a target instead of stopping there, else 0;
-    `arrive_m`: smallest arrival radius; `hold_at`: where it holds when it is to stop now;
+    `circle_m`: radius of the circle around a target for a vehicle that cannot stop there, else 0;
+    `arrive_m`: minimum arrival radius; `hold_at`: position at which the vehicle holds when it is to stop now;
     `sink`: set-point of a descent without a position.
     """
 
@@ -36,15 +36,15 @@ class Controller(Protocol):
 
 
 def controller(kind: PlatformKind, config: Config, airframe: "Airframe | None" = None) -> Controller:
-    """The controller for a kind of platform, and for its airframe if that cannot stop in the air."""
+    """Creates the controller for a kind of platform; a fixed-wing airframe has its own controller."""
     if kind == PlatformKind.UAV:
         if airframe is not None and airframe.type == "fixed_wing":
-            from swarmd.navigator.core.circling_controller import CirclingController  # others do not load it
+            from swarmd.navigator.core.circling_controller import CirclingController  # not loaded by others
 
             return CirclingController(config, airframe)
-        from swarmd.navigator.core.air_controller import AirController  # a ground vehicle does not load it
+        from swarmd.navigator.core.air_controller import AirController  # not loaded by a ground vehicle
 
         return AirController(config)
-    from swarmd.navigator.core.ground_controller import GroundController  # an air vehicle does not load it
+    from swarmd.navigator.core.ground_controller import GroundController  # not loaded by an air vehicle
 
     return GroundController(config)

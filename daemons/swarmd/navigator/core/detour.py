@@ -1,8 +1,8 @@
-"""Detour around an obstacle: a free direction next to the commanded one.
+"""Detour around an obstacle, in a free direction next to the commanded direction.
 
-The dynamic window only reaches to its horizon and stops in front of an obstacle met head-on; a direction that
-is free beyond it leads past. Source: Ulrich, Borenstein: VFH+, reliable obstacle avoidance for fast mobile
-robots, 1998 (its cost of a direction).
+The dynamic window reaches only to its horizon and stops in front of an obstacle met head-on; a direction that
+is free beyond the horizon leads past. Source: Ulrich, Borenstein: VFH+, reliable obstacle avoidance for fast
+mobile robots, 1998 (its cost of a direction).
 """
 
 import math
@@ -15,21 +15,21 @@ from swarmware.types.vehicle import Pose
 Things = list[tuple[float, float, float]]
 
 _TURNS: Final = tuple(math.radians(degrees) for degrees in range(-100, 101, 5))
-"""Candidate directions, relative to the commanded one."""
+"""Candidate directions, relative to the commanded direction."""
 _WANTED: Final = 5.0
 _HEADING: Final = 2.0
-"""Costs per radian of deviation from the commanded direction and from the own heading: without the second a
-vehicle halfway around an obstacle would change the side, and hit the middle."""
+"""Costs per radian of deviation from the commanded direction and from the own heading. Without the second
+cost a vehicle halfway around an obstacle would change the side, and hit the middle."""
 _CHANGE: Final = 2.6
-"""Cost of changing the side, for the same reason: equal to half a radian."""
+"""Cost of changing the side on which an obstacle is passed, equal to half a radian."""
 _SLOW_M_S: Final = 0.3
-"""Speed below which a platform is an obstacle; a faster one will have left."""
+"""Speed below which a platform counts as an obstacle; a faster platform will have left."""
 _ROOM_M: Final = (0.1, 0.0)
-"""Clearances beyond radius and margin, tried in this order: the second fits through a narrow gap."""
+"""Clearances beyond radius and margin, tried in this order; the second fits through a narrow gap."""
 
 
 class Detour:
-    """Chooses the direction, and keeps the side on which it passes an obstacle."""
+    """Chooses the direction, and keeps the side on which the vehicle passes an obstacle."""
 
     __slots__ = ("_limits", "_side")
 
@@ -44,7 +44,8 @@ class Detour:
     def aim(
         self, pose: Pose, ahead_m: tuple[float, float], reach_m: float, around: Surroundings
     ) -> tuple[float, float]:
-        """The point to steer to: as far as the commanded one, in a direction that is free up to `reach_m`."""
+        """The point to steer to, as far as the commanded point, in a direction that is free up to
+        `reach_m`."""
         dx, dy = ahead_m[0] - pose.x_m, ahead_m[1] - pose.y_m
         distance = math.hypot(dx, dy)
         things = self._obstacles(pose, around)
@@ -59,7 +60,8 @@ class Detour:
         return pose.x_m + distance * math.cos(angle), pose.y_m + distance * math.sin(angle)
 
     def _turn(self, bearing: float, yaw: float, reach_m: float, things: Things) -> float:
-        """The free direction of minimum cost, relative to the commanded one; 0 when none is free."""
+        """The free direction of minimum cost, relative to the commanded direction, or 0 if no direction is
+        free."""
         if _is_free(bearing, math.inf, things, _ROOM_M[0]):
             self._side = 0.0
             return 0.0
@@ -77,7 +79,7 @@ class Detour:
         return _WANTED * abs(turn) + _HEADING * off + _CHANGE * (turn * self._side < 0)
 
     def _obstacles(self, pose: Pose, around: Surroundings) -> Things:
-        """Obstacles nearby: relative position, and the distance that the planner keeps."""
+        """Near obstacles, as relative position and the distance that the planner keeps."""
         width = self._limits.radius_m + self._limits.margin_m
         found = [(x - pose.x_m, y - pose.y_m, width) for x, y in around.points_m]
         found += [
@@ -90,7 +92,7 @@ class Detour:
 
 
 def _is_free(angle: float, reach_m: float, things: Things, room_m: float) -> bool:
-    """Whether a strip in a direction is free of obstacles."""
+    """True if a strip in a direction is free of obstacles."""
     cos, sin = math.cos(angle), math.sin(angle)
     for dx, dy, width in things:
         if 0.0 < dx * cos + dy * sin < reach_m and abs(dy * cos - dx * sin) < width + room_m:

@@ -1,10 +1,10 @@
-"""The dynamic window approach: chooses the best of the safe and attainable speeds by three terms.
+"""The dynamic window approach, which chooses the best of the safe and attainable speeds by three terms.
 
 Source: S0, equations 4 and 5; Fox, Burgard, Thrun: The dynamic window approach to collision avoidance, 1997.
 
-The candidates are evaluated in the order of the score that they have without an obstacle, until none can be
-better: usually the first few of 176. Without obstacles that takes half as long as arrays of numpy for all of
-them, with many obstacles up to twice as long; it saves 12 MB of memory.
+The candidates are evaluated in the order of their score without obstacles, until no further candidate can be
+better, usually after the first few of 176. Compared with numpy arrays of all candidates this takes half the
+time without obstacles and up to twice the time with many obstacles, and saves 12 MB of memory.
 """
 
 import math
@@ -21,21 +21,21 @@ Point = tuple[float, float]
 
 _STRAIGHT: Final = 1e-6
 _STANDS_M_S: Final = 0.05
-"""Speed below which a motion is turning on the spot."""
+"""Speed below which a motion counts as turning on the spot."""
 _MARGIN_NOISE_M: Final = 0.02
-"""Tolerated decrease of a clearance that is already too small: noise of the measurements."""
+"""Tolerated decrease of a clearance that is already too small, for the noise of measurements."""
 _LATE_RATIO: Final = 0.8
-"""Part of the way during the own delay that is added to the margin: an estimate errs by it, and an arc that
-is left late curls by it. With 0.5 and at most 0.6 m, 3 of 24 simulated flights with steps of 0.25 s had a
-contact (tests/simulation/formation), with these values one, without 7."""
+"""Ratio of the distance covered during the scheduling delay that is added to the margin, for the error of the
+estimate and for arcs that are left late. With 0.5 and at most 0.6 m, 3 of 24 simulated flights with steps of
+0.25 s had a contact (tests/simulation/formation), with these values one, without the addition 7."""
 _LATE_MAX_M: Final = 0.8
-"""The most that is added: passages between obstacles are not wider."""
+"""Maximum addition to the margin, so that passages between obstacles stay open."""
 _NEVER_M: Final = 1e6
-"""A distance larger than that of any contact."""
+"""Distance larger than the distance of any contact."""
 
 
 class DynamicWindow(msgspec.Struct, frozen=True):
-    """V_lim: the speeds that the drive can attain within the time of the window."""
+    """Speeds V_lim that the drive can attain within the time of the window."""
 
     v_min_m_s: float
     v_max_m_s: float
@@ -49,9 +49,9 @@ class Choice(msgspec.Struct, frozen=True):
     v_m_s: float
     w_rad_s: float
     score: float
-    """G; minus infinity when no pair was admissible."""
+    """Score G, or minus infinity if no pair was admissible."""
     free: bool
-    """Whether any moving pair was admissible."""
+    """True if a pair that moves the vehicle was admissible."""
 
 
 class Motion(msgspec.Struct, frozen=True, gc=False):
@@ -60,15 +60,15 @@ class Motion(msgspec.Struct, frozen=True, gc=False):
     v_m_s: float
     w_rad_s: float
     heading: float
-    """Heading term, 0 to 1."""
+    """Heading term, from 0 to 1."""
     velocity: float
-    """Speed term, 0 to 1."""
+    """Speed term, from 0 to 1."""
     bound: float
-    """G when no obstacle is near: the maximum."""
+    """Score G without near obstacles, which is an upper bound."""
 
 
 def safe_speed(distance: float, deceleration: float) -> float:
-    """V_safe, equation 4: the maximum speed with which the vehicle stops within a distance, √(2·dist·a).
+    """V_safe of equation 4, the maximum speed at which the vehicle stops within a distance: √(2·dist·a).
 
     Units: metres and m/s² give m/s; radians and rad/s² give rad/s.
     """
@@ -76,7 +76,8 @@ def safe_speed(distance: float, deceleration: float) -> float:
 
 
 def window(limits: DwaConfig, v_m_s: float, w_rad_s: float) -> DynamicWindow:
-    """V_lim, equation 4: the limits of the drive, reduced to what it attains from the current speeds."""
+    """V_lim of equation 4, the limits of the drive reduced to the speeds attainable from the present
+    speeds."""
     dv, dw = limits.a_max_m_s2 * limits.window_s, limits.dw_max_rad_s2 * limits.window_s
     v = min(max(v_m_s, -limits.v_back_m_s), limits.v_max_m_s)
     w = min(max(w_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
@@ -91,7 +92,7 @@ def window(limits: DwaConfig, v_m_s: float, w_rad_s: float) -> DynamicWindow:
 def objective(
     weights: DwaConfig, heading: float, distance: float, velocity: float, speed_gain: float = 1.0
 ) -> float:
-    """G of equation 5, with each term from 0 (bad) to 1 (good); `speed_gain` scales the last."""
+    """Score G of equation 5, with each term from 0 (bad) to 1 (good); `speed_gain` scales the speed term."""
     return (
         weights.heading_weight * heading
         + weights.distance_weight * distance
@@ -100,7 +101,7 @@ def objective(
 
 
 class Planner:
-    """Dynamic window planner: chooses speed and yaw rate of a ground vehicle."""
+    """Dynamic window planner, which chooses speed and yaw rate of a ground vehicle."""
 
     __slots__ = ("_limits", "_times")
 
@@ -132,7 +133,7 @@ class Planner:
             if motion.bound < best and (free or motion.v_m_s <= _STANDS_M_S):
                 if free:
                     break
-                continue  # it cannot be the best, and says nothing about moving
+                continue  # cannot be the best, and does not show whether the vehicle can move
             clear_m = self._clearance(pose, motion, obstacles)
             if clear_m is None:
                 continue
@@ -148,13 +149,14 @@ class Planner:
     def _motions(
         self, pose: Pose, v_m_s: float, ahead_m: tuple[float, float], v_wanted_m_s: float, speed_gain: float
     ) -> Iterator[Motion]:
-        """The pairs of the dynamic window, each with the terms that need no obstacles."""
+        """Pairs of the dynamic window, each with the terms that do not depend on obstacles."""
         limits = self._limits
         lim = window(limits, v_m_s, pose.wz_rad_s)
         vs = _spread(lim.v_min_m_s, lim.v_max_m_s, limits.v_samples)
         vs.append(min(max(v_wanted_m_s, lim.v_min_m_s), lim.v_max_m_s))
         ws = _spread(lim.w_min_rad_s, lim.w_max_rad_s, limits.w_samples)
         if lim.w_min_rad_s <= 0.0 <= lim.w_max_rad_s:
+            # the samples may leave out the straight motion, without which the vehicle would weave
             ws.append(0.0)
         dx, dy = ahead_m[0] - pose.x_m, ahead_m[1] - pose.y_m
         for w in ws:
@@ -167,7 +169,7 @@ class Planner:
                 yield Motion(v, w, heading, velocity, objective(limits, heading, 1.0, velocity, speed_gain))
 
     def _clearance(self, pose: Pose, motion: Motion, obstacles: "NearObstacles") -> float | None:
-        """Minimum clearance of a trajectory up to where the term is saturated; None: it is not safe."""
+        """Minimum clearance of a trajectory, up to the saturation of its term, or None if it is not safe."""
         clear_m, safe = math.inf, False
         v, w = motion.v_m_s, motion.w_rad_s
         points, movers = obstacles.near(abs(v) * self._limits.horizon_s)
@@ -187,17 +189,17 @@ class Planner:
         return clear_m if safe or self._is_safe(motion, math.inf) else None
 
     def _is_safe(self, motion: Motion, travel_m: float) -> bool:
-        """Whether the vehicle stops within a way, and stops turning within it."""
+        """True if the vehicle can stop moving and turning within a distance."""
         limits, v, w = self._limits, abs(motion.v_m_s), abs(motion.w_rad_s)
         if v > safe_speed(travel_m, limits.a_max_m_s2):
             return False
-        # an arc of this length turns by length / radius = length · ω / v: the remaining angle
+        # the remaining angle of an arc is length / radius = length · ω / v
         turn = min(travel_m, _NEVER_M) * w / max(v, _STANDS_M_S)
         return v < _STANDS_M_S or w <= safe_speed(turn, limits.dw_max_rad_s2)
 
 
 class NearObstacles:
-    """The obstacles that a trajectory may meet."""
+    """Obstacles that a trajectory may meet, with cached computations for all candidates of one plan."""
 
     __slots__ = (
         *("_bodies_m", "_chords", "_keep_m", "_limits", "_margin_m", "_movers", "_near", "_points"),
@@ -228,7 +230,7 @@ class NearObstacles:
         self._near: dict[float, tuple[list[Point], list[MovingObstacle]]] = {}
 
     def chords(self, w: float, times: list[float]) -> list[tuple[float, float, float]]:
-        """Instants, each with the way until then at this yaw rate and a speed of 1 m/s."""
+        """Instants, each with the displacement until then at this yaw rate and a speed of 1 m/s."""
         found = self._chords.get(w)
         if found is None:
             found = [(time_s, *_chord(self._yaw_rad, w, time_s)) for time_s in times]
@@ -236,7 +238,7 @@ class NearObstacles:
         return found
 
     def near(self, travel_m: float) -> tuple[list[Point], list[MovingObstacle]]:
-        """Those that change a term or make a contact on a way of this length."""
+        """Obstacles that affect a term or a contact on a trajectory of this length."""
         found = self._near.get(travel_m)
         if found is None:
             limits = self._limits
@@ -270,22 +272,23 @@ class NearObstacles:
         return math.sqrt(to_points) - self._limits.radius_m, math.sqrt(to_movers) - self._bodies_m
 
     def touches(self, to_points_m: float, to_movers_m: float) -> bool:
-        """Whether a clearance is too small."""
+        """True if a clearance is too small."""
         return to_points_m < self._to_points_m or to_movers_m < self._to_movers_m
 
     def _required_clearance(self, now_m: float) -> float:
-        """Clearance to keep: the margin, or the current one if smaller, so that the vehicle can leave."""
+        """Clearance to keep: the margin, or the present clearance if smaller, so that the vehicle can
+        leave."""
         return min(self._margin_m, max(0.0, now_m - _MARGIN_NOISE_M))
 
 
 def _spread(first: float, last: float, count: int) -> list[float]:
-    """`count` values at equal distances, including both ends."""
+    """Returns `count` values at equal distances, including both ends."""
     step = (last - first) / (count - 1)
     return [*(index * step + first for index in range(count - 1)), last]
 
 
 def _chord(yaw: float, w: float, time_s: float) -> Point:
-    """The way after a time on an arc, for a speed of 1 m/s, in closed form."""
+    """Displacement after a time on an arc, for a speed of 1 m/s, in closed form."""
     if abs(w) < _STRAIGHT:
         return time_s * math.cos(yaw), time_s * math.sin(yaw)
     # chord of the arc: 1/ω · (sin(φ+ωt) − sin φ)

@@ -1,4 +1,4 @@
-"""Estimation of the own pose: sensors and the state of the vehicle in, pose out."""
+"""Estimation of the own pose from the sensors and the state of the vehicle."""
 
 from typing import Final
 
@@ -12,12 +12,12 @@ STOP: Final = Setpoint(0.0)
 
 
 class PoseEstimation:
-    """Connects the estimator with the state of the vehicle: whether it may be at rest, when it has landed."""
+    """Connects the estimator with the state of the vehicle, from which rest and landing are known."""
 
     def __init__(self, config: EstimatorConfig, origin: Origin, *, flies: bool, hovers: bool) -> None:
         self._estimator = Estimator(config, origin, flies=flies)
         self._hovers = hovers
-        """It touches down without rolling."""
+        """True if the vehicle touches down without rolling."""
         self._vehicle: VehicleState | None = None
         self._by_hand = False
         self._setpoint = STOP
@@ -35,24 +35,24 @@ class PoseEstimation:
         self._estimator.on_height(height_m)
 
     def on_vehicle(self, state: VehicleState) -> None:
-        """Takes the state of the vehicle: armed, landed."""
+        """Takes the state of the vehicle with armed and landed."""
         self._vehicle = state
 
     def on_control(self, control: ControlState) -> None:
-        """Takes who drives: by hand the vehicle may move at any time."""
+        """Takes the driver of the vehicle; a vehicle driven by hand may move at any time."""
         self._by_hand = control.mode is not DriveMode.AUTO
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
-        """Takes the set-point in force: one that moves the vehicle ends a rest."""
+        """Takes the set-point in force; a set-point that moves the vehicle ends a rest."""
         self._setpoint = setpoint
 
     @property
     def resting(self) -> bool:
-        """Whether the vehicle is disarmed and on the ground."""
+        """True if the vehicle is disarmed and on the ground."""
         return self._vehicle is not None and self._vehicle.resting
 
     def step(self, now_ns: int, late_ns: int = 0) -> Pose | None:
-        """The pose now; None while it is not valid. `late_ns`: delay of this step by the processor."""
+        """Computes the present pose, or None if it is invalid; `late_ns`: scheduling delay of this step."""
         vehicle, estimator = self._vehicle, self._estimator
         landed = vehicle is not None and vehicle.landed
         armed = vehicle is not None and vehicle.armed

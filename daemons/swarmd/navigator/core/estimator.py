@@ -1,4 +1,5 @@
-"""State estimator: position and velocity from GNSS fixes and accelerations, heading from gyro and compass."""
+"""State estimator, with position and velocity from GNSS fixes and accelerations, heading from gyro and
+compass."""
 
 import math
 from typing import Final
@@ -11,34 +12,34 @@ from swarmware.geometry.kalman_axis import FIRST_SPEED_SIGMA_M_S, SIGMA_MAX_M, K
 from swarmware.types.vehicle import GnssFix, Imu, Pose
 
 _PREDICTION_MAX_S: Final = 2.0
-"""Longest prediction in one step."""
+"""Maximum prediction in one step."""
 _HELD_S: Final = 0.25
-"""Time for which a measurement of the inertial unit holds: the longest period, that at rest, and some jitter.
-A late node takes one sample of several."""
+"""Time for which an inertial measurement holds: the period at rest, which is the longest, and some jitter. An
+overloaded node takes one sample of several."""
 _UNKNOWN_M_S2: Final = 2.0
-"""Standard deviation of an acceleration that was not measured: that of a vehicle which starts or brakes."""
+"""Standard deviation of an unmeasured acceleration, as of a vehicle that starts or brakes."""
 _LATE_MAX_NS: Final = 2_000_000_000
-"""Maximum delay of a step that is not counted in the age of measurements."""
+"""Maximum scheduling delay that is subtracted from the age of measurements."""
 _SLOW_M_S: Final = 0.15
-"""Speed of the fixes above which a vehicle moves: the inertial unit does not measure steady motion."""
+"""Speed of the fixes above which a vehicle moves, because inertial units do not measure steady motion."""
 _REFERENCE_MIN_S: Final = 0.8
 """Minimum time between two fixes that are compared for rest."""
 _GATE: Final = 3.5
-"""Innovation gate in standard deviations: a fix outside means that the vehicle has moved."""
+"""Innovation gate in standard deviations; a fix outside of the gate means that the vehicle has moved."""
 _GATE_FIXES: Final = 3
-"""Fixes outside the gate in a row that end a rest: a single one may be an outlier."""
+"""Consecutive fixes outside of the gate that end a rest; a single fix may be an outlier."""
 _REST_BLOCKED_S: Final = 3.0
-"""Time without a new rest after the fixes have ended one, until the speed is known."""
+"""Time without a new rest after the fixes have ended a rest, until the speed is known."""
 _STEP_M: Final = 0.01
 _STEP_RAD: Final = 0.01
-"""Changes of the estimate above which the pose at rest is published again; its error is larger."""
+"""Changes of the estimate above which the pose at rest is changed; the error of the estimate is larger."""
 
 
 class Estimator:
     """Estimates pose and velocity; measurements are buffered until `predict` applies them.
 
-    A fix of two dimensions corrects the horizontal position. A ground vehicle keeps its height meanwhile; the
-    pose of a vehicle that flies is valid only while heights arrive, of fixes or of the sonar.
+    A two-dimensional fix corrects the horizontal position only. A ground vehicle then keeps its height; the
+    pose of an air vehicle is valid only while heights arrive from fixes or from the sonar.
     """
 
     __slots__ = (
@@ -85,7 +86,7 @@ class Estimator:
         self._height_m: float | None = None
         self._height_ns = -(1 << 62)
         self._vertical_ns = -(1 << 62)
-        """Stamp of the newest height, of a fix or of the sonar."""
+        """Stamp of the newest height from a fix or from the sonar."""
         self._compass: tuple[float, float] | None = None
         self._imu_ns = -(1 << 62)
         self._standstill = Standstill(config.rest_accel_m_s2, config.rest_gyro_rad_s)
@@ -93,16 +94,17 @@ class Estimator:
         self._rest_allowed_ns = 0
         self._gated_fixes = 0
         self._found = self._sigmas = (0.0, 0.0, 0.0)
-        """The newest fix in map coordinates."""
+        """The newest fix in map coordinates, and its standard deviations."""
         self._rest_reference: tuple[tuple[float, float, float], int] | None = None
-        """The first fix since the last set-point or jolt, and its stamp: the reference for detecting rest."""
+        """Reference for detecting rest: the first fix since the last set-point or jolt, and its stamp."""
         self._published: Pose | None = None
         self._published_yaw = 0.0
         self.at_rest = False
-        """The velocity is zero, and the position the average of the fixes (zero-velocity update)."""
+        """True while the velocity is zero and the position the average of the fixes (zero-velocity
+        update)."""
 
     def on_imu(self, imu: Imu, stamp_ns: int) -> None:
-        """Takes rates and specific force, and the heading when the unit measures one.
+        """Takes rates and specific force, and the heading if the unit measures it.
 
         Without roll and pitch the body counts as level.
         """
@@ -117,7 +119,7 @@ class Estimator:
         self._w = rate[2]
         self._accel = (force[0], force[1], force[2] - GRAVITY_M_S2)
         if imu.yaw_rad is not None:
-            # what the vehicle turned between two samples far apart is unknown
+            # after a long gap the turn since the last sample is unknown, so the compass replaces the heading
             share = 1.0 if dt_s > _HELD_S else min(1.0, dt_s / self._config.yaw_tau_s)
             self._compass = (imu.yaw_rad, share)
 
@@ -137,18 +139,19 @@ class Estimator:
                 axis.v = 0.0
 
     def on_driven(self, driven: bool) -> None:
-        """Takes whether the vehicle is commanded to move or in the air; only otherwise it may be at rest."""
+        """Takes whether the vehicle is commanded to move or in the air, when it cannot be at rest."""
         self._may_rest = not driven
         if driven:
             self._rest_reference = None
 
     def predict(self, now_ns: int) -> None:
-        """Predicts the state to now, then corrects it by the buffered measurements."""
+        """Predicts the state to the present instant, then corrects it with the buffered measurements."""
         dt_s = min((now_ns - self._now_ns) / 1e9, _PREDICTION_MAX_S)
         self._now_ns = now_ns
         self._update_rest()
         if self._yaw is not None and self._axes is not None and dt_s > 0.0 and not self.at_rest:
             held_s = min(dt_s, _HELD_S)
+            # the heading in the middle of the step, so that turns do not bias the velocity
             yaw = self._yaw + self._w * held_s / 2
             cos, sin = math.cos(yaw), math.sin(yaw)
             forward, left, up = self._accel
@@ -170,7 +173,7 @@ class Estimator:
             if self._may_rest and quiet:
                 return
             self.at_rest = False
-            if not quiet:  # moved by an external force: the speed is unknown
+            if not quiet:  # moved by an external force, so the speed is unknown
                 for axis in axes:
                     axis.vv = FIRST_SPEED_SIGMA_M_S**2
         elif self._may_rest and quiet and self._now_ns >= self._rest_allowed_ns:
@@ -183,7 +186,7 @@ class Estimator:
                 axis.rest(sigma)
 
     def _is_stationary(self) -> bool:
-        """Whether the fixes do not move. The estimated velocity cannot decide it: a tilt acts on it as an
+        """True if the fixes do not move; the estimated velocity cannot show it, because a tilt looks like an
         acceleration."""
         if self._rest_reference is None:
             return False
@@ -203,7 +206,7 @@ class Estimator:
             self._compass = None
             if self._yaw is None:
                 self._yaw = measured
-            # the heading is predicted to now, the compass was read at its stamp
+            # the heading is predicted to the present instant, the compass was read at its stamp
             turned = 0.0 if self.at_rest else self._w * self.since_s(self._imu_ns)
             self._yaw += math.remainder(measured + turned - self._yaw, math.tau) * share
         if self._fix is not None:
@@ -233,12 +236,12 @@ class Estimator:
             return
         late_s = self.since_s(self._fix_ns)
         for axis, position, sigma in zip(axes, found, sigmas, strict=True):
-            if late_s > _HELD_S:  # the speed since then is uncertain
+            if late_s > _HELD_S:  # the speed since the fix is uncertain
                 sigma = math.hypot(sigma, axis.v_sigma * late_s)  # noqa: PLW2901
             axis.update(position + axis.v * late_s, sigma)
 
     def _located(self, fix: GnssFix) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """The fix in map coordinates, and its standard deviations."""
+        """Converts a fix to map coordinates; returns position and standard deviations."""
         sigma_m = fix.sigma_m
         found = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
         if fix.has_height:
@@ -254,7 +257,7 @@ class Estimator:
         sigmas: tuple[float, float, float],
         span_s: float,
     ) -> None:
-        """Averages a fix at rest; several fixes in a row outside the gate end the rest."""
+        """Averages a fix at rest; several consecutive fixes outside of the gate end the rest."""
         far = any(
             abs(position - axis.p) > _GATE * math.sqrt(axis.pp + sigma * sigma)
             for axis, position, sigma in zip(axes, found, sigmas, strict=True)
@@ -287,9 +290,9 @@ class Estimator:
         return min(max((self._now_ns - stamp_ns) / 1e9, 0.0), _PREDICTION_MAX_S)
 
     def pose(self, late_ns: int = 0) -> Pose | None:
-        """The estimate at the instant of the last `predict`; None when it is not valid.
+        """The estimate at the instant of the last `predict`, or None if it is invalid.
 
-        A delay of this step is not a silence of the sensors: their drivers were delayed, too.
+        A delay of this step is not a silence of the sensors, because their drivers were delayed as well.
         """
         if self._axes is None or self._yaw is None:
             return None

@@ -1,4 +1,4 @@
-"""Controller of a ground vehicle: commanded speed, heading, and the planner that avoids obstacles."""
+"""Controller of a ground vehicle, with speed and heading control, and a planner that avoids obstacles."""
 
 import math
 from typing import Final
@@ -10,23 +10,24 @@ from swarmd.navigator.core.target import Surroundings, Target
 from swarmware.types.vehicle import Pose, Setpoint
 
 _TURN_KP_1_S: Final = 1.5
-"""Gain of turning on the spot: rad/s per radian."""
+"""Gain of turning on the spot, in rad/s per radian."""
 _YAW_TOLERANCE_RAD: Final = 0.05
 _MOVES_M_S: Final = 0.05
 _STUCK_M_S: Final = 0.1
-"""Speed below which a vehicle that should move is in a local minimum of its planner …"""
+"""Speed below which a vehicle that should move is in a local minimum of its planner."""
 _SPEED_GAIN_1_S: Final = 2.0
 _SPEED_GAIN_MAX: Final = 20.0
-"""… and the weight of its speed term increases by this factor per second, up to this maximum."""
+"""Growth per second of the speed term's weight in a local minimum of the planner, and its maximum."""
 _EFFECT_RATIO: Final = 0.5
-"""Share of the longest delay after which a set-point usually takes effect. Measured in the simulation of late
-vehicles (tests/simulation/formation): without it they swing about their path, with 0.7 they cut corners."""
+"""Ratio of the longest delay after which a set-point usually takes effect. Measured in the simulation of
+delayed vehicles (tests/simulation/formation): with 0 they oscillate about their path, with 0.7 they cut
+corners."""
 _REACH_MIN_M: Final = 3.0
-"""Minimum distance that is checked for obstacles, also at rest."""
+"""Minimum distance that is checked for obstacles, even at rest."""
 
 
 class GroundController:
-    """Speed and yaw rate from a target, for a nonholonomic vehicle."""
+    """Computes speed and yaw rate towards a target, for a nonholonomic vehicle."""
 
     __slots__ = ("_config", "_detour", "_last", "_moved_ns", "_planned_ns", "_planner", "free")
 
@@ -42,7 +43,7 @@ class GroundController:
         self._moved_ns: int | None = None
         self._last = Setpoint(0.0)
         self.free = True
-        """Whether the last plan found an admissible motion."""
+        """True if the last plan found an admissible motion."""
 
     def set_config(self, config: Config) -> None:
         """Replaces weights and gains."""
@@ -58,19 +59,20 @@ class GroundController:
         return self._last
 
     def sink(self, rate_m_s: float) -> Setpoint:
-        """Set-point of zero velocity: a ground vehicle does not descend."""
+        """Set-point of zero velocity, because a ground vehicle cannot descend."""
         return self.stop()
 
     def hold_at(self, pose: Pose) -> tuple[float, float]:
-        """The position at which it stops: where it is."""
+        """The present position, at which a ground vehicle stops."""
         return pose.x_m, pose.y_m
 
     def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
-        """The target of a landing: the place where it stands."""
+        """The present target, because a ground vehicle does not land."""
         return stay
 
     def steer(self, pose: Pose, target: Target, around: Surroundings, now_ns: int) -> Setpoint:
-        """The set-point for this control step; plans again when the period of the planner is over."""
+        """Computes the set-point of one control step; plans when the period of the planner is over."""
+        # 1 % early, so that jitter of the steps does not skip a plan
         if now_ns - self._planned_ns < 0.99e9 / self._config.plan_hz:
             return self._last
         self._planned_ns = now_ns
@@ -88,21 +90,24 @@ class GroundController:
         wanted = self._speed(pose, target, aim)
         if self._moved_ns is None or abs(v) > _STUCK_M_S or abs(wanted) < 2 * _STUCK_M_S:
             self._moved_ns = now_ns
+        # in a local minimum a growing weight of the speed lets the vehicle leave it sideways
         speed_gain = 1 + _SPEED_GAIN_1_S * (now_ns - self._moved_ns) / 1e9
         choice = self._planner.plan(pose, v, aim, wanted, around, min(speed_gain, _SPEED_GAIN_MAX))
         self.free = choice.free
         w = choice.w_rad_s
         if choice.score == -math.inf and v > _MOVES_M_S:
-            # braking on the same arc: that arc was free for the braking distance, straight on may not be
+            # brakes on the same arc, which was free for the braking distance, unlike the straight line
             step_s = 1 / self._config.plan_hz + _EFFECT_RATIO * around.delay_s
             w = pose.wz_rad_s * max(0.0, 1 - self._config.dwa.a_max_m_s2 * step_s / v)
         self._last = Setpoint(choice.v_m_s, 0.0, 0.0, w)
         return self._last
 
     def _effective(self, pose: Pose, delay_s: float) -> Pose:
-        """The pose at which a set-point of now takes effect: until then a late vehicle follows the last one.
+        """The pose at which a new set-point takes effect; until then a delayed vehicle follows the last
+        set-point.
 
-        Planned from the present pose, a turn begins late and ends late: the vehicle swings about its path.
+        Planned from the present pose, turns would begin and end late, and the vehicle would oscillate about
+        its path.
         """
         if delay_s == 0.0:
             return pose
@@ -129,18 +134,18 @@ class GroundController:
         )
 
     def _reach(self, pose: Pose, v_m_s: float, target: Target) -> float:
-        """Distance that should be free: the planner's horizon, but not beyond a target at rest."""
+        """Distance that should be free, up to the planner's horizon but not beyond a target at rest."""
         reach = max(_REACH_MIN_M, abs(v_m_s) * self._config.dwa.horizon_s)
         if math.hypot(*target.velocity_m_s) > _MOVES_M_S:
             return reach
         return min(reach, math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m))
 
     def _speed(self, pose: Pose, target: Target, aim_m: tuple[float, float]) -> float:
-        """Commanded speed: that of the target, plus a term proportional to the distance along the track."""
+        """Commanded speed: the target's speed, plus a term proportional to the distance along the track."""
         config = self._config
         dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
         distance = math.hypot(dx, dy)
-        # the distance is measured along the path, not along a detour, from which the target may lie behind
+        # measured along the path and not along a detour, on which the target may lie behind the vehicle
         bearing = math.atan2(target.ahead_m[1] - pose.y_m, target.ahead_m[0] - pose.x_m)
         cos, sin = math.cos(bearing), math.sin(bearing)
         along = dx * cos + dy * sin
@@ -150,5 +155,5 @@ class GroundController:
         # a vehicle with another heading turns before it drives; a wide detour is driven slowly
         aim = math.atan2(aim_m[1] - pose.y_m, aim_m[0] - pose.x_m)
         wanted = (place + more) * max(0.0, math.cos(aim - pose.yaw_rad)) * (1 + math.cos(aim - bearing)) / 2
-        # limited to the drive: above its maximum all candidates of the planner would score the same
+        # limited to the drive's maximum, above which all candidates of the planner would have the same score
         return min(max(wanted, -config.dwa.v_back_m_s), target.speed_m_s, config.dwa.v_max_m_s)

@@ -1,4 +1,4 @@
-"""Guidance: the estimated pose, a goal and obstacles in, set-point and status out."""
+"""Guidance, which computes set-point and status from the estimated pose, a goal and obstacles."""
 
 import math
 from typing import Final
@@ -29,24 +29,24 @@ from swarmware.types.vehicle import (
 
 _STOP: Final = Setpoint(0.0)
 _ARM_GRACE_S: Final = 1.0
-"""A goal may arrive this much earlier than the state that the motors are armed."""
+"""Maximum time by which a goal may arrive before the state that the motors are armed."""
 _EXTRAPOLATE_S: Final = 1.0
-"""Longest extrapolation of the pose of another platform."""
+"""Maximum extrapolation of the pose of another platform."""
 _STILL_M_S: Final = 0.1
 _CIRCLING_HEIGHT_M: Final = 2.0
-"""Error of the height within which a vehicle that circles has climbed to its altitude."""
+"""Maximum error of the height at which a circling vehicle has reached its altitude."""
 _BLIND_FINAL_M: Final = 2.0
 """Measured height below which a landing without a position descends at touch-down speed."""
 _STRAYS: Final = 4
-"""Times the time of a blocked vehicle after which one that moves, but comes no nearer, is in a dead end."""
+"""Multiple of `blocked_s` after which a vehicle that moves without approaching its goal is in a dead end."""
 _CORNER_M: Final = 1.0
-"""Distance at which a corner of a route is passed."""
+"""Distance at which a corner of a route counts as passed."""
 _ROOM_M: Final = 0.1
-"""Clearance of a route beyond radius and margin of the vehicle, as of a detour."""
+"""Clearance of a route beyond radius and margin of the vehicle, equal to the clearance of a detour."""
 _SCAN_AGE_S: Final = 0.5
-"""Age up to which echoes are used; delays of the own steps are added."""
+"""Maximum age of used echoes, to which the delay of the own steps is added."""
 _ENDED_BY_HAND: Final = frozenset({GoalKind.TAKEOFF, GoalKind.GOTO, GoalKind.LAND, GoalKind.DESCEND})
-"""Kinds of goals that driving by hand ends when they were reached before: the vehicle stays where it is."""
+"""Kinds of reached goals that manual driving ends, so that the vehicle later stays where it is."""
 
 
 class GuidanceOutput(msgspec.Struct, frozen=True):
@@ -54,7 +54,7 @@ class GuidanceOutput(msgspec.Struct, frozen=True):
 
     setpoint: Setpoint
     status: NavStatus | None
-    """Set when it changed, and at its rate."""
+    """Status if it changed or is due, else None."""
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -62,15 +62,15 @@ class _Plan(msgspec.Struct, frozen=True):
 
     state: NavState
     target: Target | None = None
-    """None: stop."""
+    """Target to steer to, or None to stop."""
     distance_m: float = 0.0
     error_m: float = 0.0
     error: NavError = NavError.NONE
     note: str = ""
     blockable: bool = False
-    """Whether missing progress means that the vehicle is blocked."""
+    """True if missing progress means that the vehicle is blocked."""
     sink_m_s: float = 0.0
-    """Rate of a descent without a position; 0: none."""
+    """Rate of a descent without a position, or 0 without such a descent."""
 
 
 class Guidance:
@@ -82,7 +82,7 @@ class Guidance:
         self._controller = controller
         self._vehicle: VehicleState | None = None
         self._driven_by = ""
-        """The operator or pilot that drives instead of the navigator; empty: the navigator."""
+        """The operator or pilot that drives instead of the navigator, or "" if the navigator drives."""
         self._neighbours: dict[str, tuple[Pose, int]] = {}
         self._points: tuple[tuple[float, float], ...] = ()
         self._scan: Range | None = None
@@ -94,19 +94,19 @@ class Guidance:
         self._anchor: Pose | None = None
         self._arrived = False
         self._circled: Goal | None = None
-        """The goal around which an aircraft circled when the present one came."""
+        """The goal around which an aircraft circled when the present goal arrived."""
         self._setpoint = _STOP
         self._moved_ns = 0
         self._moved_from: tuple[float, float, float] | None = None
         self._seen = SeenObstacles()
-        """Obstacles seen on the way to the goal."""
+        """Obstacles that were seen on the way to the goal."""
         self._search: RouteSearch | None = None
         self._route: list[Point] = []
-        """Corners that are left of the route around them."""
+        """Remaining corners of the route around the obstacles."""
         self._replanned = False
-        """Whether a route was searched for this goal: once, then the vehicle is blocked."""
+        """True if a route was already searched for this goal; a second time the vehicle is blocked."""
         self._nearest_m, self._nearest_ns = math.inf, 0
-        """The least distance to the goal, and when it was less than before."""
+        """The smallest distance to the goal so far, and the instant at which it was reached."""
         self._status = NavStatus(0, NavState.IDLE)
         self._status_ns = -(1 << 62)
 
@@ -116,11 +116,12 @@ class Guidance:
         self._controller.set_config(config)
 
     def on_vehicle(self, state: VehicleState) -> None:
-        """Takes the state of the vehicle: armed, landed."""
+        """Takes the state of the vehicle with armed and landed."""
         self._vehicle = state
 
     def on_control(self, control: ControlState) -> None:
-        """Takes who drives. A goal that was reached before does not draw the vehicle back later."""
+        """Takes the driver of the vehicle; manual driving ends a reached goal, so that the vehicle does not
+        return."""
         if control.mode is DriveMode.AUTO:
             self._driven_by = ""
             return
@@ -139,7 +140,7 @@ class Guidance:
         self._neighbours[platform] = (pose, stamp_ns)
 
     def on_goal(self, goal: Goal, now_ns: int) -> None:
-        """Takes a goal; the same goal again changes nothing."""
+        """Takes a goal; a repeated goal changes nothing."""
         if self._goal == goal:
             return
         self._circled = self._goal if self._arrived and self._controller.circle_m > 0.0 else None
@@ -165,7 +166,7 @@ class Guidance:
 
     @property
     def resting(self) -> bool:
-        """Whether the vehicle is disarmed and on the ground."""
+        """True if the vehicle is disarmed and on the ground."""
         return self._vehicle is not None and self._vehicle.resting
 
     @property
@@ -176,10 +177,10 @@ class Guidance:
     def step(
         self, pose: Pose | None, now_ns: int, delay_ns: int = 0, height_m: float | None = None
     ) -> GuidanceOutput:
-        """Computes set-point and status for this instant; without a valid pose the vehicle stops, or lands.
+        """Computes set-point and status for this instant; without a valid pose the vehicle stops or lands.
 
-        `delay_ns`: by which the steps were late lately; `height_m`: measured height above the ground, None
-        without one.
+        `delay_ns`: recent scheduling delay of the steps; `height_m`: measured height above the ground, or
+        None without a measurement.
         """
         if pose is not None and self._scan is not None:
             self._points = self._echoes(pose, self._scan, now_ns, delay_ns)
@@ -194,7 +195,7 @@ class Guidance:
         else:
             around, flies = self._around(now_ns, delay_ns), self._controller.flies
             setpoint = self._controller.steer(pose, plan.target, around, now_ns)
-            if self._controller.circle_m == 0.0:  # others need their airspeed
+            if self._controller.circle_m == 0.0:  # an aircraft needs its airspeed
                 setpoint = cautious(setpoint, pose, around, flies=flies)
         self._setpoint = setpoint
         return GuidanceOutput(setpoint, self._report(self._checked(plan, pose, now_ns), now_ns))
@@ -204,7 +205,7 @@ class Guidance:
     def _plan(self, pose: Pose | None, now_ns: int, height_m: float | None) -> _Plan:
         goal = self._goal
         if self._driven_by:
-            self._anchor = None  # where the vehicle is when it is released
+            self._anchor = None  # the vehicle then holds the position at which it is released
             return _Plan(NavState.HOLDING, note=f"driven by {self._driven_by}")
         if self._goal_error:
             return _Plan(NavState.BLOCKED, self._stay(pose), error=NavError.BAD_GOAL, note=self._goal_error)
@@ -232,7 +233,7 @@ class Guidance:
         return self._form(goal, pose, now_ns)
 
     def _stay(self, pose: Pose | None) -> Target | None:
-        """Target that holds the position at which the goal arrived; None on the ground: stop."""
+        """Target that holds the position at which the goal arrived, or None to stop on the ground."""
         if pose is None or not self._controller.flies or self._vehicle is None or self._vehicle.landed:
             return None
         if self._anchor is None:
@@ -249,13 +250,13 @@ class Guidance:
         )
 
     def _holds(self, pose: Pose, stay: Target | None) -> bool:
-        """Whether the vehicle has stopped; one that cannot: whether it is on the circle around its place."""
+        """True if the vehicle has stopped, or, if it cannot stop, is on the circle around its target."""
         if stay is None or self._controller.circle_m == 0.0:
             return math.hypot(pose.vx_m_s, pose.vy_m_s, pose.vz_m_s) < 2 * _STILL_M_S
         return self._away_m(pose, stay) < self._arrive_m
 
     def _away_m(self, pose: Pose, target: Target) -> float:
-        """Distance from a target, or from the circle around it; inside of the circle only that in height."""
+        """Distance from a target or from the circle around it; inside of the circle the height error only."""
         flat = math.hypot(target.x_m - pose.x_m, target.y_m - pose.y_m) - self._controller.circle_m
         height = target.z_m - pose.z_m if self._controller.flies else 0.0
         return math.hypot(max(0.0, flat), height)
@@ -266,7 +267,7 @@ class Guidance:
 
     def _land(self, goal: Goal, pose: Pose) -> _Plan:
         if self._anchor is None and self._circled is not None and self._circled.kind is GoalKind.GOTO:
-            # it comes down at the place around which it circles, not somewhere on the circle
+            # the aircraft lands at the place around which it circles, not somewhere on the circle
             place = msgspec.structs.replace(pose, x_m=self._circled.x_m, y_m=self._circled.y_m)
             x, y = self._controller.hold_at(place)
             self._anchor = Pose.planar(x, y, max(pose.z_m, 1.0), pose.yaw_rad)
@@ -279,15 +280,15 @@ class Guidance:
         return _Plan(NavState.MOVING, down, distance_m=max(0.0, pose.z_m))
 
     def _descend(self, goal: Goal, height_m: float | None) -> _Plan:
-        """A landing by height alone: it keeps no place, and nothing is avoided."""
+        """Plan of a landing by height alone, which keeps no position and avoids nothing."""
         if not self._controller.flies or (self._vehicle is not None and self._vehicle.landed):
             return _Plan(NavState.ARRIVED)
-        self._anchor = None  # a position that is valid again is held where the vehicle is then
+        self._anchor = None  # when the position becomes valid again, the vehicle holds at that position
         sink = self._config.air.touch_down_m_s
         if goal.kind is GoalKind.LAND and height_m is not None and height_m > _BLIND_FINAL_M:
             sink = max(sink, goal.speed_m_s)
         left_m = 0.0 if height_m is None else max(height_m, 0.0)
-        return _Plan(NavState.MOVING, sink_m_s=sink, distance_m=left_m, note="lands by its height alone")
+        return _Plan(NavState.MOVING, sink_m_s=sink, distance_m=left_m, note="lands by height alone")
 
     def _take_off(self, goal: Goal, pose: Pose) -> _Plan:
         if self._anchor is None:
@@ -355,7 +356,7 @@ class Guidance:
     def _reached(
         self, target: Target, distance_m: float, error_m: float, arrive_m: float, *, blockable: bool
     ) -> _Plan:
-        """Applies the arrival radius with hysteresis: it is left at twice the radius."""
+        """Applies the arrival radius, with hysteresis up to twice the radius."""
         self._arrived = error_m < (2 * arrive_m if self._arrived else arrive_m)
         return _Plan(
             NavState.ARRIVED if self._arrived else NavState.MOVING,
@@ -367,7 +368,7 @@ class Guidance:
     # the obstacles
 
     def _echoes(self, pose: Pose, scan: Range, now_ns: int, delay_ns: int) -> tuple[tuple[float, float], ...]:
-        """The echoes in map coordinates, from the pose of the scanner at its stamp."""
+        """Converts a scan to map coordinates, with the pose at the stamp of the scan."""
         late_s = min(max((now_ns - self._scan_ns) / 1e9, 0.0), _scan_age_s(delay_ns))
         x, y = pose.x_m - pose.vx_m_s * late_s, pose.y_m - pose.vy_m_s * late_s
         first = pose.yaw_rad - pose.wz_rad_s * late_s + scan.angle_min_rad
@@ -411,9 +412,9 @@ class Guidance:
     # the status
 
     def _checked(self, plan: _Plan, pose: Pose | None, now_ns: int) -> _Plan:
-        """Changes the state to blocked when progress is expected and missing."""
+        """Changes the state to blocked if progress is expected but missing."""
         here = None if pose is None else (pose.x_m, pose.y_m, pose.z_m)
-        # progress is a distance, not a speed: one that oscillates in front of an obstacle has a speed, too
+        # progress is a distance, because a vehicle that oscillates in front of an obstacle has a speed, too
         min_m = _STILL_M_S * self._config.blocked_s
         moves = here is not None and (self._moved_from is None or math.dist(here, self._moved_from) > min_m)
         if moves or not plan.blockable:
@@ -430,7 +431,7 @@ class Guidance:
         return plan
 
     def _plans_again(self, pose: Pose, now_ns: int) -> bool:
-        """Searches a route around what was seen, once for a goal; False: there is none."""
+        """Searches a route around the seen obstacles, once per goal; returns False if there is no route."""
         goal = self._goal
         if (
             self._replanned
@@ -448,7 +449,7 @@ class Guidance:
             return True
         self._search, self._replanned = None, True
         if route is None or len(route) < 2:
-            return False  # no way, or a free one: something else stops the vehicle
+            return False  # no route, or a straight one, so something else stops the vehicle
         self._route, self._moved_ns = route, now_ns
         return True
 
@@ -470,10 +471,10 @@ class Guidance:
 
 
 def _scan_age_s(delay_ns: int) -> float:
-    """Age up to which echoes are used: without them a late vehicle would drive as if nothing were there."""
+    """Maximum age of used echoes; without them a delayed vehicle would ignore the obstacles."""
     return _SCAN_AGE_S + TURNS * delay_ns / 1e9
 
 
 def _published_at_once(status: NavStatus) -> object:
-    """The fields whose change is published at once, not at the next period."""
+    """Fields of a status whose change is published at once, not at the next period."""
     return status.goal_seq, status.state, status.error, status.note

@@ -1,4 +1,4 @@
-"""Formation keeping: computes the slot of this vehicle from the goal and the leader's pose."""
+"""Formation keeping, which computes the slot of this vehicle from the goal and the leader's pose."""
 
 import math
 from typing import Final
@@ -15,11 +15,11 @@ _MOVES_M_S: Final = 0.05
 _END_M: Final = 0.5
 """Distance of the leader from the end of the course at which the formation has arrived."""
 _RUN_UP_M: Final = 3.0
-"""Distance behind a resting slot from which a ground vehicle beside it approaches: it cannot sidestep."""
+"""Distance behind a resting slot from which a ground vehicle approaches, because it cannot move sideways."""
 _BESIDE_M: Final = 0.4
 _RUN_UP_DONE_M: Final = 0.7
 _CREEP_M_S: Final = 0.1
-"""Minimum speed of the leader, with which it reaches the end of the course."""
+"""Minimum speed of the leader, at which it reaches the end of the course."""
 
 
 class SlotTarget(msgspec.Struct, frozen=True):
@@ -29,9 +29,9 @@ class SlotTarget(msgspec.Struct, frozen=True):
     error_m: float
     """Distance of the vehicle from its slot."""
     remaining_m: float
-    """Distance of the leader from the end of the course; 0 when it does not advance."""
+    """Distance of the leader from the end of the course, or 0 if the leader does not advance."""
     still: bool
-    """Whether the slot is at rest."""
+    """True if the slot is at rest."""
 
 
 class FormationKeeper:
@@ -56,11 +56,11 @@ class FormationKeeper:
 
     @property
     def has_course(self) -> bool:
-        """Whether the goal has a course, which a leader needs."""
+        """True if the goal has a course, which a leader needs."""
         return self._formation.course is not None
 
     def lead(self, pose: Pose, now_ns: int) -> SlotTarget:
-        """The target of the leader: its projection onto the course, moving along it."""
+        """Target of the leader, its projection onto the course, which moves along the course."""
         course = self._formation.course
         if course is None:
             raise InvalidInput("leading a formation: expected a course of at least two waypoints")
@@ -86,7 +86,7 @@ class FormationKeeper:
         return self._slot_target(pose, slot, (0.0, 0.0, 0.0), remaining)
 
     def follow(self, pose: Pose, leader: Pose) -> SlotTarget:
-        """The target of a follower: its slot relative to the leader."""
+        """Target of a follower, its slot relative to the leader."""
         offset = self._goal.offset_m
         slot = self._formation.slot(leader, offset)
         course = self._formation.course
@@ -118,7 +118,7 @@ class FormationKeeper:
         return SlotTarget(target, error_m, remaining_m, still)
 
     def _run_up(self, pose: Pose, target: Target, error_m: float) -> Target:
-        """The target, or a point behind it when the vehicle is beside it."""
+        """The target, or a point behind the target if the vehicle is beside it."""
         yaw = target.yaw_rad or 0.0
         cos, sin = math.cos(yaw), math.sin(yaw)
         dx, dy = target.x_m - pose.x_m, target.y_m - pose.y_m
@@ -135,12 +135,12 @@ class FormationKeeper:
         return msgspec.structs.replace(target, x_m=x, y_m=y, yaw_rad=None, ahead_m=(x, y))
 
     def _ahead(self, pose: Pose, slot: Slot, offset: tuple[float, float, float]) -> tuple[float, float]:
-        """Look-ahead point on the path of the slot: steering to it leads onto that path (pure pursuit)."""
+        """Look-ahead point on the path of the slot, for pure pursuit of this path."""
         config = self._config
         speed = math.hypot(pose.vx_m_s, pose.vy_m_s)
         reach = max(config.look_ahead_min_m, speed * config.look_ahead_s)
-        # measured from the projection of the vehicle: behind its slot it does not cut corners, beyond it
-        # it still aims forward and drives back
+        # measured from the projection of the vehicle, so that a vehicle behind its slot does not cut corners,
+        # and a vehicle ahead of its slot still aims forward while it drives back
         if self._formation.course is None:
             cos, sin = math.cos(slot.yaw_rad), math.sin(slot.yaw_rad)
             along = (pose.x_m - slot.x_m) * cos + (pose.y_m - slot.y_m) * sin + reach

@@ -1,4 +1,4 @@
-"""The navigator's core: measurements and a goal in, pose, set-point and status out."""
+"""The navigator's core, which computes pose, set-point and status from measurements and a goal."""
 
 from typing import Final
 
@@ -15,21 +15,21 @@ from swarmware.types.control import ControlState
 from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
 
 _HEIGHT_NS: Final = 1_000_000_000
-"""Time for which a measured height counts: a landing without a position descends by it."""
+"""Validity of a measured height, by which a landing without a position descends."""
 
 
 class NavigatorOutput(msgspec.Struct, frozen=True):
     """The outputs of one control step."""
 
     pose: Pose | None
-    """The estimated pose; None: not valid, not published."""
+    """The estimated pose, or None if it is invalid and not published."""
     setpoint: Setpoint
     status: NavStatus | None
-    """Set when it changed, and at its rate."""
+    """Status if it changed or is due, else None."""
 
 
 class NavigatorCore:
-    """Estimation and guidance of one vehicle on one computer, in one step."""
+    """Estimation and guidance of one vehicle, computed in one step."""
 
     def __init__(self, config: Config, platform: str, origin: Origin, controller: Controller) -> None:
         self._config = config
@@ -38,8 +38,9 @@ class NavigatorCore:
         self._guidance = Guidance(config, platform, controller)
         self._delay = OwnDelay()
         self._height_m: float | None = None
-        """Newest height above the ground, and when it was taken: None before the step that follows it."""
+        """Newest height above the ground, or None before the first measurement."""
         self._height_ns: int | None = None
+        """Instant of the step that followed the newest height, or None before this step."""
 
     def set_config(self, config: Config) -> None:
         """Replaces weights and gains, also while moving (S2.46)."""
@@ -60,12 +61,12 @@ class NavigatorCore:
         self._height_m, self._height_ns = height_m, None
 
     def on_vehicle(self, state: VehicleState) -> None:
-        """Takes the state of the vehicle: armed, landed."""
+        """Takes the state of the vehicle with armed and landed."""
         self._estimation.on_vehicle(state)
         self._guidance.on_vehicle(state)
 
     def on_control(self, control: ControlState) -> None:
-        """Takes who drives the vehicle."""
+        """Takes the driver of the vehicle."""
         self._estimation.on_control(control)
         self._guidance.on_control(control)
 
@@ -78,22 +79,24 @@ class NavigatorCore:
         self._guidance.on_neighbour(platform, pose, stamp_ns)
 
     def on_goal(self, goal: Goal, now_ns: int) -> None:
-        """Takes a goal; the same goal again changes nothing."""
+        """Takes a goal; a repeated goal changes nothing."""
         self._guidance.on_goal(goal, now_ns)
 
     @property
     def resting(self) -> bool:
-        """Whether the vehicle is disarmed and on the ground."""
+        """True if the vehicle is disarmed and on the ground."""
         return self._guidance.resting
 
     def period_s(self) -> float:
-        """Time from one control step to the next: longer for a vehicle that is disarmed and on the ground."""
+        """Time between two control steps, which is longer for a vehicle that is disarmed and on the
+        ground."""
         return self._config.period_s(resting=self.resting)
 
     def step(self, now_ns: int, late_ns: int = 0) -> NavigatorOutput:
-        """Computes pose, set-point and status for this instant; `late_ns`: after the step was due."""
+        """Computes pose, set-point and status for this instant; `late_ns`: time since the step was due."""
         self._delay.on_turn(now_ns - late_ns, now_ns)
         delay_ns = self._delay.recent_ns(now_ns)
+        # a measurement may have waited for its driver and for this step, both of which were delayed
         late_ns = max(late_ns, TURNS * delay_ns)
         self._estimation.on_setpoint(self._guidance.setpoint)
         pose = self._estimation.step(now_ns, late_ns)

@@ -1,15 +1,15 @@
-"""Pose of a vehicle at a later instant than that of its estimate."""
+"""Prediction of the pose of a vehicle to an instant after its estimate."""
 
 from typing import Final
 
 from swarmware.types.vehicle import Pose
 
 _AHEAD_MAX_S: Final = 0.5
-"""Longest prediction of the own pose, as in the estimator."""
+"""Maximum prediction of the own pose."""
 
 
 def predicted(pose: Pose, ahead_s: float) -> Pose:
-    """The pose after this time at constant velocity and rate of turn."""
+    """Predicts the pose after this time at constant velocity and rate of turn."""
     if ahead_s == 0.0:
         return pose
     return Pose.planar(
@@ -23,7 +23,7 @@ def predicted(pose: Pose, ahead_s: float) -> Pose:
 
 
 class ReceivedPose:
-    """The own pose as another computer has estimated it: delayed, and predicted to the instant of use."""
+    """The own pose that another computer has estimated, predicted to the instant of use."""
 
     def __init__(self, timeout_s: float) -> None:
         self._timeout_s = timeout_s
@@ -31,12 +31,12 @@ class ReceivedPose:
         self._stamp_ns = 0
 
     def on_pose(self, pose: Pose, stamp_ns: int) -> None:
-        """Takes an estimate, stamped in the own clock; an older one than the last changes nothing."""
+        """Takes an estimate, stamped in the own clock; an outdated estimate changes nothing."""
         if self._pose is None or stamp_ns > self._stamp_ns:
             self._pose, self._stamp_ns = pose, stamp_ns
 
     def at(self, now_ns: int) -> Pose | None:
-        """The pose now; None when the newest estimate is too old to steer by it."""
+        """The present pose, or None if the newest estimate is too old to steer by it."""
         if self._pose is None:
             return None
         age_s = (now_ns - self._stamp_ns) / 1e9

@@ -1,6 +1,6 @@
-"""A route around the obstacles that a blocked vehicle has seen: the shortest path on a grid.
+"""Search of a route around the obstacles that a blocked vehicle has seen, as the shortest path on a grid.
 
-The detour next to the commanded direction ends in front of a wall or in a corner; the route leads out of it.
+A detour next to the commanded direction ends in front of a wall or in a corner; a route leads out of it.
 Source: Hart, Nilsson, Raphael: A formal basis for the heuristic determination of minimum cost
 paths, 1968 (A*).
 """
@@ -11,15 +11,15 @@ from collections.abc import Iterable
 from typing import Final
 
 CELL_M: Final = 0.5
-"""Size of a cell: gaps narrower than the vehicle and a cell are not found."""
+"""Size of a cell; gaps narrower than the vehicle plus a cell are not found."""
 CELLS_LIMIT: Final = 4_000
-"""Maximum cells with echoes that are stored: 1 000 m of walls; the oldest ones are dropped."""
+"""Maximum number of stored cells with echoes, 1 000 m of walls; the oldest cells are evicted."""
 MARGIN_M: Final = 15.0
 """Maximum distance of the route from the straight line between its ends, in x and y."""
 REACH_M: Final = 30.0
-"""Maximum distance of the end of the route; a goal beyond it is aimed at from there."""
+"""Maximum distance of the end of the route, from which a farther goal is steered to directly."""
 STEPS: Final = 150
-"""Cells that are expanded in one control step: less than 2 ms in Python, so no step is late."""
+"""Cells that are expanded per control step, in less than 2 ms, so that no step is late."""
 
 Point = tuple[float, float]
 Cell = tuple[int, int]
@@ -27,7 +27,7 @@ _NEXT: Final = [(x, y, math.hypot(x, y)) for x in (-1, 0, 1) for y in (-1, 0, 1)
 
 
 class SeenObstacles:
-    """Cells in which echoes were, since the goal came."""
+    """Cells in which echoes were received since the goal arrived."""
 
     def __init__(self) -> None:
         self._cells: dict[Cell, None] = {}
@@ -44,7 +44,7 @@ class SeenObstacles:
             del self._cells[next(iter(self._cells))]
 
     def occupied(self, width_m: float) -> frozenset[Cell]:
-        """Cells in which the centre of a vehicle of this half width touches one of them."""
+        """Cells in which the centre of a vehicle of this half width would touch a cell with echoes."""
         reach = math.ceil(width_m / CELL_M)
         disc = [
             (x, y)
@@ -64,7 +64,7 @@ class RouteSearch:
         self._end = (start[0] + share * (goal[0] - start[0]), start[1] + share * (goal[1] - start[1]))
         self._whole = share == 1.0
         self._first, self._last = _cell(*start), _cell(*self._end)
-        # the vehicle is in this cell, however near the echoes are
+        # the vehicle is in this cell, so it is free however near the echoes are
         self._occupied = occupied - {self._first}
         margin = round(MARGIN_M / CELL_M)
         xs, ys = zip(self._first, self._last, strict=True)
@@ -74,10 +74,10 @@ class RouteSearch:
         self._queue: list[tuple[float, Cell]] = [(0.0, self._first)]
         self._closed: set[Cell] = set()
         self.done = False
-        """Whether the search is over."""
+        """True when the search is over."""
 
     def advance(self, steps: int = STEPS) -> list[Point] | None:
-        """Expand at most n cells; returns the route when it is found, without its start."""
+        """Expands at most `steps` cells; returns the route without its start once it is found, else None."""
         while self._queue and steps:
             _, cell = heapq.heappop(self._queue)
             if cell in self._closed:
@@ -92,7 +92,7 @@ class RouteSearch:
         return None
 
     def _is_end(self, cell: Cell) -> bool:
-        """The goal itself, or a free cell near it if the way continues behind it."""
+        """True for the last cell, or for a free cell near an occupied last cell if the goal is farther."""
         if cell == self._last:
             return True
         near = max(abs(cell[0] - self._last[0]), abs(cell[1] - self._last[1])) <= 2
@@ -109,7 +109,7 @@ class RouteSearch:
                 and dy
                 and ((cell[0] + dx, cell[1]) in self._occupied or (cell[0], cell[1] + dy) in self._occupied)
             ):
-                continue  # not through the corner between two obstacles
+                continue  # no diagonal through the corner between two obstacles
             cost = self._cost[cell] + length
             if cost < self._cost.get((x, y), math.inf):
                 self._cost[x, y] = cost
@@ -118,7 +118,7 @@ class RouteSearch:
                 heapq.heappush(self._queue, (cost + left, (x, y)))
 
     def _route(self, cell: Cell) -> list[Point]:
-        """The corners of the way: cells in one direction are one leg."""
+        """Corners of the found path; cells in one direction form one leg."""
         cells = [cell]
         while cell in self._came:
             cell = self._came[cell]

@@ -1,4 +1,4 @@
-"""Detects rest from the inertial unit, independent of its bias and tilt."""
+"""Detector of rest from inertial samples, independent of bias and tilt of the unit."""
 
 import math
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 from swarmware.types.vehicle import Imu
 
 _FAST_S: Final = 0.06
-"""Time constant of the low-pass that detects a jolt: one of 1 m/s² at 25 Hz within two samples."""
+"""Time constant of the low-pass that detects a jolt; 1 m/s² at 25 Hz is detected within two samples."""
 _SLOW_S: Final = 2.0
 """Time constant of the mean that absorbs bias and tilt."""
 _QUIET_NS: Final = 1_000_000_000
@@ -14,7 +14,7 @@ _QUIET_NS: Final = 1_000_000_000
 
 
 class Standstill:
-    """Zero-velocity detector: the specific force stays at its mean, and the rate of turn is small.
+    """Zero-velocity detector, for a specific force near its mean and a small rate of turn.
 
     Source: Skog et al. 2010, "Zero-velocity detection", IEEE Trans. Biomed. Eng. 57.
     """
@@ -29,7 +29,7 @@ class Standstill:
         self._stamp_ns = self._quiet_ns = 0
 
     def on_imu(self, imu: Imu, stamp_ns: int, dt_s: float) -> None:
-        """Takes one sample, `dt_s` after the previous one."""
+        """Takes a sample, `dt_s` after the previous sample."""
         self._stamp_ns = stamp_ns
         force = (imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2)
         rate = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s)
@@ -53,7 +53,7 @@ class Standstill:
 
     @property
     def rests(self) -> bool:
-        """Whether the last jolt is long enough ago."""
+        """True if the last jolt is long enough ago."""
         return self._count > 0 and self._stamp_ns - self._quiet_ns >= _QUIET_NS
 
 

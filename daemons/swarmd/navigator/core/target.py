@@ -17,21 +17,21 @@ class Target(msgspec.Struct, frozen=True, gc=False):
     y_m: float
     z_m: float
     yaw_rad: float | None
-    """Commanded heading; None: any."""
+    """Commanded heading, or None for any heading."""
     speed_m_s: float
-    """Maximum speed."""
+    """Maximum speed towards the target."""
     ahead_m: tuple[float, float]
     """Look-ahead point to which a ground vehicle steers."""
     velocity_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Velocity of the target."""
+    """Velocity of a moving target."""
     climb_m_s: float = 100.0
     """Maximum rate of climb and descent."""
     course_rad: float | None = None
-    """Course on which a vehicle that cannot stop passes the target; None: it circles around it."""
+    """Course on which a vehicle that cannot stop passes the target, or None to circle around it."""
 
 
 class MovingObstacle(msgspec.Struct, frozen=True, gc=False):
-    """Another platform: its position and velocity at this instant."""
+    """Position and velocity of another platform at this instant."""
 
     x_m: float
     y_m: float
@@ -40,16 +40,16 @@ class MovingObstacle(msgspec.Struct, frozen=True, gc=False):
     vy_m_s: float
     vz_m_s: float
     yields: bool = False
-    """Whether it gives way to this vehicle: two vehicles with the same rule would block each other."""
+    """True if the platform gives way; without this asymmetry two vehicles would block each other."""
     age_s: float = 0.0
     """Age of the pose from which its position was predicted."""
 
 
 class Surroundings(msgspec.Struct, frozen=True):
-    """Obstacles around the vehicle."""
+    """Obstacles and platforms around the vehicle."""
 
     points_m: tuple[tuple[float, float], ...] = ()
     """Echoes of the scanner in map coordinates."""
     neighbours: tuple[MovingObstacle, ...] = ()
     delay_s: float = 0.0
-    """Time by which the next step may be late: until then the vehicle moves as this one decides."""
+    """Delay by which the next step may be late, during which the vehicle follows the present set-point."""

@@ -1,4 +1,4 @@
-"""Registers of other computers: the newest of each, with hops and age (S1.53–55)."""
+"""The newest application table of each other computer, with hops and age (S1.53–55)."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -11,26 +11,26 @@ from swarmware.runtime.core import AT_ONCE
 from swarmware.types.register import ApplicationTable, KnownUnit, PartnerTable, PartnerUnit
 
 READ_S: Final = 10.0
-"""Period of reading routes; platforms are removed after minutes."""
+"""Period of reading routes; short beside the minutes after which a platform is removed."""
 PUBLISH_S: Final = 0.2
-"""Minimum time between two tables of partners: the start of a swarm is a few changes, not hundreds."""
+"""Minimum time between two publications, so that the start of a swarm causes a few of them, not hundreds."""
 
 Unit = tuple[str, str]
-"""Platform and unit."""
+"""Name of a platform, and of a computer (unit) on it."""
 
 
 class ReadRoutes(msgspec.Struct, frozen=True):
-    """Read which platforms are reachable, then call `on_routes_read`."""
+    """Action: read which platforms are reachable, then call `on_routes_read`."""
 
 
 class Forgotten(msgspec.Struct, frozen=True):
-    """The table of a platform was removed: it was not reachable for too long."""
+    """Action: log that a platform was removed, because it was not reachable for too long."""
 
     platform: str
 
 
 class PublishPartners(msgspec.Struct, frozen=True):
-    """Write the table of partners."""
+    """Action: publish the table of other computers."""
 
     table: PartnerTable
 
@@ -39,14 +39,14 @@ Action = ReadRoutes | Forgotten | PublishPartners
 
 
 class PublishedTable(msgspec.Struct, frozen=True):
-    """The table of another unit and when its master made it, in the clock of this node."""
+    """The table of another computer, and the instant of its creation in the clock of this node."""
 
     table: ApplicationTable
     made_ns: int
 
 
 class ReachedUnit(msgspec.Struct, frozen=True):
-    """A computer with a route, and the table that it publishes."""
+    """A reachable computer, and the table that it publishes, if one is known."""
 
     hops: int
     published: PublishedTable | None = None
@@ -56,13 +56,13 @@ class _RemoteTable(msgspec.Struct):
     table: ApplicationTable
     made_ns: int
     reached_ns: int
-    """Last time at which its platform was reachable."""
+    """Last instant at which the platform was reachable."""
     hops: int = 1
     reachable: bool = True
 
 
 class RegisterCore:
-    """Keeps one table for each unit: each has a single writer, so the newest table is valid."""
+    """Keeps the newest table of each computer, which is valid because each table has a single writer."""
 
     def __init__(self, platform: str, unit: str, config: Config) -> None:
         self._own_unit = (platform, unit)
@@ -75,7 +75,7 @@ class RegisterCore:
         self._remote_tables: dict[Unit, _RemoteTable] = {}
 
     def restore(self, known: PartnerTable, now_ns: int) -> None:
-        """Continue with the table that the former process of this register published."""
+        """Continues with the table that the previous process of this register published."""
         for unit in known.units:
             since_ns = unit.unreachable_since_ns
             self._remote_tables[unit.table.platform, unit.table.unit] = _RemoteTable(
@@ -88,7 +88,7 @@ class RegisterCore:
         self._remote_tables.pop(self._own_unit, None)
 
     def on_table(self, published: PublishedTable, now_ns: int) -> list[Action]:
-        """Store a table of another unit; an older one, or one of this unit, is ignored."""
+        """Stores the table of another computer, unless a newer table is known."""
         table = published.table
         unit = (table.platform, table.unit)
         held = self._remote_tables.get(unit)
@@ -96,7 +96,7 @@ class RegisterCore:
             return []
         if held is None:
             self._remote_tables[unit] = _RemoteTable(table, published.made_ns, now_ns)
-            self._next_read_ns = AT_ONCE  # its hops
+            self._next_read_ns = AT_ONCE  # reads the hops of the new computer
         elif rank(table) == rank(held.table):
             # the first table of a master may grow without another number
             held.table = table
@@ -107,7 +107,7 @@ class RegisterCore:
         return []
 
     def on_removal(self, platform: str, now_ns: int) -> tuple[bool, list[Action]]:
-        """A platform has left the swarm: remove its tables; whether there was one."""
+        """Removes the tables of a platform that has left the swarm; returns whether there was one."""
         gone = [unit for unit in self._remote_tables if unit[0] == platform]
         for unit in gone:
             del self._remote_tables[unit]
@@ -115,7 +115,7 @@ class RegisterCore:
         return bool(gone), []
 
     def on_routes_read(self, reached: Mapping[Unit, ReachedUnit], now_ns: int) -> list[Action]:
-        """Computers with a route and their newest tables: alive although their tables do not change."""
+        """Takes the reachable computers, which count as alive although their tables may not change."""
         known = set(self._remote_tables)
         for unit, route in reached.items():
             if route.published is not None and unit not in known:
@@ -136,7 +136,7 @@ class RegisterCore:
         return [Forgotten(platform) for platform in sorted({platform for platform, _ in gone})]
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Routes are to be read, or the table of partners to be written."""
+        """Requests the routes when they are due, and publishes a changed table."""
         if now_ns >= self._next_read_ns:
             self._next_read_ns = self._period_after(now_ns)
             return [ReadRoutes()]
@@ -151,14 +151,15 @@ class RegisterCore:
         return [PublishPartners(table)]
 
     def _period_after(self, now_ns: int) -> int:
+        # at multiples of the period, so that the timers of a host wake its processor together
         return (now_ns // self._pause_ns + 1) * self._pause_ns
 
     def deadline_ns(self) -> int | None:
-        """Next reading of routes, or next writing of the table."""
+        """Instant of the next reading of routes or of the next publication."""
         return min(self._next_read_ns, self._next_publication_ns) if self._changed else self._next_read_ns
 
     def units(self, own: ApplicationTable, hops: dict[Unit, int], now_ns: int) -> tuple[KnownUnit, ...]:
-        """All known registers, the own one first; a computer without a route counts as one hop."""
+        """All known tables, the own table first; a computer without a known route counts as one hop away."""
         known = [KnownUnit(own, 0, 0.0)]
         for unit, held in self._sorted():
             age_s = max(0.0, (now_ns - held.made_ns) / 1e9)
@@ -166,7 +167,7 @@ class RegisterCore:
         return tuple(known)
 
     def partners(self) -> PartnerTable:
-        """All other known computers, for the board."""
+        """The table of all other known computers, as it is published."""
         return PartnerTable(
             tuple(
                 PartnerUnit(held.table, held.hops, held.made_ns, None if held.reachable else held.reached_ns)
@@ -181,5 +182,5 @@ class RegisterCore:
 
 
 def rank(table: ApplicationTable) -> tuple[int, int, int]:
-    """Order of the tables of one unit: a later boot, a later master, a later change."""
+    """Sort key of the tables of one computer: boot, then master, then change; the highest is the newest."""
     return table.boot_id, table.epoch, table.version

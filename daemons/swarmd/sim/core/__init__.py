@@ -1,1 +1,1 @@
-"""Decisions of the simulation: models of vehicle, sensors and battery; no input, output or clock."""
+"""Decisions of the simulation, without input, output or clock: models of vehicle, sensors and battery."""

@@ -1,4 +1,4 @@
-"""Aerodynamics of a fixed-wing aircraft: forces and moments by angle of attack, side slip and deflections."""
+"""Aerodynamics of a fixed-wing aircraft: forces and moments from angle of attack, side slip, deflections."""
 
 import math
 from typing import Final
@@ -15,7 +15,7 @@ from swarmware.model.fixed_wing_airframe import (
 Vector = tuple[float, float, float]
 
 _STILL_M_S: Final = 0.5
-"""Airspeed below which the air causes no force: angles of attack mean nothing there."""
+"""Airspeed below which forces are neglected, because the angle of attack is undefined at rest."""
 
 
 class Deflections(msgspec.Struct, frozen=True, gc=False):
@@ -30,7 +30,7 @@ class Deflections(msgspec.Struct, frozen=True, gc=False):
 
 
 def lift_coefficient(wing: WingConfig, alpha_rad: float) -> float:
-    """Lift by angle of attack: linear below the stall, that of a flat plate beyond.
+    """Lift coefficient by angle of attack, linear below the stall and of a flat plate beyond.
 
     Source: Beard and McLain 2012, equations 4.9 and 4.10.
     """
@@ -42,7 +42,7 @@ def lift_coefficient(wing: WingConfig, alpha_rad: float) -> float:
 
 
 def drag_coefficient(wing: WingConfig, alpha_rad: float) -> float:
-    """Drag by angle of attack: parasitic and induced below the stall, that of a flat plate beyond."""
+    """Drag coefficient by angle of attack, parasitic and induced below the stall, of a flat plate beyond."""
     linear = wing.lift_0 + wing.lift_alpha * alpha_rad
     ratio = wing.span_m**2 / wing.area_m2
     attached = wing.drag_0 + linear * linear / (math.pi * wing.oswald * ratio)
@@ -52,9 +52,9 @@ def drag_coefficient(wing: WingConfig, alpha_rad: float) -> float:
 
 
 def _separated(wing: WingConfig, alpha_rad: float) -> float:
-    """Share of separated flow (Beard and McLain 2012, equation 4.10)."""
+    """Ratio of separated flow (Beard and McLain 2012, equation 4.10)."""
     sharp, stall = wing.stall_sharpness_1_rad, wing.stall_rad
-    # the exponents are bounded: a tumbling aircraft has any angle
+    # the exponents are bounded, because a tumbling aircraft can have any angle
     up = math.exp(min(-sharp * (alpha_rad - stall), 300.0))
     down = math.exp(min(sharp * (alpha_rad + stall), 300.0))
     return (1 + up + down) / ((1 + up) * (1 + down))
@@ -63,7 +63,7 @@ def _separated(wing: WingConfig, alpha_rad: float) -> float:
 def air_loads(
     wing: WingConfig, lateral: LateralConfig, air_m_s: Vector, rates_rad_s: Vector, surfaces: Deflections
 ) -> tuple[Vector, Vector]:
-    """Force in N and moment in N m of the air, in body axes forward, right, down.
+    """Aerodynamic force in N and moment in N m, in body axes forward, right, down.
 
     `air_m_s`: velocity through the air, in the same axes.
     """
@@ -89,7 +89,7 @@ def air_loads(
         + lateral.roll_aileron * surfaces.aileron
         + lateral.roll_rudder * surfaces.rudder
     )
-    # beyond the stall the tail still turns the nose into the flow: the moment saturates with the angle
+    # the sine lets the moment saturate, because beyond the stall the tail still turns the nose into the flow
     pitch = (
         wing.moment_0
         + wing.moment_alpha * math.sin(alpha)
@@ -118,9 +118,9 @@ def air_loads(
 
 
 def propeller(config: PropellerConfig, throttle_ratio: float, air_m_s: float) -> tuple[float, float, float]:
-    """Thrust in N, torque in N m and electric power in W at an airspeed along its axis.
+    """Thrust in N, torque in N m and electric power in W of a propeller, at an airspeed along its axis.
 
-    The speed of the propeller is that at which its torque equals that of the motor.
+    The speed of the propeller follows from the balance of its torque with the motor's torque.
     Source: McLain and Beard, supplement of "Small Unmanned Aircraft", equations 4.17 to 4.22.
     """
     volts = throttle_ratio * config.voltage_max_v
@@ -129,7 +129,7 @@ def propeller(config: PropellerConfig, throttle_ratio: float, air_m_s: float) ->
         return 0.0, 0.0, 0.0
     d, air = config.diameter_m, max(air_m_s, 0.0)
     q0, q1, q2 = config.torque
-    # torque of the propeller minus that of the motor: a ω² + b ω + c
+    # propeller torque minus motor torque is a ω² + b ω + c
     a = AIR_DENSITY_KG_M3 * d**5 / math.tau**2 * q0
     b = AIR_DENSITY_KG_M3 * d**4 / math.tau * q1 * air + constant * constant / ohm
     c = AIR_DENSITY_KG_M3 * d**3 * q2 * air * air - constant / ohm * volts + constant * config.idle_current_a

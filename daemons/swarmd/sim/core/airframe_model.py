@@ -1,4 +1,4 @@
-"""Interface of airframe models: from the outputs of a flight controller to force and moment on the body."""
+"""Interface of airframe models, which turn actuator outputs into force and moment on the body."""
 
 from typing import Protocol
 
@@ -14,20 +14,21 @@ class AirframeModel(Protocol):
     def loads(
         self, outputs: ActuatorOutputs, body: RigidBody, air_m_s: Vector, dt_s: float
     ) -> tuple[Vector, Vector]:
-        """Advances the actuators by a step; force in N and moment in N m, in body axes, without gravity.
+        """Advances the actuators by a step; returns force in N and moment in N m, in body axes, without
+        gravity.
 
-        `outputs`: as the actuators get them; without motors they stop. `air_m_s`: velocity of the body
-        relative to the air, in body axes.
+        `outputs`: outputs of the flight controller; motors without an output stop. `air_m_s`: velocity of the
+        body relative to the air, in body axes.
         """
         ...
 
     def power_w(self) -> float:
-        """Electric power of motors and electronics now."""
+        """Present electric power of motors and electronics."""
         ...
 
 
 def drag_n(config: BodyConfig, air_m_s: Vector) -> Vector:
-    """Force of the air, linear and quadratic in the velocity, in body axes."""
+    """Drag of the body in body axes, linear and quadratic in the velocity."""
     x, y, z = (
         -(linear + quadratic * abs(speed)) * speed
         for linear, quadratic, speed in zip(config.drag_n_s_m, config.drag_n_s2_m2, air_m_s, strict=True)

@@ -1,4 +1,4 @@
-"""Battery model: energy and voltage."""
+"""Model of a battery with energy and voltage."""
 
 from swarmd.sim.config import BatteryConfig
 from swarmware.types.vehicle import BatteryState
@@ -16,12 +16,12 @@ class Battery:
 
     @property
     def ratio(self) -> float:
-        """State of charge: remaining energy over capacity."""
+        """State of charge, the ratio of remaining energy to capacity."""
         return self._energy_wh / self._config.capacity_wh
 
     @property
     def empty(self) -> bool:
-        """Whether the battery is empty; the motors stop then."""
+        """True if the battery is empty, when the motors stop."""
         return self._energy_wh <= 0.0
 
     def draw(self, power_w: float, dt_s: float) -> None:

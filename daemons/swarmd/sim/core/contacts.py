@@ -1,4 +1,4 @@
-"""Contacts with other platforms, and when the next one is possible."""
+"""Detection of contacts with other platforms, and of the earliest possible next contact."""
 
 import math
 from typing import Final
@@ -8,21 +8,21 @@ from swarmware.types.vehicle import Collision, Pose
 _AGE_S: Final = 1.0
 """Maximum age of the pose of another platform in a check."""
 _ACCELERATION_M_S2: Final = 20.0
-"""Bound of the acceleration of two vehicles towards each other: a fall, and the largest of a model twice."""
+"""Maximum acceleration of two vehicles towards each other: a fall, plus twice the largest of a model."""
 _MARGIN_M: Final = 0.5
-"""Bound of a jump of an estimated pose."""
+"""Maximum jump of an estimated pose."""
 
 
 class Contacts:
-    """The other platforms that are near one vehicle, and those that it touches."""
+    """Tracks the platforms near one vehicle, and detects when the vehicle touches one of them."""
 
     def __init__(self, radius_m: float) -> None:
         self._distance_m = 2 * radius_m
-        """Distance of the centres at a contact; the other vehicle is taken to be as large as this one."""
+        """Distance of the centres at a contact, assuming that the other vehicle has the same size."""
         self._near: dict[str, tuple[Pose, int]] = {}
         self._touched: set[str] = set()
         self._clear_ns: dict[str, int] = {}
-        """Instant before which a platform cannot be touched, whatever it does."""
+        """Instant by platform before which a contact is impossible."""
 
     def __bool__(self) -> bool:
         return bool(self._near)
@@ -33,11 +33,11 @@ class Contacts:
         self._clear_ns.pop(platform, None)
 
     def is_clear(self, platform: str, now_ns: int) -> bool:
-        """Whether a platform is so far away that its pose does not matter yet."""
+        """True if a platform is so far away that a contact is not yet possible."""
         return now_ns < self._clear_ns.get(platform, now_ns)
 
     def check(self, pose: Pose, stamp_ns: int) -> list[str]:
-        """The platforms that are touched since this instant, with the vehicle at this pose."""
+        """Returns the platforms with a new contact, with the vehicle at this pose and instant."""
         begun = []
         for platform, (other, other_ns) in list(self._near.items()):
             if stamp_ns < self._clear_ns.get(platform, stamp_ns):
@@ -66,9 +66,9 @@ class Contacts:
         return begun
 
     def _clear_s(self, gap_m: float, pose: Pose, other: Pose) -> float:
-        """Time that two vehicles need to meet at full acceleration, from their speeds now.
+        """Time that two vehicles need to meet at full acceleration, from their present speeds.
 
-        Their speeds count, not their difference: each may stop at once, at an obstacle.
+        The sum of the speeds counts, not the relative speed, because each may stop at once at an obstacle.
         """
         free_m = gap_m - self._distance_m - _MARGIN_M
         if free_m <= 0.0:
@@ -81,5 +81,5 @@ class Contacts:
 
 
 def collision(other: str, pose: Pose, speed_m_s: float) -> Collision:
-    """The report of a collision at a pose."""
+    """Creates the report of a collision at a pose."""
     return Collision(other, round(pose.x_m, 3), round(pose.y_m, 3), round(pose.z_m, 3), round(speed_m_s, 3))

@@ -1,4 +1,4 @@
-"""Model of a fixed-wing airframe: wing, control surfaces, propeller, launch from a catapult."""
+"""Model of a fixed-wing airframe with wing, control surfaces and propeller, launched by a catapult."""
 
 import math
 from typing import Final
@@ -16,8 +16,8 @@ _SERVOS: Final = 3
 class FixedWing:
     """Wing, tail and propeller of an aircraft.
 
-    Outputs: one motor, the throttle; servos of aileron, elevator and rudder: right wing down, nose down,
-    nose to the left.
+    Outputs: one motor, which is the throttle; servos of aileron, elevator and rudder, positive for right wing
+    down, nose down and nose to the left.
     """
 
     __slots__ = ("_airframe", "_electric_w", "_rail_m", "_servos", "_throttle")
@@ -28,12 +28,12 @@ class FixedWing:
         self._throttle = 0.0
         self._electric_w = 0.0
         self._rail_m: float | None = None
-        """Way on the rail of the catapult; None: it has not released the aircraft, or is left behind."""
+        """Distance travelled on the rail of the catapult, or None before and after the launch."""
 
     def loads(
         self, outputs: ActuatorOutputs, body: RigidBody, air_m_s: Vector, dt_s: float
     ) -> tuple[Vector, Vector]:
-        """Advances servos and motor by a step; force and moment in body axes, without gravity."""
+        """Advances servos and motor by a step; returns force and moment in body axes, without gravity."""
         airframe, surfaces = self._airframe, self._airframe.surfaces
         share = 1 - math.exp(-dt_s / surfaces.servo_s)
         wanted = outputs.servos if len(outputs.servos) == _SERVOS else (0.0, 0.0, 0.0)
@@ -50,7 +50,7 @@ class FixedWing:
             servos[1] * surfaces.elevator_max_rad,
             servos[2] * surfaces.rudder_max_rad,
         )
-        # the coefficients are those of axes forward, right, down
+        # the coefficients are defined in axes forward, right, down
         force, moment = air_loads(
             airframe.wing, airframe.lateral, (u, -left, -up), (p, -nose_down, -to_left), deflections
         )
@@ -63,7 +63,7 @@ class FixedWing:
         )
 
     def _on_rail(self, motor: float, body: RigidBody, thrust_n: float, dt_s: float) -> Vector | None:
-        """Force of the catapult, which also carries the aircraft; None: it rests or is in the air."""
+        """Force of the catapult, which also carries the aircraft, or None at rest and in the air."""
         launcher = self._airframe.launcher
         if self._rail_m is None:
             speed = math.hypot(*body.velocity_m_s)
@@ -75,11 +75,11 @@ class FixedWing:
             self._rail_m = None
             return None
         pull = launcher.speed_m_s**2 / (2 * launcher.rail_m)
-        # along the rail the pull, across it the weight
+        # the pull acts along the rail, the weight of the aircraft across it
         gravity = body.to_body((0.0, 0.0, GRAVITY_M_S2))
         mass = body.mass_kg
         return mass * (pull + gravity[0]), mass * gravity[1], mass * gravity[2]
 
     def power_w(self) -> float:
-        """Electric power of motor and electronics now, in W."""
+        """Present electric power of motor and electronics, in W."""
         return self._airframe.idle_w + self._electric_w

@@ -1,4 +1,4 @@
-"""A vehicle flown by the outputs of its flight controller: a rigid body with actuators, wind and ground."""
+"""Model of a vehicle flown by a flight controller: a rigid body with actuators, wind and ground."""
 
 import math
 from collections.abc import Callable
@@ -13,18 +13,18 @@ from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Pose
 
 _STEP_S: Final = 0.0025
-"""Longest step of the integration: a tenth of the fastest time constant, that of small motors."""
+"""Maximum integration step, a tenth of the fastest time constant, which small motors have."""
 _TIPPED: Final = math.cos(math.radians(45))
-"""A vehicle that touches the ground at a larger tilt falls over."""
+"""Cosine of the tilt of 45°, above which a vehicle that touches the ground falls over."""
 
 Wind = Callable[[float], Vector]
-"""Advances the wind by a duration in s; its velocity in the map."""
+"""Function that advances the wind by a duration in s, and returns its velocity in the map."""
 
 
 class FlyingBody:
-    """Model of a vehicle that does not stay level by itself.
+    """Model of a vehicle that is not stable without control.
 
-    On the ground it stands until its lift exceeds the weight; after a touch-down it slides to rest.
+    The vehicle stays on the ground until its lift exceeds its weight; after a touch-down it slides to rest.
     """
 
     __slots__ = ("_body", "_config", "_model", "_wind", "armed", "landed")
@@ -50,7 +50,7 @@ class FlyingBody:
         return self._config.radius_m
 
     def step(self, outputs: ActuatorOutputs, dt_s: float) -> float:
-        """Simulates one sample; the speed of an impact on the ground, else 0."""
+        """Simulates one sample; returns the speed of an impact on the ground, else 0."""
         if not self.armed:
             outputs = self.safe
         wind = self._wind(dt_s)
@@ -85,7 +85,7 @@ class FlyingBody:
         return speed_m_s if tipped or sink_m_s > self._config.hard_landing_m_s else 0.0
 
     def _slide(self, dt_s: float) -> None:
-        """Brakes a landed vehicle that still moves."""
+        """Brakes a landed vehicle that is still moving."""
         body = self._body
         speed = math.hypot(*body.velocity_m_s)
         if speed == 0.0:
@@ -115,7 +115,7 @@ class FlyingBody:
         return self._body.rates_rad_s
 
     def specific_force(self) -> Vector:
-        """What an accelerometer measures, in body axes."""
+        """Specific force, which an accelerometer measures, in body axes."""
         return self._body.specific_force_m_s2
 
     def power_w(self) -> float:

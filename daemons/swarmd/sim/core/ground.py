@@ -1,4 +1,4 @@
-"""Model of a ground vehicle: the kinematics of S0 behind a drive with limits."""
+"""Model of a ground vehicle: the kinematics of S0, with a drive with limits."""
 
 import math
 from typing import Final
@@ -12,7 +12,7 @@ from swarmware.types.vehicle import Pose, Setpoint
 
 
 class GroundState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """X = (x, y, φ, v, ω)."""
+    """State vector X = (x, y, φ, v, ω) of a ground vehicle."""
 
     x_m: float
     y_m: float
@@ -22,7 +22,7 @@ class GroundState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def advance(state: GroundState, v_m_s: float, w_rad_s: float, dt_s: float) -> GroundState:
-    """X' = F X + B u: one sample at constant speed.
+    """Advances the state by one sample at constant speed: X' = F X + B u.
 
     F = diag{1, 1, 1, 0, 0}; B = [[cos φ dt, 0], [sin φ dt, 0], [0, dt], [1, 0], [0, 1]]; u = (v, ω).
     Source: S0, equations 1 to 3.
@@ -58,7 +58,7 @@ class Ground:
         return self._limits.radius_m
 
     def step(self, wanted: Setpoint, dt_s: float) -> float:
-        """Simulates one sample; the speed of an impact on the ground, always 0."""
+        """Simulates one sample; returns the speed of an impact on the ground, always 0."""
         limits, old = self._limits, self.state
         if not self.armed:
             wanted = Setpoint(0.0)
@@ -86,7 +86,7 @@ class Ground:
         return 0.0, 0.0, self.state.w_rad_s
 
     def specific_force(self) -> Vector:
-        """What an accelerometer measures: tangential, centripetal, the reaction to gravity."""
+        """Specific force in body axes: tangential, centripetal, and the reaction to gravity."""
         return self._accel, self.state.v_m_s * self.state.w_rad_s, GRAVITY_M_S2
 
     def power_w(self) -> float:

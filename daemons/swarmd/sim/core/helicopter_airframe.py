@@ -1,4 +1,4 @@
-"""Model of a helicopter airframe: linear hover model with nonlinear thrust, drag and rotor speed."""
+"""Model of a helicopter airframe: a linear hover model with nonlinear thrust, drag and rotor speed."""
 
 import math
 from typing import Final
@@ -12,15 +12,16 @@ from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs
 
 _STANDS: Final = 0.05
-"""Speed of the rotor over that of its governor below which the disc does not tilt."""
+"""Ratio of the rotor's speed to the governor's speed below which the disc does not tilt."""
 _SERVOS: Final = 4
 
 
 class HelicopterRotors:
-    """Main and tail rotor of a helicopter, and its fuselage in the air.
+    """Main rotor, tail rotor and fuselage of a helicopter.
 
-    Outputs: one motor, whose governor keeps the speed of the rotor while it is above one half; servos of
-    lateral and longitudinal cyclic, collective and pedal: roll to the right, nose down, up, nose to the left.
+    Outputs: one motor, whose governor keeps the rotor's speed while the output is above one half; servos of
+    lateral and longitudinal cyclic, collective and pedal, positive for roll to the right, nose down, climb
+    and nose to the left.
     """
 
     __slots__ = ("_airframe", "_dynamics", "_rotor", "_servos", "_speed")
@@ -31,18 +32,18 @@ class HelicopterRotors:
         self._dynamics = HoverDynamics(airframe.derivatives)
         self._servos = [0.0, 0.0, -1.0, 0.0]
         self._speed = 0.0
-        """Speed of the rotor over that of its governor."""
+        """Ratio of the rotor's speed to the governor's speed."""
 
     def loads(
         self, outputs: ActuatorOutputs, body: RigidBody, air_m_s: Vector, dt_s: float
     ) -> tuple[Vector, Vector]:
-        """Advances servos and rotors by a step; force and moment in body axes, without gravity."""
+        """Advances servos and rotors by a step; returns force and moment in body axes, without gravity."""
         airframe = self._airframe
         lateral, longitudinal, collective, pedal = self._actuate(outputs, dt_s)
         of, ratio = airframe.derivatives, self._speed
         u, left, up = air_m_s
         p, nose_down, to_left = body.rates_rad_s
-        # the derivatives are those of axes forward, right, down
+        # the derivatives are defined in axes forward, right, down
         v, w, q, r = -left, -up, -nose_down, -to_left
         thrust = self._rotor.step(collective, math.hypot(u, v), up, body.position_m[2], ratio)
         dynamics = self._dynamics
@@ -51,7 +52,7 @@ class HelicopterRotors:
         else:
             dynamics.flap(lateral, longitudinal, (p, q, r), dt_s)
         roll, pitch, yaw = dynamics.angular((u, v, w), (p, q, r), collective, -pedal)
-        # all of it is pressure of rotors: it falls with the square of their speed
+        # all these forces come from the rotors, and fall with the square of their speed
         power = ratio * ratio
         mass, inertia = airframe.body.mass_kg, airframe.body.inertia_kg_m2
         drag = drag_n(airframe.body, air_m_s)
@@ -64,7 +65,7 @@ class HelicopterRotors:
         return force, moment
 
     def _actuate(self, outputs: ActuatorOutputs, dt_s: float) -> tuple[float, float, float, float]:
-        """Moves servos and governor; the positions of lateral, longitudinal, collective and pedal."""
+        """Moves servos and governor; returns the positions of lateral, longitudinal, collective and pedal."""
         airframe = self._airframe
         share = 1 - math.exp(-dt_s / airframe.servo_s)
         wanted = outputs.servos if len(outputs.servos) == _SERVOS else (0.0, 0.0, -1.0, 0.0)
@@ -76,6 +77,6 @@ class HelicopterRotors:
         return servos[0], servos[1], servos[2], servos[3]
 
     def power_w(self) -> float:
-        """Electric power in W: that of the rotor over the efficiency of the drive."""
+        """Electric power in W, the rotor's power divided by the efficiency of the drive."""
         airframe = self._airframe
         return airframe.idle_w + self._rotor.power_w / airframe.efficiency_ratio

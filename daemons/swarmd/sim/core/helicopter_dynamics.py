@@ -1,4 +1,4 @@
-"""Linear hover model of a helicopter: flapping, and the accelerations that it and the flow cause."""
+"""Linear hover model of a helicopter: flapping, and the accelerations by flapping and air flow."""
 
 from swarmware.model.helicopter_airframe import HoverDerivatives
 
@@ -6,10 +6,10 @@ Vector = tuple[float, float, float]
 
 
 class HoverDynamics:
-    """States of the rotor beside those of the body: flapping, and the gyro of the tail rotor.
+    """States of the rotors: flapping of the main rotor, and the gyro of the tail rotor.
 
-    With the six degrees of freedom of the rigid body these are the eight of the linear hover model. All
-    vectors are in body axes forward, right, down.
+    The linear hover model has these states and the six degrees of freedom of the rigid body. All vectors are
+    in body axes forward, right, down.
     """
 
     __slots__ = ("_of", "gyro", "lateral_rad", "longitudinal_rad")
@@ -17,9 +17,9 @@ class HoverDynamics:
     def __init__(self, derivatives: HoverDerivatives) -> None:
         self._of = derivatives
         self.longitudinal_rad = 0.0
-        """Tilt of the disc backwards."""
+        """Backward tilt of the rotor disc."""
         self.lateral_rad = 0.0
-        """Tilt of the disc to the right."""
+        """Tilt of the rotor disc to the right."""
         self.gyro = 0.0
         """Pedal that the gyro of the tail rotor subtracts."""
 
@@ -39,7 +39,7 @@ class HoverDynamics:
         self.gyro += (of.k_r * r + of.k_rfb * self.gyro) * dt_s
 
     def angular(self, air_m_s: Vector, rates_rad_s: Vector, collective: float, pedal: float) -> Vector:
-        """Angular acceleration in rad/s²; `collective` is the difference from that in hover."""
+        """Angular acceleration in rad/s²; `collective` is the difference to the collective in hover."""
         of = self._of
         u, v, w = air_m_s
         p, _, r = rates_rad_s
@@ -55,5 +55,5 @@ class HoverDynamics:
         )
 
     def stop(self) -> None:
-        """Levels the disc of a rotor that stands."""
+        """Levels the disc of a stopped rotor."""
         self.longitudinal_rad = self.lateral_rad = self.gyro = 0.0

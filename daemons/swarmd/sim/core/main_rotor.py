@@ -1,4 +1,4 @@
-"""Main rotor of a helicopter: thrust and power by blade-element and momentum theory."""
+"""Main rotor of a helicopter, with thrust and power by blade-element and momentum theory."""
 
 import math
 from typing import Final
@@ -6,9 +6,9 @@ from typing import Final
 from swarmware.model.helicopter_airframe import AIR_DENSITY_KG_M3, MainRotorConfig
 
 _ROUNDS: Final = 4
-"""Rounds of the inflow iteration: from the inflow of the sample before, each halves the rest."""
+"""Rounds of the inflow iteration, each of which halves the error from the previous sample's inflow."""
 _CLOSE_RATIO: Final = 0.5
-"""Height over radius below which the ground effect is that at this height: the formula ends at 0.25."""
+"""Minimum ratio of height to radius in the formula of the ground effect, which is singular at 0.25."""
 
 
 class MainRotor:
@@ -27,18 +27,19 @@ class MainRotor:
         """Induced velocity through the disc, downwards."""
         self.thrust_n = 0.0
         self.power_w = 0.0
-        """Power at the shaft: induced, climb and profile."""
+        """Shaft power, the sum of induced, climb and profile power."""
 
     def step(
         self, collective: float, along_m_s: float, climb_m_s: float, height_m: float, speed_ratio: float
     ) -> float:
         """Thrust in N for a collective control from -1 to 1.
 
-        Velocities are those of the disc through the air, in its plane and upwards; `height_m` that of the
-        vehicle above the ground; `speed_ratio` the speed of the rotor over that of its governor.
+        `along_m_s` and `climb_m_s`: velocity of the disc through the air, in its plane and upwards;
+        `height_m`: height of the vehicle above the ground; `speed_ratio`: ratio of the rotor's to the
+        governor's speed.
         """
         config, tip = self._config, self._config.tip_speed_m_s * speed_ratio
-        if tip < 1.0:  # it stands: no blade gives lift
+        if tip < 1.0:  # a stopped rotor has no lift
             self.inflow_m_s = self.thrust_n = self.power_w = 0.0
             return 0.0
         pitch = config.collective_mid_rad + collective * config.collective_span_rad
@@ -51,6 +52,7 @@ class MainRotor:
         for _ in range(_ROUNDS):
             coefficient = slope * (blades - (flow + climb_m_s) / tip / 2)
             coefficient = min(max(coefficient, -limit), limit)
+            # 0.1 m/s avoids the division by zero of a disc without flow
             speed = math.hypot(along_m_s, climb_m_s + flow, 0.1)
             flow = (flow + coefficient * tip * tip / (2 * speed)) / 2
         self.inflow_m_s = flow
@@ -61,6 +63,6 @@ class MainRotor:
         return self.thrust_n
 
     def _ground_effect(self, height_m: float) -> float:
-        """Gain of thrust near the ground at equal power."""
+        """Factor by which thrust grows near the ground at equal power."""
         above = max((height_m + self._config.hub_height_m) / self._config.radius_m, _CLOSE_RATIO)
         return 1 / (1 - 1 / (16 * above * above))

@@ -1,4 +1,4 @@
-"""Model of a multirotor: first-order response to velocity set-points, take-off, landing, level attitude."""
+"""Model of a level multirotor with first-order response to velocity set-points, take-off and landing."""
 
 import math
 from typing import Final
@@ -11,11 +11,11 @@ from swarmware.types.vehicle import Pose, Setpoint
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed vehicle takes off."""
 _IDLE: Final = 0.1
-"""Ratio of the power on the ground (electronics, idling motors) to that in hover."""
+"""Ratio of the power on the ground, for electronics and idling motors, to the power in hover."""
 
 
 class Multirotor:
-    """Model of a multirotor; its attitude control is part of the model."""
+    """Model of a multirotor that includes its attitude control."""
 
     __slots__ = ("_accel", "_limits", "_v", "_w", "_x", "_yaw", "armed", "landed")
 
@@ -39,7 +39,7 @@ class Multirotor:
         return self._limits.radius_m
 
     def step(self, wanted: Setpoint, dt_s: float) -> float:
-        """Simulates one sample; the speed of an impact on the ground, else 0."""
+        """Simulates one sample; returns the speed of an impact on the ground, else 0."""
         if self.landed:
             if not self.armed or wanted.vz_m_s < _LIFT_M_S:
                 self._accel = (0.0, 0.0, 0.0)
@@ -51,7 +51,7 @@ class Multirotor:
         else:
             self._v[2] -= GRAVITY_M_S2 * dt_s
         for axis in range(3):
-            # the mean of the old and the new velocity: exact for a constant acceleration
+            # the mean of the old and the new velocity is exact for a constant acceleration
             self._x[axis] += (before[axis] + self._v[axis]) / 2 * dt_s
         self._yaw = math.remainder(self._yaw + self._w * dt_s, math.tau)
         self._accel = (
@@ -106,7 +106,7 @@ class Multirotor:
         return 0.0, 0.0, self._w
 
     def specific_force(self) -> Vector:
-        """What an accelerometer of a level body measures: acceleration, and the reaction to gravity."""
+        """Specific force in the axes of a level body: acceleration, and the reaction to gravity."""
         cos, sin = math.cos(self._yaw), math.sin(self._yaw)
         ax, ay, az = self._accel
         return ax * cos + ay * sin, ay * cos - ax * sin, az + GRAVITY_M_S2

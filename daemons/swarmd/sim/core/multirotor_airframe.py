@@ -1,4 +1,4 @@
-"""Model of a multirotor airframe: rotors with lag, thrust and torque; drag."""
+"""Model of a multirotor airframe with drag, and rotors with lag, thrust and torque."""
 
 import math
 
@@ -10,7 +10,7 @@ from swarmware.types.chassis import ActuatorOutputs
 
 
 class MultirotorRotors:
-    """Rotors of fixed pitch: the speed follows the output with a lag, thrust and torque its square.
+    """Fixed-pitch rotors, whose speed follows the output with a lag; thrust and torque grow with its square.
 
     Source: Mahony, Kumar, Corke 2012, "Multirotor aerial vehicles", IEEE Robotics & Automation Magazine 19.
     """
@@ -20,7 +20,7 @@ class MultirotorRotors:
     def __init__(self, airframe: MultirotorAirframe) -> None:
         self._airframe = airframe
         self._speeds = [0.0] * len(airframe.rotors)
-        """Speed of each rotor over its maximum."""
+        """Ratio of each rotor's speed to its maximum."""
         ratio = airframe.motor.torque_ratio_m
         self._arms = tuple((rotor.x_m, rotor.y_m, rotor.torque_sign * ratio) for rotor in airframe.rotors)
         self._hover = airframe.hover_thrust_n / (airframe.motor.thrust_max_n * len(airframe.rotors))
@@ -28,7 +28,7 @@ class MultirotorRotors:
     def loads(
         self, outputs: ActuatorOutputs, body: RigidBody, air_m_s: Vector, dt_s: float
     ) -> tuple[Vector, Vector]:
-        """Advances the rotors by a step; force and moment in body axes, without gravity."""
+        """Advances the rotors by a step; returns force and moment in body axes, without gravity."""
         airframe, speeds = self._airframe, self._speeds
         share = 1 - math.exp(-dt_s / airframe.motor.tau_s)
         motors = outputs.motors or (0.0,) * len(speeds)
@@ -49,7 +49,7 @@ class MultirotorRotors:
         )
 
     def power_w(self) -> float:
-        """Electric power in W: thrust^1.5 of each rotor, as momentum theory gives it."""
+        """Electric power in W, by momentum theory proportional to thrust^1.5 of each rotor."""
         motor = self._airframe.motor
         mean = sum(speed**3 for speed in self._speeds) / len(self._speeds)
         return motor.idle_w + motor.hover_w * mean / math.pow(self._hover, 1.5)

@@ -1,7 +1,7 @@
-"""A rigid body with six degrees of freedom: forces and moments in, position and attitude out.
+"""A rigid body with six degrees of freedom, moved by forces and moments.
 
-Interface for airframes: position, velocity and attitude are tuples in ENU and x y z w, the rates are those
-of the body (FLU). `step` takes the sum of all forces but gravity, and of all moments, in body axes.
+Interface for airframes: position, velocity and attitude are tuples in ENU and x y z w, the rates are in body
+axes (FLU). `step` takes the sum of all forces except gravity, and of all moments, in body axes.
 """
 
 import math
@@ -11,9 +11,9 @@ from swarmware.geometry.geodesy import GRAVITY_M_S2
 
 
 class RigidBody:
-    """Newton and Euler equations of a body whose axes are its principal axes of inertia.
+    """Integrates the equations of Newton and Euler for a body whose axes are its principal axes of inertia.
 
-    Integration is semi-implicit for rates and velocity, and exact in the turn of one step.
+    Integration is semi-implicit for rates and velocity, and exact for the rotation of one step.
     """
 
     __slots__ = (
@@ -31,15 +31,15 @@ class RigidBody:
         self._mass_kg = mass_kg
         self._inertia = inertia_kg_m2
         self.position_m = position_m
-        """In the map."""
+        """Position in the map."""
         self.velocity_m_s: Vector = (0.0, 0.0, 0.0)
-        """In the map."""
+        """Velocity in the map."""
         self.attitude = from_euler(0.0, 0.0, yaw_rad)
-        """From the body to the map."""
+        """Attitude as the rotation from the body to the map."""
         self.rates_rad_s: Vector = (0.0, 0.0, 0.0)
-        """About the body axes."""
+        """Rates about the body axes."""
         self.specific_force_m_s2: Vector = (0.0, 0.0, GRAVITY_M_S2)
-        """What an accelerometer measures, in body axes: all forces but gravity, over the mass."""
+        """Specific force in body axes: all forces except gravity, divided by the mass."""
         self._matrix: Matrix = matrix(self.attitude)
 
     @property
@@ -49,19 +49,19 @@ class RigidBody:
 
     @property
     def up(self) -> float:
-        """Cosine of the angle between the body axis up and the vertical."""
+        """Cosine of the angle between the upward body axis and the vertical."""
         return self._matrix[8]
 
     def to_map(self, vector: Vector) -> Vector:
-        """A vector of the body in map coordinates."""
+        """Rotates a vector from body axes to map coordinates."""
         return to_map(self._matrix, vector)
 
     def to_body(self, vector: Vector) -> Vector:
-        """A vector of the map in body coordinates."""
+        """Rotates a vector from map coordinates to body axes."""
         return to_body(self._matrix, vector)
 
     def angles_rad(self) -> Vector:
-        """Roll, pitch and yaw."""
+        """Attitude as roll, pitch and yaw."""
         return to_euler(self.attitude)
 
     def step(self, force_n: Vector, moment_n_m: Vector, dt_s: float) -> None:
@@ -89,7 +89,7 @@ class RigidBody:
         self._matrix = matrix(self.attitude)
 
     def stand(self, pitch_rad: float) -> None:
-        """Puts the body on the ground where it is, with the same heading and speed at a pitch."""
+        """Puts the body on the ground at its place, with the given pitch and unchanged heading and speed."""
         x, y, _ = self.position_m
         vx, vy, _ = self.velocity_m_s
         self.position_m, self.velocity_m_s = (x, y, 0.0), (vx, vy, 0.0)
@@ -99,7 +99,7 @@ class RigidBody:
         self.specific_force_m_s2 = self.to_body((0.0, 0.0, GRAVITY_M_S2))
 
     def slide(self, speed_m_s: float, dt_s: float) -> None:
-        """Moves a body that stands, and changes its speed without its direction."""
+        """Moves a body on the ground, and changes its speed but not its direction."""
         x, y, z = self.position_m
         vx, vy, _ = self.velocity_m_s
         ratio = speed_m_s / math.hypot(vx, vy)

@@ -1,4 +1,4 @@
-"""Sensor models: the true state with measurement errors."""
+"""Sensor models, which add measurement errors to the true state."""
 
 import math
 from collections.abc import Callable
@@ -13,13 +13,13 @@ from swarmware.types.vehicle import GnssFix, Imu, Pose, Range
 _SATELLITES: Final = 17
 
 Gauss = Callable[[float, float], float]
-"""Draws from a normal distribution with mean and sigma."""
+"""Function that draws from a normal distribution with mean and sigma."""
 Uniform = Callable[[], float]
-"""Draws from the uniform distribution from 0 to 1."""
+"""Function that draws from the uniform distribution from 0 to 1."""
 
 
 class SensorErrors:
-    """The sensors of one vehicle, each with bias and noise."""
+    """Sensors of one vehicle, each with bias and noise."""
 
     __slots__ = (
         "_bias_m",
@@ -41,9 +41,9 @@ class SensorErrors:
         self._bias_m = [gauss(0.0, config.gnss_bias_sigma_m) for _ in range(3)]
 
     def gnss(self, pose: Pose, since_s: float) -> GnssFix:
-        """Measures a position fix; `dt_s`: time since the previous one."""
+        """Measures a position fix; `since_s`: time since the previous fix."""
         sigma = self._config.gnss_sigma_m
-        # first-order Gauss-Markov process
+        # first-order Gauss-Markov process, whose driving noise keeps the variance constant
         correlation = math.exp(-since_s / self._config.gnss_bias_tau_s)
         drive_m = self._config.gnss_bias_sigma_m * math.sqrt(1 - correlation**2)
         for axis in range(3):
@@ -71,7 +71,8 @@ class SensorErrors:
         )
 
     def scan(self, pose: Pose, height_m: float) -> Range:
-        """Measures distances to obstacles at the scanner's height; without an echo the maximum range."""
+        """Measures distances to obstacles at the scanner's height; beams without an echo have the maximum
+        range."""
         config = self._config
         sigma, max_m = config.range_sigma_m, config.range_max_m
         found = self._world.scan(pose.x_m, pose.y_m, height_m, pose.yaw_rad, config.range_beams, max_m)

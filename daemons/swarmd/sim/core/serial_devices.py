@@ -1,4 +1,4 @@
-"""The serial devices of the simulated vehicle: what they send, and what its chassis receives."""
+"""Serial devices of the simulated vehicle, which encode measurements and decode commands to the chassis."""
 
 from enum import StrEnum
 from typing import Final
@@ -19,7 +19,7 @@ from swarmware.types.vehicle import BatteryState, Imu, Pose, Setpoint, VehicleMo
 _REPORT_NS: Final = 100_000_000
 """Period of the reports of the chassis; its protocol allows 200 ms."""
 _SWITCH: Final = 5
-"""Index of the channel of the switch: the sixth."""
+"""Index of the switch's channel, the sixth."""
 
 
 class SerialDevice(StrEnum):
@@ -40,15 +40,15 @@ class SerialOutput(msgspec.Struct, frozen=True, gc=False):
 
 
 class SerialDevices:
-    """Protocols of the devices, fed with the measurements of the simulation, which have their errors.
+    """Protocols of the devices, fed with the measurements of the simulation, which include sensor errors.
 
-    `watchdog_s`: age of the set-point from which on the chassis reports that it stopped by itself;
-    `chassis`: whether there is one, with controllers of its own.
+    `watchdog_s`: age of the set-point above which the chassis reports that its own watchdog has stopped it;
+    `chassis`: True if there is a chassis with its own controllers.
     """
 
     def __init__(self, watchdog_s: float, *, chassis: bool = True) -> None:
         self.present = tuple(one for one in SerialDevice if chassis or one is not SerialDevice.CHASSIS)
-        """Devices that have a line."""
+        """Devices that have a serial line."""
         self._watchdog_ns = round(watchdog_s * 1e9)
         self._decoder = frame_decoder()
         self._report: ChassisReport | None = None
@@ -56,10 +56,10 @@ class SerialDevices:
         self._reported_ns = 0
         self._setpoint_ns = 0
         self.refused = 0
-        """Valid frames to the chassis without a valid content."""
+        """Number of valid frames to the chassis with invalid content."""
 
     def on_output(self, output: SimulationOutput, switch: VehicleMode) -> list[SerialOutput]:
-        """Takes the measurements of an instant and the position of the switch; what is sent then."""
+        """Takes the measurements of an instant and the switch's position; returns the bytes to send."""
         now_ns, sent = output.stamp_ns, list[SerialOutput]()
         if output.gnss is not None:
             sent.append(SerialOutput(SerialDevice.GNSS, fix_sentences(output.gnss, now_ns / 1e9)))
@@ -79,7 +79,7 @@ class SerialDevices:
         return sent
 
     def on_report(self, report: ChassisReport, now_ns: int) -> list[SerialOutput]:
-        """Takes the report that answers an order; it is sent at once."""
+        """Takes the report that answers an order, and sends it at once."""
         self._report = report
         return self._reports(now_ns)
 
@@ -92,7 +92,7 @@ class SerialDevices:
         return [SerialOutput(SerialDevice.CHASSIS, report_frame(content))]
 
     def on_bytes(self, data: bytes, now_ns: int) -> list[Setpoint | ChassisOrder]:
-        """Takes bytes that the driver of the chassis sent; the set-points and orders in them."""
+        """Takes bytes from the driver of the chassis; returns the contained set-points and orders."""
         found: list[Setpoint | ChassisOrder] = []
         for body in self._decoder.feed(data):
             try:
@@ -107,13 +107,14 @@ class SerialDevices:
 
 
 def _with_attitude(imu: Imu, truth: Pose) -> Imu:
-    """The measurement with roll and pitch of the unit's own filter, which has no errors here."""
+    """The measurement with roll and pitch of the unit's internal filter, which is simulated without
+    errors."""
     roll_rad, pitch_rad, _ = to_euler((truth.qx, truth.qy, truth.qz, truth.qw))
     return msgspec.structs.replace(imu, roll_rad=roll_rad, pitch_rad=pitch_rad)
 
 
 def _positions(switch: VehicleMode) -> list[float]:
-    """Channels of a transmitter whose sticks are in the centre."""
+    """Channels of a transmitter with centred sticks and this position of the switch."""
     positions = [0.0] * (_SWITCH + 1)
     positions[_SWITCH] = -1.0 if switch is VehicleMode.AUTO else 1.0
     return positions

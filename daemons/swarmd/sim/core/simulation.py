@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 BOUNDS: Final = "bounds"
 GROUND: Final = "ground"
-"""Names in a collision besides those of obstacles and platforms."""
+"""Names in a collision, in addition to the names of obstacles and platforms."""
 
 _STEPS_PER_SAMPLE: Final = 2
-"""Steps per sample of the inertial unit of an airframe: at each one its newest outputs are taken."""
+"""Integration steps per inertial sample of an airframe; each step takes the newest outputs."""
 _SCANNER_M: Final = 0.3
 """Height of the scanner of a ground vehicle above the ground."""
 _BATTERY_HZ: Final = 1.0
@@ -43,7 +43,7 @@ _RELEASE_M: Final = 0.1
 
 
 Command = Setpoint | ActuatorOutputs
-"""What drives a vehicle: a set-point where its model has controllers of its own, else outputs of a flight
+"""Command to a vehicle: a set-point if the model includes controllers, else outputs of a flight
 controller."""
 C_contra = TypeVar("C_contra", Setpoint, ActuatorOutputs, contravariant=True)
 
@@ -55,12 +55,12 @@ class VehicleModel(Protocol[C_contra]):
 
     @property
     def safe(self) -> Command:
-        """Command in force while none is fresh."""
+        """Command in force without a fresh command."""
         ...
 
     @property
     def stall_s(self) -> float:
-        """Longest stall of the computer that is simulated afterwards; the rest is left out."""
+        """Maximum stall of the computer that is simulated afterwards; the rest is skipped."""
         ...
 
     @property
@@ -78,7 +78,7 @@ class VehicleModel(Protocol[C_contra]):
 
 
 class SimulationOutput(msgspec.Struct, frozen=True, gc=False):
-    """The outputs of one call of `advance`: the true pose, and the measurements that were due."""
+    """Outputs of one call of `advance`: the true pose, and the due measurements."""
 
     stamp_ns: int
     """Instant of all values."""
@@ -89,31 +89,31 @@ class SimulationOutput(msgspec.Struct, frozen=True, gc=False):
     sonar: Range | None = None
     battery: BatteryState | None = None
     report: ChassisReport | None = None
-    """Set when it changed, and once a second."""
+    """Report of the chassis, set at changes and once a second."""
     collisions: tuple[Collision, ...] = ()
 
 
 class _SamplePeriods(msgspec.Struct, frozen=True):
-    """Period of each output, in steps."""
+    """Period of each output in integration steps."""
 
     gnss: int
     imu: int
     scan: int
     battery: int
     sonar: int | None
-    """None: a vehicle that does not fly has none."""
+    """Period of the sonar, or None for a vehicle that does not fly."""
 
     def all(self) -> list[int]:
-        """The periods that there are."""
+        """All periods, without a missing sonar."""
         some = [self.gnss, self.imu, self.scan, self.battery]
         return some if self.sonar is None else [*some, self.sonar]
 
     def next_after(self, steps: int) -> int:
-        """The next step at which any is due."""
+        """The next step at which any output is due."""
         return min((steps // period + 1) * period for period in self.all())
 
     def not_faster(self, steps: int) -> "_SamplePeriods":
-        """The same, with a minimum."""
+        """Copies the periods, with a minimum of `steps` for each."""
         return _SamplePeriods(
             max(self.gnss, steps),
             max(self.imu, steps),
@@ -126,8 +126,8 @@ class _SamplePeriods(msgspec.Struct, frozen=True):
 class Simulation:
     """Simulates a vehicle, its battery, its sensors and its collisions.
 
-    Samples are at multiples of their periods, independent of the lateness of the calls; so are the reads of
-    their drivers. It is called when a sensor is due, and integrates the steps since the last call.
+    Samples are at multiples of their periods, independent of the lateness of the calls, like the reads of the
+    drivers. `advance` is called when a sensor is due, and integrates the steps since the last call.
     """
 
     def __init__(
@@ -140,10 +140,10 @@ class Simulation:
         uniform: Uniform,
         airframe: "Airframe | None" = None,
     ) -> None:
-        """`airframe`: of a vehicle that its flight controller flies; None: it follows set-points itself."""
+        """`airframe`: airframe that a flight controller flies, or None if the model follows set-points."""
         self._config = config
         self._world = world
-        # which commands a model takes is decided once, with the driver: by the airframe
+        # the airframe decides whether model and driver use set-points or outputs
         self.vehicle: VehicleModel[Any] = (
             model(config, kind, start) if airframe is None else flying_body(airframe, config, start, gauss)
         )
@@ -158,20 +158,20 @@ class Simulation:
         self._dt_s = self._dt_ns / 1e9
         held_s = config.setpoint_timeout_s if airframe is None else airframe.body.outputs_held_s
         self._held_ns = round(held_s * 1e9)
-        """Age of a command from which the safe one is in force."""
+        """Age of a command above which the safe command is in force."""
         self._begun = False
         self._steps = 0
-        """Index of the current sample: its instant in periods."""
+        """Index of the current step, which is its instant in steps."""
         self._command: Command = self.vehicle.safe
         self._command_ns = 0
         self._next_command: tuple[Command, int] | None = None
-        """The newest command and its instant: it is in force from the step that contains it."""
+        """The newest command and its instant, in force from the next step after the instant."""
         self._answer = (0, "")
-        """Number of the newest order that was answered, and the reason if it was refused."""
+        """Number of the newest answered order, and the reason if it was refused."""
         self._published: ChassisReport | None = None
         self._touched: frozenset[str] = frozenset()
         self._parked: Pose | None = None
-        """Pose at which it rests with its motors off: it does not change between samples."""
+        """Pose of a vehicle at rest with its motors off, which needs no integration, else None."""
         self._contacts = Contacts(self.vehicle.radius_m)
         rates = config.sensors
         self._moving = _SamplePeriods(
@@ -183,10 +183,10 @@ class Simulation:
         )
         self._resting = self._moving.not_faster(self._every(rates.rest_hz))
         self._due_after = (-1, self._moving, 0)
-        """Instant of the next sample after a step, with the periods for which it holds."""
+        """Cached deadline: a step, the periods, and the instant of the next sample for both."""
         self._every_contact = self._every(config.contacts_hz)
         self.output_hz = self._rate_hz / min(self._moving.all())
-        """Rate of the true pose: it comes with the fastest sensor."""
+        """Rate of the true pose, which is published with the fastest sensor."""
         self.imu_hz = self._rate_hz / self._moving.imu
         """Rate of the inertial unit."""
 
@@ -194,21 +194,22 @@ class Simulation:
         return max(1, round(self._rate_hz / rate_hz))
 
     def state(self) -> VehicleState:
-        """State of the vehicle: armed, landed."""
+        """State of the vehicle with armed and landed."""
         return VehicleState(self.vehicle.armed, self.vehicle.landed)
 
     def report(self) -> ChassisReport:
-        """Report of the chassis: armed, landed, answer to the newest order."""
+        """Report of the chassis with armed, landed and the answer to the newest order."""
         return ChassisReport(self.vehicle.armed, self.vehicle.landed, *self._answer)
 
     def on_command(self, command: Command, stamp_ns: int) -> None:
-        """Takes a command of the driver: a set-point, or outputs where the vehicle has an airframe."""
+        """Takes a command of the driver, a set-point or outputs for an airframe."""
         if self._next_command is not None:
             self._command, self._command_ns = self._next_command
         self._next_command = (command, stamp_ns)
 
     def on_order(self, order: ChassisOrder) -> ChassisReport:
-        """Executes an order, unless it was answered before; the report states a refusal."""
+        """Executes an order unless it was answered before; returns the report, with the reason of a
+        refusal."""
         if order.number > self._answer[0]:
             refusal = ""
             try:
@@ -230,7 +231,7 @@ class Simulation:
                 if not self.state().resting:
                     raise Denied("calibration: expected a vehicle that is disarmed and on the ground")
             case _:
-                raise Denied(f"{order.action}: the simulated chassis does not know it")
+                raise Denied(f"{order.action}: not supported by the simulated chassis")
 
     def on_arm(self, armed: bool) -> VehicleState:
         """Arms or disarms the motors.
@@ -257,11 +258,11 @@ class Simulation:
         self._contacts.on_neighbour(platform, pose, stamp_ns)
 
     def is_clear(self, platform: str, now_ns: int) -> bool:
-        """Whether a platform is so far away that its pose does not matter yet."""
+        """True if a platform is so far away that a contact is not yet possible."""
         return self._contacts.is_clear(platform, now_ns)
 
     def advance(self, now_ns: int) -> SimulationOutput | None:
-        """Simulates all samples up to now; None when no new sample is due."""
+        """Simulates all samples up to now; returns their outputs, or None if no sample is due."""
         reached = now_ns // self._dt_ns
         if not self._begun:
             self._begun = True
@@ -269,7 +270,7 @@ class Simulation:
         due = reached - self._steps
         if due <= 0:
             return None
-        # the world does not wait for the computer, but catching up must end, too
+        # catching up after a stall is limited, because it would cause another stall
         simulated = min(due, round(self.vehicle.stall_s / self._dt_s))
         first = self._steps
         hits: list[Collision] = []
@@ -282,10 +283,10 @@ class Simulation:
         return self._sample(first, tuple(hits))
 
     def deadline_ns(self) -> int | None:
-        """Instant of the next sample; None before the first call of `advance`."""
+        """Instant of the next sample, or None before the first call of `advance`."""
         if not self._begun:
             return None
-        # a parked vehicle is only simulated at the samples of its sensors
+        # cached, because the deadline is asked for after each event
         periods = self._periods()
         if self._due_after[0] != self._steps or self._due_after[1] is not periods:
             self._due_after = (self._steps, periods, periods.next_after(self._steps) * self._dt_ns)
@@ -315,6 +316,7 @@ class Simulation:
         self._steps += 1
         stamp_ns = self._stamp_ns()
         vehicle = self.vehicle
+        # an empty battery stops the motors, also in the air
         if self._battery.empty:
             vehicle.armed = False
         if self._next_command is not None and self._next_command[1] < stamp_ns:
@@ -340,14 +342,14 @@ class Simulation:
         inside = self._world.bounds.contains(pose.x_m, pose.y_m, pose.z_m)
         now = frozenset(({found.name} if found else set()) | (set() if inside else {BOUNDS}))
         if self._touched:
-            # a vehicle pressed against an obstacle oscillates by millimetres
+            # a vehicle pressed against an obstacle oscillates by millimetres, which is still one contact
             near = self._world.touching(pose.x_m, pose.y_m, pose.z_m, radius + _RELEASE_M)
             now |= self._touched & {near.name if near else ""}
         new, self._touched = now - self._touched, now
         if found is not None and found.distance_m(pose.x_m, pose.y_m) < found.distance_m(
             before.x_m, before.y_m
         ):
-            # obstacles are rigid; the vehicle may only move away
+            # obstacles are rigid, so a vehicle in contact may only move away
             self.vehicle.stop_at(before.x_m, before.y_m, before.z_m)
         return [collision(name, pose, speed_m_s) for name in sorted(new)]
 
@@ -379,8 +381,8 @@ class Simulation:
 def flying_body(
     airframe: "Airframe", config: Config, start: Pose, gauss: Gauss
 ) -> VehicleModel[ActuatorOutputs]:
-    """The vehicle model of an airframe."""
-    from swarmd.sim.core.fixed_wing_airframe import FixedWing  # most vehicles have none
+    """Creates the vehicle model of an airframe."""
+    from swarmd.sim.core.fixed_wing_airframe import FixedWing  # not loaded by most vehicles
     from swarmd.sim.core.flying_body import FlyingBody
     from swarmd.sim.core.helicopter_airframe import HelicopterRotors
     from swarmd.sim.core.multirotor_airframe import MultirotorRotors
@@ -398,7 +400,7 @@ def flying_body(
 
 
 def model(config: Config, kind: PlatformKind, start: Pose) -> VehicleModel[Setpoint]:
-    """The vehicle model for a kind of platform: uav multirotor, ugv ground vehicle, usv surface vessel.
+    """Creates the model of a kind of platform: uav multirotor, ugv ground vehicle, usv surface vessel.
 
     Raises: InvalidInput for a kind without a vehicle, such as gcs.
     """

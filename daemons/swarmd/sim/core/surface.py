@@ -1,4 +1,4 @@
-"""Model of a surface vessel: surge and yaw by propellers, first-order response of the hull, sway in turns."""
+"""Model of a surface vessel with propellers, a first-order response of the hull, and sway in turns."""
 
 import math
 from typing import Final
@@ -12,7 +12,7 @@ from swarmware.types.vehicle import Pose, Setpoint
 
 
 class SurfaceState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Position and heading in the map; surge, sway and yaw rate in the body."""
+    """State of a vessel: position and heading in the map; surge, sway and yaw rate in body axes."""
 
     x_m: float
     y_m: float
@@ -23,11 +23,11 @@ class SurfaceState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Surface:
-    """Model of a surface vessel in water that may flow.
+    """Model of a surface vessel in water with a current.
 
-    Surge and yaw rate follow the set-point as first-order systems; both and sway are those through the water.
-    A turn at speed causes sway, which decays by drag.
-    Source: Nomoto 1957 (steering); Fossen 2011, Handbook of Marine Craft, chapter 7 (sway).
+    Surge and yaw rate follow the set-point as first-order systems; surge and sway are relative to the water.
+    A turn at speed causes sway, which decays by drag. Source: Nomoto 1957 (steering); Fossen 2011, Handbook
+    of Marine Craft, chapter 7 (sway).
     """
 
     __slots__ = ("_accel", "_limits", "armed", "state")
@@ -49,7 +49,7 @@ class Surface:
         return self._limits.radius_m
 
     def step(self, wanted: Setpoint, dt_s: float) -> float:
-        """Simulates one sample; the speed of an impact on the ground, always 0.
+        """Simulates one sample; returns the speed of an impact on the ground, always 0.
 
         A disarmed vessel drifts to rest.
         """
@@ -95,9 +95,9 @@ class Surface:
         return 0.0, 0.0, self.state.w_rad_s
 
     def specific_force(self) -> Vector:
-        """What an accelerometer measures: tangential, centripetal, the reaction to gravity."""
+        """Specific force in body axes: tangential, centripetal, and the reaction to gravity."""
         return self._accel, self.state.surge_m_s * self.state.w_rad_s, GRAVITY_M_S2
 
     def power_w(self) -> float:
-        """Electric power in W: that of a propeller is proportional to the cube of the speed."""
+        """Electric power in W; the power of a propeller is proportional to the cube of the speed."""
         return self._limits.power_w + abs(self.state.surge_m_s) ** 3 * self._limits.power_per_m3_s3_w

@@ -1,4 +1,4 @@
-"""The simulation's core: when the vehicle is simulated, which inputs are read, what is published."""
+"""The simulation's core, which schedules the simulation, the reading of inputs, and publications."""
 
 import msgspec
 
@@ -13,11 +13,11 @@ class ReadBoards(msgspec.Struct, frozen=True):
     """Action: read the command, then call `on_boards_read`."""
 
     neighbours: bool
-    """Also read the poses of other platforms that are not clear: a collision check is due."""
+    """True to also read the poses of near platforms, because a collision check is due."""
 
 
 class PublishOutput(msgspec.Struct, frozen=True, gc=False):
-    """Action: publish what was simulated, stamped with its instant."""
+    """Action: publish the outputs of the simulation, stamped with their instant."""
 
     output: SimulationOutput
 
@@ -40,7 +40,7 @@ class VehicleCore:
         self._next_contacts_ns = AT_ONCE
 
     def on_command(self, command: Command, stamp_ns: int, now_ns: int) -> list[Action]:
-        """Takes a command of the driver: a set-point, or outputs of a flight controller."""
+        """Takes a command of the driver, a set-point or outputs of a flight controller."""
         self._simulation.on_command(command, stamp_ns)
         return []
 
@@ -50,15 +50,15 @@ class VehicleCore:
         return []
 
     def is_clear(self, platform: str, now_ns: int) -> bool:
-        """Whether the pose of a platform need not be read: it is too far away to be touched."""
+        """True if the pose of a platform need not be read, because it is too far away for a contact."""
         return self._simulation.is_clear(platform, now_ns)
 
     def on_order(self, order: ChassisOrder, now_ns: int) -> list[Action]:
-        """Executes an order to the chassis once, or refuses it with the reason; the report answers it."""
+        """Executes or refuses an order to the chassis, and publishes the report that answers the order."""
         return [PublishReport(self._simulation.on_order(order))]
 
     def on_timer(self, now_ns: int) -> list[Action]:
-        """Requests the inputs of the sample that is due."""
+        """Requests the inputs of the due sample."""
         neighbours = now_ns >= self._next_contacts_ns
         if neighbours:
             self._next_contacts_ns = now_ns + self._contacts_ns

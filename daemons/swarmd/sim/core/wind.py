@@ -1,4 +1,4 @@
-"""Wind: a mean, and gusts as a first-order Gauss-Markov process along each axis."""
+"""Model of the wind, with a mean, and gusts as a first-order Gauss-Markov process along each axis."""
 
 import math
 from collections.abc import Callable
@@ -10,8 +10,8 @@ from swarmware.geometry.attitude import Vector
 class GustyWind:
     """Velocity of the air around one vehicle.
 
-    Source: MIL-F-8785C, section 3.7 (Dryden form), with one time constant instead of a length over the speed,
-    since a hovering vehicle has no speed.
+    Source: MIL-F-8785C, section 3.7 (Dryden form), with a time constant in place of length divided by speed,
+    because a hovering vehicle has no speed.
     """
 
     __slots__ = ("_config", "_gauss", "_gust")
@@ -22,7 +22,7 @@ class GustyWind:
         self._gust = [0.0, 0.0, 0.0]
 
     def __call__(self, dt_s: float) -> Vector:
-        """Advances the wind by a duration; its velocity in the map."""
+        """Advances the wind by a duration; returns its velocity in the map."""
         config, gust = self._config, self._gust
         if config.gust_sigma_m_s > 0.0:
             correlation = math.exp(-dt_s / config.gust_tau_s)

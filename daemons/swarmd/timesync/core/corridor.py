@@ -1,10 +1,10 @@
 """Two-sided corridor estimator: offset and skew of two clocks from the differences of their stamps.
 
-A received packet bounds the remote clock from below (it left earlier), its echo from above
-(it arrived later). All bounds together form a corridor; the line in its middle, at the skew
-where it is widest, is the conversion function, half its width the guaranteed error bound.
+A received packet bounds the remote clock from below, because the packet was sent before it was received; its
+echo bounds the clock from above. All bounds form a corridor. The line in its middle, at the skew where the
+corridor is widest, is the conversion function, and half the width is the guaranteed error bound.
 Source: Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements (1999),
-for one side; here both sides share the skew, and older points are widened by `AGEING` (ADR 7).
+for one side; this estimator uses one skew for both sides, and widens older points by `AGEING` (ADR 7).
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from swarmware.types.time import AGEING
 
 SKEW_LIMIT: Final = 200e-6
-"""Quartz stays within ±100 ppm, so two of them differ by at most twice that."""
+"""Maximum skew of two clocks: each quartz stays within ±100 ppm of its nominal rate."""
 
 SKEW_PRIOR: Final = 60e-6
 """Standard deviation of the skew of two quartzes: each within ±50 ppm, uniformly."""
@@ -23,11 +23,11 @@ SETTLED_S: Final = 8.0
 """Span below which a measured skew depends more on delays than on the clocks."""
 
 BUCKET_S: Final = 1.0
-"""Of each bucket only the tightest point of each side is kept: at most 60 per side, not 600."""
+"""Duration of a bucket, of which only the tightest point of each side is kept: 60 points, not 600."""
 
 TEMPERATURE: Final = 10e-6
-"""Maximum change of the rate of a quartz after the newest exchange: AT cut, some 20 K. For the first minutes
-the random walk of `AGEING` is small against it."""
+"""Maximum change of the rate of an AT-cut quartz after the newest exchange, for some 20 K. In the first
+minutes the random walk of `AGEING` is small beside this change."""
 
 SIGMA_FLOOR_S: Final = 2e-6
 
@@ -36,9 +36,9 @@ SPREAD_POINTS: Final = 6
 
 BREAK_SIGMAS: Final = 12.0
 BREAK_FLOOR_S: Final = 20e-6
-"""Thresholds of step detection inside the corridor: both sides shifted in the same direction by more than the
-sum of both. Two false alarms in 4 h of simulated exchanges without a step (four models of delay); a false
-alarm discards history and never invalidates the bound."""
+"""Threshold of step detection inside the corridor: `BREAK_SIGMAS` deviations plus this floor, on both sides
+in the same direction. Measured: two false alarms in 4 h of simulated exchanges without a step, with four
+models of delay. A false alarm discards history, and never invalidates the bound."""
 
 Point = tuple[float, float]
 """(time in s, difference in s), both relative to the origin of the corridor."""
@@ -52,7 +52,7 @@ class Estimate(NamedTuple):
     """The line through the middle of the corridor, at the instant of the estimation."""
 
     theta_s: float
-    """Offset: remote minus local clock, relative to the origin."""
+    """Offset, remote minus local clock, relative to the origin of the corridor."""
     skew: float
     bound_s: float
     sigma_s: float
@@ -60,33 +60,33 @@ class Estimate(NamedTuple):
     span_s: float
     """Age of the oldest point."""
     half_s: float
-    """Distance from the line to the tightest points of either side."""
+    """Distance from the line to the tightest points of both sides."""
 
     @property
     def settled(self) -> bool:
-        """Whether the span is long enough to measure the skew."""
+        """True if the span is long enough to measure the skew."""
         return self.span_s >= SETTLED_S
 
     @property
     def surprise_s(self) -> float:
-        """A point tighter than the tightest by this triggers an estimation: half the threshold of a step."""
+        """Advance over the tightest point that triggers an estimation: half the threshold of a step."""
         return BREAK_SIGMAS / 2 * self.sigma_s + BREAK_FLOOR_S / 2
 
 
 class Side:
-    """Points of one side: the tightest of each past second, all of the current one."""
+    """Points of one side: the tightest point of each past second, and all points of the current second."""
 
     __slots__ = ("_bucket", "_fresh", "_kept", "sign")
 
     def __init__(self, sign: int) -> None:
         self.sign = sign
-        """+1: upper bounds, the minimum is tightest; −1: lower bounds."""
+        """+1 for upper bounds, whose minimum is tightest, −1 for lower bounds."""
         self._kept: list[Point] = []
         self._fresh: list[Point] = []
         self._bucket = 0
 
     def add(self, time_s: float, difference_s: float, skew: float) -> None:
-        """Adds a bound; `skew` is the current estimate, by which points of one second are compared."""
+        """Adds a bound; `skew` is the current estimate, which makes the points of one second comparable."""
         bucket = int(time_s // BUCKET_S)
         if bucket > self._bucket:
             self._close(skew)
@@ -111,19 +111,20 @@ class Side:
             self._fresh = [point for point in self._fresh if point[0] >= time_s]
 
     def forget_older(self, time_s: float) -> None:
-        """As `forget_before`, for points in any order."""
+        """Removes the points before this time, whatever their order; slower than `forget_before`."""
         self._kept = [point for point in self._kept if point[0] >= time_s]
         self._fresh = [point for point in self._fresh if point[0] >= time_s]
 
     def oldest_s(self) -> float:
-        """Time of the oldest point; infinite when there is none."""
+        """Time of the oldest point, or infinity without points."""
         return min((points[0][0] for points in (self._kept, self._fresh) if points), default=math.inf)
 
     def __len__(self) -> int:
         return len(self._kept) + len(self._fresh)
 
     def aged(self, now_s: float) -> list[Point]:
-        """Points as (x ≤ 0: minus the age, sign · difference widened by the drift possible in that time)."""
+        """Points as pairs of the negative age and the signed difference, widened by the possible drift since
+        then."""
         sign = self.sign
         points = []
         for time_s, difference_s in (*self._kept, *self._fresh):
@@ -133,7 +134,7 @@ class Side:
 
 
 def lower_hull(points: list[Point]) -> list[Point]:
-    """The points that minimise `y − b·x` for some b; x must ascend (Andrew's monotone chain)."""
+    """Points that minimise `y − b·x` for some b, by Andrew's monotone chain; x must ascend."""
     hull: list[Point] = []
     for x, y in points:
         while len(hull) >= 2:
@@ -151,7 +152,7 @@ def lower_hull(points: list[Point]) -> list[Point]:
 
 
 def widest(line: Callable[[float], tuple[float, float]], limit: float) -> float:
-    """The b in [−limit, limit] that maximises a concave piecewise-linear g.
+    """Finds the b in [−limit, limit] that maximises a concave piecewise-linear g.
 
     `line(b)` returns (g(b), slope of g at b). The intersection of two tangents is the next iterate, so the
     number of steps depends on the number of corners, not on the precision.
@@ -286,7 +287,8 @@ class Corridor:
 
 
 def _break(above: list[Point], below: list[Point]) -> float | None:
-    """The instant since which both residuals are shifted in one direction significantly; None: no shift."""
+    """Instant since which both residuals are significantly shifted in one direction, or None without a
+    shift."""
     rows = sorted([(x, 0, y) for x, y in above] + [(x, 1, y) for x, y in below])
     later: list[tuple[float, float]] = []
     """Tightest point of each side from each row on."""

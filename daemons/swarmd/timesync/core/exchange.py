@@ -1,4 +1,4 @@
-"""When the functions of other platforms are requested, and of which of them."""
+"""Schedule of the requests for conversion functions, and the choice of the platforms to request from."""
 
 from typing import Final
 
@@ -11,13 +11,13 @@ from swarmware.runtime.core import AT_ONCE
 from swarmware.types.net import Routes
 
 ASK_NS: Final = 10_000_000_000
-"""Period of the requests to a neighbour: within 10 s the random walk of a quartz is below 0.1 µs."""
+"""Period of the requests to a neighbour; in 10 s the random walk of a quartz stays below 0.1 µs."""
 ASK_FIRST_NS: Final = 2_000_000_000
-"""The same while a function is missing or new; also the time to wait for a direct exchange."""
+"""Period of the requests while a function is missing or new; also the wait for a direct exchange."""
 YOUNG_SAMPLES: Final = 30
 """Number of exchanges below which a function still improves much."""
 MEASURED_DIRECTLY_NS: Final = 10_000_000_000
-"""Silence after which a platform is converted over others: its own function ages."""
+"""Silence after which the ageing function of a platform is replaced by a function over its neighbours."""
 
 
 class ReadRouteTable(msgspec.Struct, frozen=True):
@@ -34,7 +34,7 @@ Action = ReadRouteTable | RequestFunctions
 
 
 class ExchangeCore:
-    """Rounds of requests: to neighbours that cannot be measured yet, and to those on routes to others."""
+    """Rounds of requests to neighbours without a measured function, and to neighbours on routes to others."""
 
     def __init__(self, time: TimeCore, config: Config, now_ns: int) -> None:
         self._time = time
@@ -42,17 +42,17 @@ class ExchangeCore:
         self._next_ns = now_ns + ASK_FIRST_NS
         """Instant of the next round."""
         self._missing_ns = AT_ONCE
-        """The same while a neighbour has no function."""
+        """Earliest instant of the next round while a neighbour has no function."""
         self._is_round = False
         self._missing: set[str] = set()
         """Neighbours without a function when the round began."""
         self._far: dict[str, str] = {}
         """Platforms out of direct range, each with the measured neighbour on the route to it."""
         self._open: set[str] = set()
-        """Platforms whose answer is awaited."""
+        """Platforms whose answer is pending."""
 
     def deadline_ns(self) -> int | None:
-        """Instant of the next round; None during a round."""
+        """Instant of the next round, or None during a round."""
         if self._is_round:
             return None
         return min(self._next_ns, self._missing_ns) if self._time.unmeasured() else self._next_ns
@@ -63,7 +63,7 @@ class ExchangeCore:
         return [ReadRouteTable()]
 
     def on_routes_read(self, table: Routes | None, now_ns: int) -> list[Action]:
-        """Requests the functions that are missing or have to be renewed. None: there are no routes yet."""
+        """Requests the functions that are missing or must be renewed; `table` is None before routes exist."""
         self._missing = self._time.unmeasured()
         self._far = self._far_platforms(table, now_ns) if self._config.compose else {}
         self._open = self._missing | self._time.stated() | set(self._far.values())
@@ -73,7 +73,7 @@ class ExchangeCore:
         return actions
 
     def on_request_ended(self, platform: str, now_ns: int) -> list[Action]:
-        """The request to a platform was answered, or has failed."""
+        """Takes the end of a request, answered or failed; the last one ends the round."""
         self._open.discard(platform)
         if self._is_round and not self._open:
             self._end_round(now_ns)
@@ -88,13 +88,14 @@ class ExchangeCore:
         is_young = any(one is None or one.samples < YOUNG_SAMPLES for one in found)
         is_soon = is_young or not self._far or bool(self._missing)
         self._next_ns = now_ns + (ASK_FIRST_NS if is_soon else ASK_NS)
-        # who has no function either is not asked at once again
+        # a neighbour that has no function itself yet is not asked again at once
         self._missing_ns = now_ns + ASK_FIRST_NS if self._missing & self._time.unmeasured() else AT_ONCE
 
     def _far_platforms(self, table: Routes | None, now_ns: int) -> dict[str, str]:
         measured = self._time.measured_since(now_ns - MEASURED_DIRECTLY_NS)
         return {
             route.name: route.via
+            # the neighbour must be measured itself: its function is the first link of the composed one
             for route in (table.routes if table is not None else ())
             if route.hops > 1 and route.name not in measured and route.via in measured
         }

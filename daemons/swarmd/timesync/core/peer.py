@@ -1,4 +1,4 @@
-"""Estimator of one remote clock: exchanges in, conversion function out; detects steps of either clock."""
+"""Estimator of one remote clock: turns exchanges into a conversion function, and detects clock steps."""
 
 from typing import Final
 
@@ -9,43 +9,44 @@ from swarmware.model.names import Address
 from swarmware.types.time import Conversion
 
 RESOLUTION_NS: Final = 1_000
-"""Resolution of transmitted stamps (share/doc/protocol.md 3.1): a difference of two is less than 1 µs off."""
+"""Resolution of transmitted stamps (share/doc/protocol.md 3.1); a difference of two errs by less than 1
+µs."""
 
 STEP_MARGIN_NS: Final = 200_000
-"""Margin of step detection: a deviation beyond this and the bound of the prediction is a clock step."""
+"""Margin of step detection; a deviation beyond the bound of the prediction plus this margin is a step."""
 
 SILENCE_NS: Final = 5_000_000_000
-"""Silence after which only the hard bound proves a step: the statistical error assumes a constant skew, which
-temperature changes meanwhile."""
+"""Silence after which only the hard bound proves a step. The statistical error assumes a constant skew, but
+temperature changes the skew during a silence."""
 
 STEP_COUNT: Final = 3
-"""Violations in a row that prove a step; fewer are outliers. 0.3 s at 10 Hz."""
+"""Consecutive violations that prove a step, 0.3 s at 10 Hz; fewer violations are outliers."""
 
 FIRST_SOLVES_S: Final = 0.1
 """First pause between two estimations; each estimation doubles it."""
 
 TOGETHER_NS: Final = 500_000_000
-"""Estimations that are not urgent are done at multiples of this, together with the other periodic work of the
-process."""
+"""Grid of the estimations that are not urgent, so that they share a wake-up with other periodic work."""
 TOGETHER_RATIO: Final = 2
-"""Applied only to pauses of at least this many periods of `TOGETHER_NS`."""
+"""Minimum length of a pause that ends on the grid, in periods of `TOGETHER_NS`."""
 SLACK_NS: Final = 100_000_000
-"""Maximum delay of the end of a long pause: the span of a window of 60 s is a little shorter than 60 s."""
+"""Maximum extension of a long pause, which is a little short: a window of 60 s spans a little less than 60
+s."""
 SURPRISE_PAUSE_S: Final = 1.0
 """Pause between two estimations after an exchange that deviates from the prediction."""
 
 SPAN_RATIO: Final = 20
-"""Minimum ratio of the span of the exchanges to the pause: the longer the span, the less a second adds."""
+"""Ratio of the span of the exchanges to the longest pause; a second adds less to a longer span."""
 
 
 def due_together_ns(since_ns: int, pause_ns: int) -> int:
-    """The end of a pause; of a long one the next instant at which others end, too."""
+    """End of a pause; a long pause ends on the next point of the grid `TOGETHER_NS`."""
     due_ns = since_ns + pause_ns
     return due_ns if pause_ns < TOGETHER_RATIO * TOGETHER_NS else -(-due_ns // TOGETHER_NS) * TOGETHER_NS
 
 
 def estimation_due_ns(since_ns: int, pause_ns: int) -> int:
-    """The end of a pause between estimations; long ones that are equal end together, at a multiple of them.
+    """End of a pause between estimations; long pauses of equal length end together, at a multiple of it.
 
     Estimations in one wake-up share the caches of the processor, and one publication.
     """
@@ -57,7 +58,7 @@ def estimation_due_ns(since_ns: int, pause_ns: int) -> int:
 
 
 class Exchange(msgspec.Struct, frozen=True, gc=False):
-    """The bounds on the offset of a remote clock from one received packet."""
+    """Bounds on the offset of a remote clock, from one received packet and its echo."""
 
     received_ns: int
     """Local clock at the arrival of the packet."""
@@ -66,7 +67,7 @@ class Exchange(msgspec.Struct, frozen=True, gc=False):
     sent_ns: int = 0
     """Local clock when the echoed packet was sent."""
     upper_ns: int | None = None
-    """Remote receive time minus local send time of that packet: an upper bound; None without an echo."""
+    """Upper bound of the offset, remote receive time minus `sent_ns`, or None without an echo."""
 
 
 class ClockEstimator:
@@ -101,30 +102,30 @@ class ClockEstimator:
         self._estimate: Estimate | None = None
         self._surprised = False
         self._surprise_ns: int | None = None
-        """The newest exchange that deviated from the prediction, or the first one."""
+        """Instant of the newest exchange that deviated from the prediction, or of the first exchange."""
         self._samples = 0
         self._origin_ns = 0
         self._base_ns = 0
         self._rtt_ns = 0
-        """Smallest round trip of the present window; 0: none yet."""
+        """Minimum round trip of the present window, or 0 before the first round trip."""
         self._rtt_before_ns = 0
-        """The same of the window before."""
+        """Minimum round trip of the previous window, or 0 if it had none."""
         self._rtt_until_ns = 0
         self._newest_ns: int | None = None
         self._corridor = Corridor(window_s)
 
     @property
     def received_ns(self) -> int | None:
-        """Local clock at the newest exchange; None before the first."""
+        """Local clock at the newest exchange, or None before the first exchange."""
         return self._newest_ns
 
     def on_exchange(self, exchange: Exchange) -> bool:
-        """Takes one exchange; True when it completes the proof of a clock step."""
+        """Takes one exchange; returns True if it completes the proof of a clock step."""
         upper_ns = exchange.upper_ns
-        # the two bounds are of different instants: an echo may be delayed for seconds
+        # the two bounds hold at different instants, seconds apart if the echo was delayed
         drift_ns = round(SKEW_LIMIT * (exchange.received_ns - exchange.sent_ns))
         if upper_ns is not None and upper_ns + drift_ns + RESOLUTION_NS < exchange.lower_ns - RESOLUTION_NS:
-            # the remote clock stepped between packet and echo: the echo is of the clock before the step
+            # the remote clock stepped between packet and echo, so the echo shows the clock before the step
             exchange = msgspec.structs.replace(exchange, upper_ns=None)
         direction = self._violates(exchange)
         if direction == 0:
@@ -137,13 +138,14 @@ class ClockEstimator:
         proofs, self._violations = self._violations, []
         self._restart()
         for proof in proofs:
-            # the remote clock stepped forward: the echo of an earlier packet may be of the clock before it
+            # after a step forward, the echo of an earlier packet may show the clock before the step
             old = direction > 0 and proof.sent_ns < proofs[0].received_ns
             self._take(msgspec.structs.replace(proof, upper_ns=None) if old else proof)
         return True
 
     def _violates(self, exchange: Exchange) -> int:
-        """+1: the remote clock is impossibly far ahead of the prediction; −1: behind; 0: consistent."""
+        """Direction of a violation: +1 if the remote clock is ahead of the prediction, −1 if behind, 0 if
+        neither."""
         known = self.conversion
         if known is None or not known.samples:
             return 0
@@ -157,6 +159,7 @@ class ClockEstimator:
         if ahead_ns > margin_ns:
             return 1
         upper_ns, sent_ns = exchange.upper_ns, exchange.sent_ns
+        # judged at the send time, at which the upper bound holds
         behind_ns = ahead_ns if upper_ns is None else known.to_remote(sent_ns) - sent_ns - upper_ns
         if behind_ns > margin_ns and upper_ns is not None:
             return -1
@@ -183,16 +186,17 @@ class ClockEstimator:
         if exchange.upper_ns is None:
             return
         self._take_round_trip(exchange.upper_ns - exchange.lower_ns, exchange)
+        # a longer delayed echo is older than the window
         if exchange.received_ns - exchange.sent_ns <= self._window_s * 1e9:
             upper_ns = exchange.upper_ns + RESOLUTION_NS - self._base_ns
             self._corridor.add_upper((exchange.sent_ns - self._origin_ns) / 1e9, upper_ns / 1e9)
 
     def _take_round_trip(self, difference_ns: int, exchange: Exchange) -> None:
-        """Takes the difference of the two bounds, which are of different instants.
+        """Takes the difference of the two bounds, which hold at different instants.
 
-        The echo was held meanwhile, for up to a second, on a clock of another rate: 40 ppm of half a second
-        are 20 µs, more than a round trip within a computer. The limit of the error counts as part of
-        the round trip: otherwise the minimum would be the sample with the largest error.
+        The peer held the echo for up to a second, on a clock of another rate: 40 ppm of half a second are
+        20 µs, more than a round trip within a computer. The limit of this error is added to the round trip;
+        otherwise the sample with the largest error would be the minimum.
         """
         known, apart_ns = self.conversion, exchange.received_ns - exchange.sent_ns
         if known is None or not known.samples:
@@ -209,7 +213,7 @@ class ClockEstimator:
         return min(found, default=0)
 
     def _restart(self) -> None:
-        """Discards the function after a step of either clock."""
+        """Discards the function and all exchanges after a step of either clock."""
         self._clear()
         self._unverified = None
         self.conversion = None
@@ -220,7 +224,7 @@ class ClockEstimator:
         self.conv_epoch += 1
 
     def _clear(self) -> None:
-        """Discards all but the skew: an oscillator keeps its rate when its clock is set."""
+        """Discards everything except the skew, because an oscillator keeps its rate when its clock is set."""
         self._corridor = Corridor(self._window_s, self._corridor.skew)
         self._estimate = None
         self._surprised = False
@@ -231,7 +235,7 @@ class ClockEstimator:
         self._dirty = False
 
     def due_ns(self) -> int | None:
-        """Instant of the next estimation; None without new exchanges."""
+        """Instant of the next estimation, or None without new exchanges."""
         if not self._dirty:
             return None
         if self._solved_ns is None:
@@ -240,22 +244,23 @@ class ClockEstimator:
         return estimation_due_ns(self._solved_ns, round(pause_s * 1e9))
 
     def solve(self, now_ns: int) -> bool:
-        """Estimates the function; True when this detected a small clock step."""
+        """Estimates the function; returns True if the estimation detected a small clock step."""
         self._dirty = False
         breaks = self._corridor.breaks
         try:
+            # the search is the costly part, and useless after a window without a deviation
             surprise_ns = now_ns if self._surprise_ns is None else self._surprise_ns
             search = now_ns - surprise_ns <= self._window_s * 1e9
             estimate = self._corridor.solve((now_ns - self._origin_ns) / 1e9, search=search)
         except NoLine:
-            # a small step, or one invalid stamp: the function stays until new packets decide
+            # a small step or one invalid stamp: the old function stays until new packets decide
             self._unverified = self.conversion
             self._clear()
             return False
         if self._corridor.breaks > breaks:
             self._unverified = self.conversion
         if estimate is None:
-            self._solved_ns = None  # estimated again with the next packet
+            self._solved_ns = None  # estimate again with the next packet
             return False
         if self._surprised:
             self._next_pause_s = SURPRISE_PAUSE_S

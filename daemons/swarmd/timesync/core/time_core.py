@@ -1,4 +1,4 @@
-"""Conversion functions of all clocks of the swarm: measured for neighbours, composed for the others."""
+"""Conversion functions of all clocks: measured for neighbours, composed for other nodes."""
 
 from typing import Final
 
@@ -11,14 +11,14 @@ from swarmware.runtime.core import AT_ONCE
 from swarmware.types.time import FUNCTIONS_LIMIT, HOPS_LIMIT, Conversion, TimeFunctions
 
 MEASURED_NS: Final = 10_000_000_000
-"""A unit with packets within this time is measured here and not composed: the function of a partner may be of
+"""Age of the newest packet up to which a unit is measured, and not composed. A partner's function may be from
 its first seconds, with an inaccurate skew, and is not renewed."""
 
 STATED_NS: Final = 60_000_000_000
-"""Lifetime of a partner's functions; while it is on a route, they are requested six times within it."""
+"""Lifetime of a partner's functions; they are requested six times in this time while a route needs them."""
 LINK_AGE_NS: Final = 30_000_000_000
-"""Maximum age of a composed function per link: each link adds the time between two requests, 10 s, and that
-between two estimations. An older one means that a link on the route is silent."""
+"""Maximum age of a composed function per link. Each link adds 10 s between two requests and the time between
+two estimations; an older function means that a link on the route is silent."""
 
 
 class Publish(msgspec.Struct, frozen=True):
@@ -54,7 +54,7 @@ Action = Publish | ClockStepped | UnitRebooted | FunctionsRefused
 
 
 class PeerExchange(msgspec.Struct, frozen=True, gc=False):
-    """One exchange, with the unit that it measures."""
+    """One exchange, with the unit whose clock it measures."""
 
     platform: str
     unit: str
@@ -135,6 +135,7 @@ class TimeCore:
         known = peer.conversion
         stated = known is None or not known.samples
         if stated and mine is not None and mine.boot_id == self._me[3] and mine.hops == 1:
+            # the partner's measurement of this clock, inverted, serves until this node has measured
             seen = mine.inverse(peer.platform, peer.unit, peer.hardware, peer.boot_id)
             peer.conversion = msgspec.structs.replace(seen, samples=0, rtt_ns=0)
             self._urgent = self._urgent or known is None
@@ -146,15 +147,15 @@ class TimeCore:
         return [FunctionsRefused(peer.name, refused, refused + len(taken))]
 
     def unmeasured(self) -> set[str]:
-        """Neighbours without a function yet: their function of this unit is an initial value."""
+        """Neighbours without a function, whose measurement of this unit can give an initial one."""
         return {peer.name for peer in self._peers.values() if peer.conversion is None}
 
     def stated(self) -> set[str]:
-        """Neighbours of which only their own function is known: it has to be renewed."""
+        """Neighbours whose function is only an inverted measurement of theirs, and has to be renewed."""
         return {peer.name for peer in self._peers.values() if peer.conversion and not peer.conversion.samples}
 
     def deadline_ns(self) -> int | None:
-        """Instant of the next estimation, expiry or publication; None: none due."""
+        """Instant of the next estimation, expiry or publication, or None if none is due."""
         if self._urgent or (self._changed and self._published_ns is None):
             return AT_ONCE
         dues = [due for peer in self._peers.values() if (due := peer.due_ns()) is not None]
@@ -188,11 +189,12 @@ class TimeCore:
 
     def _stepped(self, peer: ClockEstimator) -> ClockStepped:
         self._urgent = True
-        self._partner_functions.pop(peer.hardware, None)  # these functions are of the clock before the step
+        self._partner_functions.pop(peer.hardware, None)  # made from the clock before the step
         return ClockStepped(peer.platform, peer.unit, peer.conv_epoch)
 
     def functions(self, now_ns: int) -> TimeFunctions:
-        """All functions sorted by platform and unit; of too many, those with the smallest bounds."""
+        """All functions, sorted by platform and unit; the limit keeps the functions with the smallest
+        bounds."""
         self._forget(now_ns)
         best = {
             peer.hardware: self._marked(peer.conversion)
@@ -219,7 +221,7 @@ class TimeCore:
         return now_ns - peer.received_ns <= MEASURED_NS
 
     def measured_since(self, since_ns: int) -> set[str]:
-        """Nodes measured directly since that instant."""
+        """Names of the nodes that were measured directly since that instant."""
         return {
             peer.name
             for peer in self._peers.values()
@@ -234,7 +236,7 @@ class TimeCore:
     def _composed(self, now_ns: int) -> list[tuple[Conversion, int]]:
         """Composed functions of units not measured here, each with the instant at which it expires."""
         out: list[tuple[Conversion, int]] = []
-        # a partner's function is never better than current packets
+        # own current packets are always better than the function of a partner
         measured = {hardware for hardware in self._peers if self._is_measured(hardware, now_ns)}
         own = str(Address(*self._me[:2]))
         for hardware, (theirs, at_ns) in self._partner_functions.items():
@@ -242,7 +244,7 @@ class TimeCore:
             if link is None:
                 continue
             for further in theirs.functions:
-                # functions of this unit, or composed over it, are skipped: they would loop
+                # a function of this unit, or composed over this unit, would loop
                 mine = further.hardware == self._me[2] or further.via == own
                 if mine or further.hardware in measured or link.hops + further.hops > HOPS_LIMIT:
                     continue
@@ -262,7 +264,7 @@ class TimeCore:
                 del self._partner_functions[hardware]
 
     def _find_suspects(self, now_ns: int) -> set[int]:
-        """Units whose function the majority of partners contradicts beyond both bounds (triangle closure)."""
+        """Units whose function most partners contradict by more than both bounds (triangle closure)."""
         votes: dict[int, int] = {}
         triangles: dict[int, int] = {}
         for hardware, (theirs, _) in self._partner_functions.items():
@@ -276,6 +278,7 @@ class TimeCore:
                     continue
                 around = link.then(further, theirs.platform)
                 agree = around.agrees(peer.conversion, now_ns)
+                # a contradiction does not show which of the two corners errs, so both get the vote
                 for corner in (hardware, further.hardware):
                     triangles[corner] = triangles.get(corner, 0) + 1
                     votes[corner] = votes.get(corner, 0) + (not agree)
@@ -283,9 +286,9 @@ class TimeCore:
 
 
 def _better(one: Conversion, other: Conversion, now_ns: int) -> bool:
-    """Whether a function is better: of a later boot; newer where both contradict; of a smaller bound."""
+    """True if `one` has the later boot, is newer where both contradict, or else has the smaller bound."""
     if one.boot_id != other.boot_id:
         return one.boot_id > other.boot_id
-    if not one.agrees(other, now_ns):  # that clock, or one on the route to it, has stepped
+    if not one.agrees(other, now_ns):  # one of the clocks on the route has stepped
         return one.t0_ns > other.t0_ns
     return one.bound_at_ns(now_ns) < other.bound_at_ns(now_ns)

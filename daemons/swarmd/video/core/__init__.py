@@ -1,1 +1,1 @@
-"""RTP and its payload H.264, reports of receivers, rate control, and the two ends of a video session."""
+"""RTP with the payload H.264, reports of receivers, rate control, and both ends of a video session."""

@@ -1,4 +1,4 @@
-"""Video that the rules of channels ask for: which sources go to which platforms."""
+"""Video by rules of channels, which state the sources that are sent to each platform."""
 
 from collections.abc import Collection, Iterable
 from typing import Final
@@ -8,41 +8,41 @@ import msgspec
 from swarmware.types.channel import ChannelLimit, settings_of
 
 RETRY_NS: Final = 5_000_000_000
-"""Pause after a start that failed."""
+"""Pause after a failed start."""
 
 
 class Channel(msgspec.Struct, frozen=True):
-    """A source on the way to a platform."""
+    """A source, and the platform to which it is sent."""
 
     source: str
     platform: str
 
 
 class StartVideo(msgspec.Struct, frozen=True):
-    """Action: send this source there, with at most this number of pictures a second; None: all."""
+    """Action: send a source to a platform, with at most `max_hz` pictures a second, or all if None."""
 
     channel: Channel
     max_hz: float | None
 
 
 class StopVideo(msgspec.Struct, frozen=True):
-    """Action: no rule asks for this video any longer."""
+    """Action: end a session that no rule asks for any longer."""
 
     channel: Channel
 
 
 class ChannelVideo:
-    """Follows the rules; a session that ends while its rule holds is started again."""
+    """Follows the rules, and restarts a session that ends while its rule holds."""
 
     def __init__(self) -> None:
         self._started: dict[Channel, float | None] = {}
-        """Those that run because of a rule, with their rate."""
+        """Channels whose session a rule has started, with their maximum rate."""
         self._retry_ns: dict[Channel, int] = {}
-        """When the next start may be tried, after one that failed."""
+        """Instant of the next attempt by channel, after a failed start."""
 
     @property
     def is_busy(self) -> bool:
-        """Whether a rule has started a session."""
+        """True if a rule has started a session that still runs."""
         return bool(self._started)
 
     def changes(
@@ -53,7 +53,7 @@ class ChannelVideo:
         sent: Collection[Channel],
         now_ns: int,
     ) -> list[StartVideo | StopVideo]:
-        """What to do so that the rules hold; `platforms`: those in reach, `sent`: what is sent at present."""
+        """Actions that make the rules hold; `platforms` are in reach, `sent` are the present sessions."""
         known = tuple(rules)
         wanted = {
             Channel(source, platform): settings.max_hz
@@ -67,7 +67,7 @@ class ChannelVideo:
         begin = [
             one
             for one in wanted
-            # one that an operator has started stays as it is
+            # a session that an operator has started stays unchanged
             if (one in over or one not in sent) and self._retry_ns.get(one, now_ns) <= now_ns
         ]
         self._started = {one: rate for one, rate in running.items() if one not in over}
@@ -75,6 +75,6 @@ class ChannelVideo:
         return [*map(StopVideo, over), *(StartVideo(one, wanted[one]) for one in begin)]
 
     def on_failed(self, channel: Channel, now_ns: int) -> None:
-        """A start has failed: it is tried again later."""
+        """Takes a failed start, which is tried again later."""
         self._started.pop(channel, None)
         self._retry_ns[channel] = now_ns + RETRY_NS

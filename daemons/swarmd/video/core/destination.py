@@ -1,4 +1,4 @@
-"""Where video goes: a platform, or the address of a standard receiver, which gets a description."""
+"""Destinations of video: a platform, or a standard receiver, which needs a session description."""
 
 import msgspec
 
@@ -8,16 +8,16 @@ from swarmware.model import names
 
 
 class Destination(msgspec.Struct, frozen=True):
-    """Receiver of a session."""
+    """Receiver of a session: a platform, or a host with a port."""
 
     platform: str = ""
-    """Platform, or one computer of it; empty: an address."""
+    """Name of a platform or of one of its computers, or "" if the receiver is an address."""
     host: str = ""
     port: int = 0
 
     @classmethod
     def parse(cls, text: str) -> "Destination":
-        """A platform, HOST:PORT, or [IPv6 address]:PORT.
+        """Parses a platform, HOST:PORT, or [IPv6 address]:PORT.
 
         Raises: InvalidInput.
         """
@@ -25,7 +25,7 @@ class Destination(msgspec.Struct, frozen=True):
         if not colon:
             return cls(platform=names.check_computer(text))
         host = host.removeprefix("[").removesuffix("]")
-        # the next port gets the reports
+        # the next higher port receives the reports
         if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 0xFFFF:
             raise InvalidInput(f"receiver {text!r}: expected a platform, or HOST:PORT with a port to 65534")
         return cls(host=host, port=int(port))
@@ -37,7 +37,7 @@ class Destination(msgspec.Struct, frozen=True):
 
 
 def session_description(session: int, name: str, host: str, port: int) -> str:
-    """The description (RFC 8866, RFC 6184) of one session, whose receiver has this address."""
+    """SDP description (RFC 8866, RFC 6184) of a session, for a receiver with this address."""
     family = "IP6" if ":" in host else "IP4"
     lines = (
         "v=0",

@@ -9,29 +9,29 @@ import msgspec
 from swarmware.errors import WireError
 
 IDR: Final = 5
-"""Slice of a picture from which decoding can begin."""
+"""Type of a NAL unit with a slice of a key picture, at which decoding can begin."""
 STAP_A: Final = 24
 FU_A: Final = 28
 _SINGLE: Final = range(1, 24)
 _TYPE: Final = 0x1F
 _REFERENCE: Final = 0x60
-"""Importance of a NAL unit for others (`nal_ref_idc`)."""
+"""Mask of `nal_ref_idc`, the importance of a NAL unit for other ones."""
 _FORBIDDEN: Final = 0x80
 _START: Final = 0x80
 _END: Final = 0x40
 _START_CODE: Final = re.compile(b"\x00\x00\x01")
 ANNEX_B: Final = b"\x00\x00\x00\x01"
 UNIT_MAX: Final = 4 * 1024 * 1024
-"""Largest NAL unit and picture that are put together."""
+"""Maximum size of a picture that is reassembled."""
 
 
 def nal_units(stream: bytes) -> list[bytes]:
-    """NAL units of a byte stream (H.264, annex B)."""
+    """Splits a byte stream (H.264, annex B) into NAL units."""
     starts = [found.span() for found in _START_CODE.finditer(stream)]
     if not starts:
         return []
     ends = [begin for begin, _ in starts[1:]] + [len(stream)]
-    # zeros before a start code belong to it: a NAL unit never ends with one
+    # zeros before a start code belong to it, because a NAL unit never ends with a zero
     units = (stream[start:end].rstrip(b"\x00") for (_, start), end in zip(starts, ends, strict=True))
     return [unit for unit in units if unit]
 
@@ -42,7 +42,7 @@ def unit_type(unit: bytes) -> int:
 
 
 def packetize(units: Iterable[bytes], payload_max: int) -> list[bytes]:
-    """Payloads of RTP packets for the NAL units of one picture, none longer than the limit."""
+    """Payloads of RTP packets for the NAL units of one picture, each up to `payload_max` bytes."""
     payloads: list[bytes] = []
     small: list[bytes] = []
     room = payload_max - 1
@@ -78,29 +78,29 @@ def _fragments(unit: bytes, payload_max: int) -> list[bytes]:
 
 
 class AccessUnit(msgspec.Struct, frozen=True):
-    """The NAL units of one picture."""
+    """All NAL units of one picture."""
 
     timestamp: int
-    """90 kHz, modulo 2³²."""
+    """Instant of the picture in units of 1/90 000 s, modulo 2³²."""
     units: tuple[bytes, ...]
 
     @property
     def is_key(self) -> bool:
-        """Whether decoding can begin here."""
+        """True if decoding can begin at this picture."""
         return any(unit_type(unit) == IDR for unit in self.units)
 
     @property
     def stream(self) -> bytes:
-        """As a byte stream (H.264, annex B)."""
+        """The picture as a byte stream (H.264, annex B)."""
         return b"".join(ANNEX_B + unit for unit in self.units)
 
 
 class Depacketizer:
-    """Puts the pictures together from payloads in order; a picture with a gap is dropped."""
+    """Reassembles pictures from payloads in order; a picture with a gap is dropped."""
 
     def __init__(self) -> None:
         self.damaged = 0
-        """Pictures with a gap."""
+        """Number of pictures dropped because of a gap."""
         self._units: list[bytes] = []
         self._fragment: bytearray | None = None
         self._timestamp: int | None = None
@@ -108,18 +108,18 @@ class Depacketizer:
         self._bytes = 0
 
     def on_gap(self) -> None:
-        """Packets before the next payload are lost."""
+        """Takes that packets before the next payload are lost."""
         self._is_damaged = True
         self._fragment = None
 
     def on_payload(self, payload: bytes, timestamp: int, marker: bool) -> list[AccessUnit]:
-        """Pictures that are complete with this payload.
+        """Takes a payload; returns the pictures that it completes.
 
-        Raises: WireError for a payload of another mode, and for a damaged one; its picture is dropped.
+        Raises: WireError if the payload is damaged or of another mode; its picture is dropped.
         """
         done: list[AccessUnit] = []
         if self._timestamp is not None and timestamp != self._timestamp:
-            done = self._finish()  # the packet with the marker is lost, or there is none
+            done = self._finish()  # the packet with the marker is lost, or the sender sets no marker
         self._timestamp = timestamp
         try:
             self._take(payload)
@@ -164,7 +164,7 @@ class Depacketizer:
         header = payload[1]
         if bool(header & _START) == (self._fragment is not None) or header & _TYPE not in _SINGLE:
             if self._is_damaged:
-                return  # its begin was lost, which is known already
+                return  # the first fragment was lost, and the picture is marked as damaged already
             raise WireError("H.264 fragment: not the next one of its NAL unit")
         if self._fragment is None:
             self._fragment = bytearray((payload[0] & _REFERENCE | header & _TYPE,))

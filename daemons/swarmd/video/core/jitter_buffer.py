@@ -1,4 +1,4 @@
-"""The jitter buffer: packets in order; a missing one is waited for, then it is a gap."""
+"""The jitter buffer, which puts packets in order; a missing packet becomes a gap after a wait."""
 
 from typing import Final
 
@@ -7,33 +7,33 @@ import msgspec
 from swarmd.video.core.rtp_packet import RtpPacket
 
 PACKETS_MAX: Final = 1024
-"""Packets that wait for a missing one: more than this and it counts as lost."""
+"""Maximum number of packets that wait for a missing packet before it counts as lost."""
 RESTART: Final = 3000
-"""Step in the numbers that is not a loss but another beginning (RFC 3550, appendix A.1: MAX_DROPOUT)."""
+"""Step in the sequence numbers that is a restart, not a loss (RFC 3550, appendix A.1: MAX_DROPOUT)."""
 
 
 class OrderedPacket(msgspec.Struct, frozen=True):
-    """A packet in its order."""
+    """A packet in sequence, with the size of the gap before it."""
 
     packet: RtpPacket
     lost: int = 0
-    """Packets missing before it."""
+    """Number of lost packets before this packet."""
 
 
 class JitterBuffer:
-    """Reorders packets by their numbers."""
+    """Reorders packets by their sequence numbers."""
 
     def __init__(self, wait_ns: int) -> None:
-        """`wait_ns`: how long a missing packet is waited for."""
+        """`wait_ns`: time to wait for a missing packet."""
         self._wait_ns = wait_ns
         self._waiting: dict[int, tuple[RtpPacket, int]] = {}
         self._next: int | None = None
         self.late = 0
-        """Packets that came after they counted as lost."""
+        """Number of packets that arrived after they counted as lost."""
         self.duplicates = 0
 
     def put(self, number: int, packet: RtpPacket, now_ns: int) -> list[OrderedPacket]:
-        """Take a packet; those that are in order now."""
+        """Takes a packet; returns the packets that are now in sequence."""
         if self._next is None or abs(number - self._next) > RESTART:
             self._waiting.clear()
             self._next = number
@@ -47,11 +47,11 @@ class JitterBuffer:
         return self._ordered(now_ns)
 
     def on_due(self, now_ns: int) -> list[OrderedPacket]:
-        """Packets whose predecessors were waited for in vain."""
+        """Returns the packets behind a gap whose wait is over."""
         return self._ordered(now_ns)
 
     def deadline_ns(self) -> int | None:
-        """When the first gap counts as lost; None: nothing waits."""
+        """Instant at which the first gap counts as lost, or None if no packet waits."""
         if not self._waiting:
             return None
         return self._waiting[min(self._waiting)][1] + self._wait_ns

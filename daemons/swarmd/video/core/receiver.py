@@ -1,4 +1,4 @@
-"""The receiving end of a session: RTP packets into pictures in order, and reports to the sender."""
+"""The receiving end of a session: turns RTP packets into pictures in order, and reports to the sender."""
 
 from collections import deque
 from typing import Final
@@ -16,20 +16,20 @@ from swarmd.video.core.session_counters import SessionCounters
 from swarmware.errors import WireError
 
 ARRIVALS_EVERY: Final = 3
-"""Packets after which their arrival is reported."""
+"""Number of packets after which their arrivals are reported."""
 ARRIVALS_NS: Final = 50_000_000
-"""Longest time from an arrival to its report (RFC 8888, section 3.2: 50 ms to 200 ms)."""
+"""Maximum time from an arrival to its report (RFC 8888, section 3.2: 50 ms to 200 ms)."""
 REPORT_NS: Final = 1_000_000_000
 KEY_FRAME_NS: Final = 300_000_000
-"""Between two requests for a key frame."""
+"""Minimum time between two requests for a key frame."""
 OVERLAP: Final = 64
-"""Packets reported again, because a report may be lost."""
+"""Number of packets that are reported again, because a report may be lost."""
 KEPT: Final = 512
 SECOND_NS: Final = 1_000_000_000
 
 
 class Decode(msgspec.Struct, frozen=True):
-    """Decode a picture; none is missing since the last key frame."""
+    """Action: decode a picture; no picture is missing since the last key frame."""
 
     unit: AccessUnit
 
@@ -38,15 +38,15 @@ ReceiverAction = SendRtp | Decode | EndSession
 
 
 class ReceiverCounters(SessionCounters):
-    """What a receiver got."""
+    """Counters of the receiving end."""
 
     gaps: int = 0
     dropped: int = 0
-    """Pictures that were damaged, or could not be decoded without a lost one."""
+    """Pictures that were damaged, or depend on a lost picture."""
 
 
 def receiver_ssrc(source: int) -> int:
-    """SSRC of the receiver of a source: any other number, the same at both ends."""
+    """SSRC of the receiver of a source, which both ends derive from the source's number."""
     return source ^ 1
 
 
@@ -58,7 +58,7 @@ class VideoReceiver:
         self.counters = ReceiverCounters()
         self.buffer = JitterBuffer(round(config.wait_s * 1e9))
         self.jitter = 0.0
-        """Units of timestamps (RFC 3550, appendix A.8)."""
+        """Interarrival jitter in units of timestamps (RFC 3550, appendix A.8)."""
         self._received_ns = now_ns
         self._silence_ns = round(config.silence_s * 1e9)
         self._ssrc = receiver_ssrc(source)
@@ -77,14 +77,14 @@ class VideoReceiver:
         """Expected and received packets at the last report."""
         self._first: int | None = None
         self._sender_report: tuple[int, int] | None = None
-        """Middle of the NTP time of the last sender report, and its arrival."""
+        """Middle 32 bits of the NTP time of the last sender report, and the arrival of the report."""
 
     def is_silent(self, now_ns: int) -> bool:
-        """Whether no packet has come for too long."""
+        """True if no packet has arrived for the silence time."""
         return now_ns - self._received_ns > self._silence_ns
 
     def on_packet(self, data: bytes, now_ns: int) -> list[ReceiverAction]:
-        """A packet of the sender, RTP or RTCP; others are refused and counted."""
+        """Takes an RTP or RTCP packet of the sender; other packets are refused and counted."""
         try:
             if rtp_packet.is_rtcp(data):
                 return self._on_rtcp(rtcp.decode(data), now_ns)
@@ -106,11 +106,11 @@ class VideoReceiver:
         return [*self._pictures(ordered, now_ns), *self._due_reports(now_ns)]
 
     def on_timer(self, now_ns: int) -> list[ReceiverAction]:
-        """Gaps that are final, and reports that are due."""
+        """Ends the wait for missing packets, and sends due reports."""
         return [*self._pictures(self.buffer.on_due(now_ns), now_ns), *self._due_reports(now_ns)]
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called."""
+        """Instant of the next call of `on_timer`."""
         instants = [self._report_ns, self.buffer.deadline_ns()]
         if self._first_unreported_ns is not None:
             instants.append(self._first_unreported_ns + ARRIVALS_NS)
@@ -124,6 +124,7 @@ class VideoReceiver:
             if item.lost:
                 self.counters.lost += item.lost
                 self.counters.gaps += 1
+                # further pictures refer to the lost one, so decoding waits for a key frame
                 self._depacketizer.on_gap()
                 self._waits_for_key = True
             packet = item.packet
@@ -146,7 +147,7 @@ class VideoReceiver:
         return actions
 
     def on_undecodable(self, now_ns: int) -> list[ReceiverAction]:
-        """The decoder has refused a picture."""
+        """Takes that the decoder has refused a picture, and requests a key frame."""
         self.counters.dropped += 1
         self._waits_for_key = True
         return self._due_reports(now_ns)
@@ -168,7 +169,7 @@ class VideoReceiver:
         transit = now_ns * CLOCK_HZ / SECOND_NS - timestamp
         if self._transit is not None:
             step = abs(transit - self._transit)
-            if step < CLOCK_HZ:  # not at a wrap-around of the timestamp
+            if step < CLOCK_HZ:  # a larger step is a wrap-around of the timestamp
                 self.jitter += (step - self.jitter) / 16
         self._transit = transit
 

@@ -16,7 +16,7 @@ PAYLOAD_FEEDBACK: Final = 206
 _PICTURE_LOSS: Final = 1
 """Format of PAYLOAD_FEEDBACK: the receiver needs a key frame (RFC 4585, section 6.3.1)."""
 _FULL_INTRA: Final = 4
-"""Format of PAYLOAD_FEEDBACK: likewise (RFC 5104, section 4.3.1)."""
+"""Format of PAYLOAD_FEEDBACK: the receiver requests a key frame (RFC 5104, section 4.3.1)."""
 _ARRIVALS: Final = 11
 """Format of TRANSPORT_FEEDBACK (RFC 8888, section 3.1)."""
 _HEAD: Final = struct.Struct("!BBH")
@@ -24,63 +24,63 @@ _BLOCK: Final = struct.Struct("!IIIIII")
 _SENDER: Final = struct.Struct("!IIIII")
 _ARRIVED: Final = 0x8000
 _OFFSET_MAX: Final = 0x1FFD
-"""Longest arrival offset, in 1/1024 s (RFC 8888, section 3.1)."""
+"""Maximum arrival offset, in 1/1024 s (RFC 8888, section 3.1)."""
 ARRIVALS_MAX: Final = 512
 NTP_EPOCH_S: Final = 2_208_988_800
-"""1970 on the scale of NTP (RFC 5905, figure 4)."""
+"""Seconds from the NTP epoch 1900 to the Unix epoch 1970 (RFC 5905, figure 4)."""
 
 
 class SenderReport(msgspec.Struct, frozen=True):
-    """What a sender has sent, and how its timestamps map to time."""
+    """Totals of a sender, and the mapping of its timestamps to NTP time."""
 
     ssrc: int
     ntp: int
-    """NTP time, 32.32 bits."""
+    """NTP time in a 32.32 bit fixed-point format."""
     timestamp: int
     packets: int
     octets: int
 
 
 class ReceiverReport(msgspec.Struct, frozen=True):
-    """Reception of one source."""
+    """Reception of one source, as its receiver reports it."""
 
     ssrc: int
-    """Of the receiver."""
+    """SSRC of the receiver."""
     source: int
     lost_ratio: float
-    """Since the last report."""
+    """Loss ratio since the last report."""
     lost: int
-    """Since the beginning."""
+    """Number of lost packets since the beginning."""
     highest: int
-    """Extended sequence number."""
+    """Highest received sequence number, extended by the count of wrap-arounds."""
     jitter: int
-    """In units of timestamps."""
+    """Interarrival jitter in units of timestamps."""
     last_report: int
-    """The middle 32 bits of the NTP time of the last sender report; 0: none."""
+    """Middle 32 bits of the NTP time of the last sender report, or 0 without one."""
     delay: int
-    """Since that report, in 1/65536 s."""
+    """Delay since the last sender report, in 1/65536 s."""
 
 
 class KeyFrameRequest(msgspec.Struct, frozen=True):
-    """The receiver cannot decode before the next key frame."""
+    """Request of a receiver that cannot decode before the next key frame."""
 
     ssrc: int
     source: int
 
 
 class PacketArrivals(msgspec.Struct, frozen=True):
-    """Which packets have arrived, and when."""
+    """Arrivals of a range of packets."""
 
     ssrc: int
     source: int
     begin: int
     """Sequence number of the first packet."""
     ages_ns: tuple[int | None, ...]
-    """Time from the arrival of each packet to this report; None: it has not arrived."""
+    """Time from the arrival of each packet to this report, or None for a missing packet."""
 
 
 class Bye(msgspec.Struct, frozen=True):
-    """The sender of this packet ends."""
+    """Notice that the sender of this packet ends the session."""
 
     ssrc: int
 
@@ -89,13 +89,13 @@ Report = SenderReport | ReceiverReport | KeyFrameRequest | PacketArrivals | Bye
 
 
 def ntp_of(utc_ns: int) -> int:
-    """NTP time, 32.32 bits, of a UTC instant."""
+    """Converts a UTC instant to NTP time in a 32.32 bit fixed-point format."""
     seconds, rest_ns = divmod(utc_ns, 1_000_000_000)
     return (seconds + NTP_EPOCH_S & 0xFFFF_FFFF) << 32 | (rest_ns << 32) // 1_000_000_000
 
 
 def encode(report: Report) -> bytes:
-    """Encode one report as RTCP."""
+    """Encodes one report as an RTCP packet."""
     match report:
         case SenderReport():
             body = report.ssrc.to_bytes(4) + _SENDER.pack(
@@ -127,7 +127,7 @@ def encode(report: Report) -> bytes:
 
 
 def description(ssrc: int, name: str) -> bytes:
-    """Source description with the canonical name, which begins or follows every report (section 6.1)."""
+    """Source description with the canonical name, which accompanies every report (RFC 3550, section 6.1)."""
     text = name.encode()[:255]
     chunk = ssrc.to_bytes(4) + bytes((1, len(text))) + text
     return _packet(1, DESCRIPTION, chunk + bytes(4 - len(chunk) % 4))
@@ -143,6 +143,7 @@ def _encode_arrivals(report: PacketArrivals) -> bytes:
         for age_ns in report.ages_ns
     ]
     counted = len(words)
+    # the arrivals are padded to whole words of 32 bits
     if counted % 2:
         words.append(0)
     body = struct.pack(
@@ -152,9 +153,9 @@ def _encode_arrivals(report: PacketArrivals) -> bytes:
 
 
 def decode(data: bytes) -> list[Report]:
-    """The reports of a compound packet; other types are skipped.
+    """Decodes the reports of a compound packet; other types of RTCP packets are skipped.
 
-    Raises: WireError for anything but RTCP packets, one after another.
+    Raises: WireError for anything but a sequence of RTCP packets.
     """
     reports: list[Report] = []
     at = 0

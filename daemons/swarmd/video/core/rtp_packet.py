@@ -13,27 +13,27 @@ HEADER_BYTES: Final = _HEADER.size
 CLOCK_HZ: Final = 90_000
 """Clock of the timestamps of H.264 (RFC 6184, section 5.1)."""
 PAYLOAD_TYPE: Final = 96
-"""The first dynamic number (RFC 3551, section 6)."""
+"""First dynamic payload type (RFC 3551, section 6)."""
 _RTCP_TYPES: Final = range(192, 224)
-"""Packet types of RTCP, where RTP has marker and payload type (RFC 5761, section 4)."""
+"""Packet types of RTCP, in the byte where RTP has marker and payload type (RFC 5761, section 4)."""
 
 
 class RtpPacket(msgspec.Struct, frozen=True):
-    """One RTP packet without padding, sources of a mixer and header extension."""
+    """One RTP packet, without padding, contributing sources and header extension."""
 
     sequence: int
-    """Modulo 2¹⁶."""
+    """Sequence number modulo 2¹⁶."""
     timestamp: int
-    """Instant of the picture, 90 kHz modulo 2³²."""
+    """Instant of the picture in units of 1/90 000 s, modulo 2³²."""
     ssrc: int
     payload: bytes
     marker: bool = False
-    """Last packet of a picture."""
+    """True for the last packet of a picture."""
     payload_type: int = PAYLOAD_TYPE
 
 
 def encode(packet: RtpPacket) -> bytes:
-    """Encode a packet with its header."""
+    """Encodes a packet with its header."""
     header = _HEADER.pack(
         VERSION << 6,
         packet.marker << 7 | packet.payload_type,
@@ -45,7 +45,7 @@ def encode(packet: RtpPacket) -> bytes:
 
 
 def decode(data: bytes) -> RtpPacket:
-    """Decode a packet; padding, sources and header extension are removed.
+    """Decodes a packet; padding, contributing sources and header extension are removed.
 
     Raises: WireError for anything but a packet of version 2 with a payload.
     """
@@ -60,34 +60,36 @@ def decode(data: bytes) -> RtpPacket:
             raise WireError("RTP packet: cut short in its header extension")
         start += 4 + 4 * int.from_bytes(data[start + 2 : start + 4])
     if first & 0x20:
-        end -= data[-1] or len(data)  # a length of 0 is invalid: the length itself counts
+        end -= data[-1] or len(data)  # the length includes its own byte, so 0 is invalid
     if end <= start:
         raise WireError(f"RTP packet of {len(data)} bytes: no payload")
     return RtpPacket(sequence, timestamp, ssrc, data[start:end], bool(second & 0x80), second & 0x7F)
 
 
 def is_rtcp(data: bytes) -> bool:
-    """Whether bytes on the port of both are RTCP."""
+    """True if a packet is RTCP, False if it is RTP."""
     return len(data) > 1 and data[1] in _RTCP_TYPES
 
 
 class SequenceExtender:
-    """Sequence numbers without wrap-around: the nearest to the highest one so far."""
+    """Extends sequence numbers beyond 16 bits, to the number nearest to the highest number so far."""
 
     def __init__(self) -> None:
         self.highest: int | None = None
 
     def extend(self, sequence: int) -> int:
-        """The number of a packet that has arrived, counted from 2¹⁶ on."""
+        """Extended number of an arrived packet, which may be the new highest one."""
         if self.highest is None:
-            self.highest = 0x1_0000 + sequence  # room for packets before the first one
+            self.highest = (
+                0x1_0000 + sequence
+            )  # not 0, so that packets before the first one have positive numbers
             return self.highest
         number = self.nearest(sequence)
         self.highest = max(self.highest, number)
         return number
 
     def nearest(self, sequence: int) -> int:
-        """The number that a packet with this sequence number has, near the highest one."""
+        """Extended number of a sequence number, nearest to the highest number."""
         highest = self.highest or 0
         step = (sequence - highest) & 0xFFFF
         return highest + (step if step < 0x8000 else step - 0x1_0000)

@@ -1,4 +1,4 @@
-"""The sending end of a session: pictures into paced RTP packets, reports into the rate of the encoder."""
+"""The sending end of a session: paces pictures as RTP packets, and sets the encoder's rate by the reports."""
 
 from collections import deque
 from typing import Final
@@ -15,58 +15,58 @@ from swarmware.transport.delivery.bitrate_control import BitrateControl
 from swarmware.transport.delivery.rate_control import RateControl
 
 REPORT_NS: Final = 1_000_000_000
-"""Between sender reports, which receivers need for the round trip."""
+"""Period of sender reports, from which receivers make the round trip measurable."""
 REORDERED: Final = 3
-"""Packets that may overtake another one before it counts as lost (RFC 9002, section 6.1.1)."""
+"""Number of packets that overtake a packet before it counts as lost (RFC 9002, section 6.1.1)."""
 SILENCE_NS: Final = 1_000_000_000
-"""Without an arrival: what is in flight counts as lost."""
+"""Time without an arrival after which all packets in flight count as lost."""
 HOLD_NS: Final = 100_000_000
-"""Age of the oldest waiting packet from which pictures are not encoded: the queue must drain first."""
+"""Age of the oldest waiting packet above which pictures are skipped, so that the queue can drain."""
 DISCARD_NS: Final = 1_000_000_000
-"""Age from which the waiting packets are worth nothing: the receiver gets a key frame instead."""
+"""Age at which waiting packets are discarded as outdated, and a key frame is sent instead."""
 PATH_BYTES: Final = 150
-"""Headers of a packet below RTP: frame, seal, UDP and IP."""
+"""Size of the headers of a packet below RTP: frame, seal, UDP and IP."""
 GUARD_S: Final = 0.17
-"""Queue of what is in flight in a link that falls to the guarded rate at once; packets that count as lost and
-are still on their way add to it, up to about 0.2 s."""
+"""Queue, in seconds, of the data in flight in a link that falls to the guarded rate. Packets that count as
+lost but are still on their way add to the queue, up to about 0.2 s."""
 RTP_BYTES: Final = 12
 ROUND_TRIP_MIN_NS: Final = 10_000_000
 
 
 class SendRtp(msgspec.Struct, frozen=True):
-    """Send a packet, RTP or RTCP, to the receiver."""
+    """Action: send an RTP or RTCP packet to the other end."""
 
     data: bytes
 
 
 class SetBitrate(msgspec.Struct, frozen=True):
-    """The encoder is to use this rate from now on."""
+    """Action: set the rate of the encoder."""
 
     bit_s: int
 
 
 class EncodeKeyFrame(msgspec.Struct, frozen=True):
-    """The next picture must be a key frame."""
+    """Action: encode the next picture as a key frame."""
 
 
 class EndSession(msgspec.Struct, frozen=True):
-    """The receiver has ended the session."""
+    """Action: end the session, as the other end has done."""
 
 
 SenderAction = SendRtp | SetBitrate | EncodeKeyFrame | EndSession
 
 
 class SenderCounters(SessionCounters):
-    """What a sender did; what it refuses are reports."""
+    """Counters of the sending end, whose `refused` counts reports."""
 
     skipped: int = 0
-    """Pictures not encoded, because packets waited."""
+    """Number of pictures that were not encoded, because packets were waiting."""
     discarded: int = 0
-    """Packets that waited too long."""
+    """Number of packets that were discarded after too long a wait."""
 
 
 class VideoSender:
-    """Packets of one source of RTP, and the control of its rate."""
+    """Sends the packets of one RTP source, and controls its rate."""
 
     def __init__(
         self,
@@ -91,18 +91,18 @@ class VideoSender:
         self.counters = SenderCounters()
         self.round_trip_ns: int | None = None
         self.reported_ns: int | None = None
-        """Last report of the receiver."""
+        """Instant of the receiver's last report."""
         self._arrived_ns = now_ns
-        """Last report of an arrival."""
+        """Instant of the last report with a new arrival."""
         self._reports_arrivals = reports_arrivals
         self._payload_max = payload_max
         self._sequence = first_sequence
         self._waiting: deque[tuple[RtpPacket, int]] = deque()
-        """Packets with the instants at which they were made."""
+        """Packets before the link, with the instants at which they were made."""
         self._in_flight: dict[int, tuple[int, int]] = {}
-        """Size and instant of packets that nothing is known of, by sequence number modulo 2¹⁶."""
+        """Size and send instant of unacknowledged packets, by sequence number modulo 2¹⁶."""
         self._lost: dict[int, int] = {}
-        """Packets that count as lost, in case they arrive."""
+        """Sizes of packets that count as lost, kept to detect a late arrival."""
         self._paced_until_ns: int | None = None
         self._report_ns = now_ns
         self._timestamp = (0, now_ns)
@@ -111,30 +111,30 @@ class VideoSender:
         self._silence_ns = round(config.silence_s * 1e9)
         self._began_ns = now_ns
         self._guard_bytes = int(config.guard_bit_s * GUARD_S / 8)
-        """What may be in flight, however fast the link is; 0: any."""
+        """Maximum number of bytes in flight, however fast the link is, or 0 for no limit."""
 
     @property
     def queueing_ns(self) -> int:
-        """Queue in the link."""
+        """Measured queueing delay in the link."""
         return self.window.queueing_ns
 
     def waiting_ns(self, now_ns: int) -> int:
-        """Age of the oldest packet that waits before the link."""
+        """Age of the oldest packet that waits before the link, or 0 if none waits."""
         return now_ns - self._waiting[0][1] if self._waiting else 0
 
     def is_silent(self, now_ns: int) -> bool:
-        """Whether a receiver that must report has not for too long."""
+        """True if a receiver that must report has been silent for too long."""
         return self._reports_arrivals and now_ns - (self.reported_ns or self._began_ns) > self._silence_ns
 
     def may_encode(self, now_ns: int) -> bool:
-        """Whether the next picture is to be encoded; counts it as skipped otherwise."""
+        """True if the next picture is to be encoded; otherwise counts it as skipped."""
         if self.waiting_ns(now_ns) <= HOLD_NS:
             return True
         self.counters.skipped += 1
         return False
 
     def on_picture(self, stream: bytes, timestamp: int, now_ns: int) -> list[SenderAction]:
-        """A picture was encoded, a byte stream of NAL units."""
+        """Takes an encoded picture, a byte stream of NAL units, and sends its packets."""
         payloads = packetize(nal_units(stream), self._payload_max)
         for index, payload in enumerate(payloads):
             marker = index == len(payloads) - 1
@@ -146,12 +146,12 @@ class VideoSender:
         return self._send(now_ns)
 
     def on_pin(self, bit_s: int, pinned: bool, now_ns: int) -> list[SenderAction]:
-        """An operator sets the rate."""
+        """Takes the rate that an operator sets."""
         self.bitrate.pin(bit_s, pinned, now_ns)
         return self._asked(change_min=0.0)
 
     def on_rtcp(self, reports: list[rtcp.Report], now_ns: int) -> list[SenderAction]:
-        """Reports of the receiver."""
+        """Takes the reports of the receiver."""
         actions: list[SenderAction] = []
         for report in reports:
             match report:
@@ -171,11 +171,11 @@ class VideoSender:
         return [*actions, *self._asked(), *self._send(now_ns)]
 
     def count_garbage(self) -> None:
-        """A packet of the receiver was not RTCP."""
+        """Counts a packet of the receiver that was not RTCP."""
         self.counters.refused += 1
 
     def on_timer(self, now_ns: int) -> list[SenderAction]:
-        """Packets that the pace allows, the sender report, the end of waiting."""
+        """Sends the packets that the pace allows and the sender report, and discards outdated packets."""
         actions: list[SenderAction] = []
         if self.waiting_ns(now_ns) >= DISCARD_NS:
             self.counters.discarded += len(self._waiting)
@@ -189,7 +189,7 @@ class VideoSender:
         return [*actions, *self._asked(), *self._send(now_ns)]
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called."""
+        """Instant of the next call of `on_timer`."""
         instants = [self._report_ns]
         if self._paced_until_ns is not None:
             instants.append(self._paced_until_ns)
@@ -203,7 +203,7 @@ class VideoSender:
         while self._waiting:
             if self._reports_arrivals and not self.window.has_room(reserve=False):
                 self.window.on_limited()
-                break  # until reports come, or silence
+                break  # until reports free the window, or a silence resets it
             if self._reports_arrivals and self._exceeds_guard(len(self._waiting[0][0].payload)):
                 break
             wait_ns = self._wait_ns(now_ns)
@@ -222,17 +222,17 @@ class VideoSender:
         return actions
 
     def _exceeds_guard(self, payload_bytes: int) -> bool:
-        """Whether another packet would wait too long in a link that falls to the guarded rate now."""
+        """True if another packet would wait too long in a link that falls to the guarded rate now."""
         in_flight = self.window.in_flight
         size = payload_bytes + RTP_BYTES + PATH_BYTES
         return bool(self._guard_bytes and in_flight) and in_flight + size > self._guard_bytes
 
     def _wait_ns(self, now_ns: int) -> int:
-        """Pace: a little faster than the encoder, so that no picture fills the link's queue at once."""
+        """Pause before the next packet, so that a picture does not fill the link's queue at once."""
         round_trip_ns = max(self.round_trip_ns or 0, ROUND_TRIP_MIN_NS)
         if self._reports_arrivals:
             return self.window.wait_ns(round_trip_ns, now_ns)
-        # the window has not been measured: the time in which the encoder fills it
+        # without reports of arrivals the window is spread over the time in which the encoder fills it, halved
         return self.window.wait_ns(int(self.window.window * 8e9 / (2.0 * self.bitrate.bit_s)), now_ns)
 
     def _on_report(self, report: ReceiverReport, now_ns: int) -> None:
@@ -243,7 +243,7 @@ class VideoSender:
             if ticks < 0x8000_0000:
                 round_trip_ns = ticks * 1_000_000_000 >> 16
         if self._reports_arrivals:
-            return  # its arrivals say more
+            return  # the reports of arrivals are more precise
         self.counters.lost = max(report.lost, 0)
         self.round_trip_ns = round_trip_ns if round_trip_ns is not None else self.round_trip_ns
         self.bitrate.on_report(report.lost_ratio, round_trip_ns, now_ns)
@@ -268,6 +268,7 @@ class VideoSender:
             size, sent_ns = sent
             window.on_acknowledged(size)
             self.bitrate.on_received(size, now_ns)
+            # without the time for which the receiver held the report
             round_trip_ns = max(now_ns - sent_ns - age_ns, 1)
             window.on_round_trip(round_trip_ns, now_ns)
             before_ns = self.round_trip_ns or round_trip_ns
@@ -277,7 +278,7 @@ class VideoSender:
         self.bitrate.on_queue(self.queueing_ns, self.waiting_ns(now_ns), now_ns)
 
     def _on_lost_before(self, sequence: int | None) -> None:
-        """Packets in flight up to this number are lost."""
+        """Counts all packets in flight up to this sequence number as lost."""
         if sequence is None:
             return
         gone = [one for one in self._in_flight if (sequence - one) & 0xFFFF < 0x8000]
@@ -287,10 +288,11 @@ class VideoSender:
             self.counters.lost += 1
             self._lost[one] = size
         while len(self._lost) > 1024:
+            # evicts the oldest packet, which is the least likely to arrive
             del self._lost[next(iter(self._lost))]
 
     def _on_silence(self, now_ns: int) -> None:
-        # a receiver behind a link that is cut in one direction still reports that nothing arrives
+        # judged by arrivals, because a receiver behind a one-way link still reports that nothing arrives
         if not self._in_flight or now_ns - self._arrived_ns < SILENCE_NS:
             return
         for size, _ in self._in_flight.values():
@@ -308,7 +310,7 @@ class VideoSender:
         return rtcp.encode(sent) + rtcp.description(self.ssrc, f"swarm-{self.ssrc:08x}")
 
     def _asked(self, change_min: float = 0.03) -> list[SenderAction]:
-        """The rate for the encoder, when it has changed by this share."""
+        """Sets the encoder's rate if it has changed by more than the ratio `change_min`."""
         bit_s = self.bitrate.bit_s
         if abs(bit_s - self._asked_bit_s) <= change_min * self._asked_bit_s:
             return []

@@ -1,4 +1,4 @@
-"""Counters that both ends of a session have, and their part of its report."""
+"""Counters that both ends of a session have in common, and their part of the report."""
 
 import msgspec
 
@@ -6,16 +6,16 @@ from swarmware.types.video import VideoDirection, VideoSession
 
 
 class SessionCounters(msgspec.Struct):
-    """What one end of a session did."""
+    """Counters of one end of a session."""
 
     pictures: int = 0
     packets: int = 0
     octets: int = 0
     lost: int = 0
-    """Packets that did not arrive: as the receiver reported, or missing when their turn came."""
+    """Number of packets that did not arrive."""
     key_frames_asked: int = 0
     refused: int = 0
-    """Packets of another format or source, and damaged ones."""
+    """Number of packets that were damaged, or of another format or source."""
 
     def report(
         self,
@@ -26,7 +26,7 @@ class SessionCounters(msgspec.Struct):
         path: str,
         started_ns: int,
     ) -> VideoSession:
-        """The session with these counters; each end adds what it alone knows."""
+        """Report of the session with these counters, to which each end adds its own fields."""
         return VideoSession(
             number,
             direction,

@@ -1,4 +1,4 @@
-"""Which sessions may be, and whose a received packet is."""
+"""Table of the sessions, which admits new sessions and finds the session of a received packet."""
 
 from typing import Generic, NamedTuple, TypeVar
 
@@ -11,15 +11,15 @@ Received = TypeVar("Received")
 
 
 class Addressed(NamedTuple):
-    """Whose a packet is."""
+    """Session of a received packet, and the end to which the packet is addressed."""
 
     session: int
     to_sender: bool
-    """It is a report about what the session has sent."""
+    """True for a report about the packets of the session, False for a packet of the session itself."""
 
 
 def addressed(data: bytes) -> Addressed:
-    """The session of a packet, RTP or RTCP. Raises: WireError."""
+    """Finds the session number in an RTP or RTCP packet. Raises: WireError."""
     if not rtp_packet.is_rtcp(data):
         return Addressed(rtp_packet.decode(data).ssrc, False)
     for report in rtcp.decode(data):
@@ -32,51 +32,51 @@ def addressed(data: bytes) -> Addressed:
 
 
 class SessionKey(NamedTuple):
-    """A received session: numbers of different senders may be equal."""
+    """Key of a received session; different senders may choose the same number."""
 
     sender_hw: int
     session: int
 
 
 class SessionTable(Generic[Sent, Received]):
-    """The sessions of a node."""
+    """Sent and received sessions of a node, with their names."""
 
     def __init__(self, sessions_max: int) -> None:
-        """`sessions_max`: of those sent, and of those received."""
+        """`sessions_max`: limit of the sent sessions, and of the received sessions."""
         self.sent: dict[int, Sent] = {}
         self.received: dict[SessionKey, Received] = {}
         self.refused = 0
-        """Packets of no session."""
+        """Number of packets that belong to no session."""
         self._names: dict[int | SessionKey, tuple[str, str]] = {}
         self._receivers: dict[int, int] = {}
-        """Hardware id of the receivers of sessions to platforms."""
+        """Hardware id of the receiver, for each session to a platform."""
         self._sessions_max = sessions_max
 
     def check_sent(self, source: str, to: str) -> None:
-        """Check that another session may be sent. Raises: Conflict, OutOfRange."""
+        """Checks that another session may be sent. Raises: Conflict, OutOfRange."""
         if (source, to) in (self._names.get(number) for number in self.sent):
             raise Conflict(f"{source}: sent to {to} already; expected `video stop` before")
         self._check_room(len(self.sent))
 
     def number_sent(self, source: str, to: str) -> int | None:
-        """The session that sends this source there; None: there is none."""
+        """Number of the session that sends this source to this receiver, or None."""
         return next((number for number in self.sent if self._names.get(number) == (source, to)), None)
 
     def names_sent(self) -> list[tuple[str, str]]:
-        """Source and receiver of each session that is sent."""
+        """Source and receiver of each sent session."""
         return [self._names[number] for number in self.sent]
 
     def add_sent(self, number: int, source: str, to: str, receiver_hw: int | None, session: Sent) -> None:
-        """A session is sent from now on; `receiver_hw`: None: to an address."""
+        """Adds a sent session; `receiver_hw` is None if the receiver is an address."""
         self.sent[number] = session
         if receiver_hw is not None:
             self._receivers[number] = receiver_hw
         self._names[number] = (source, to)
 
     def replaced(self, source: str, sender: str) -> SessionKey | None:
-        """The received session that another one of the same source replaces: its sender began again.
+        """Key of the received session that a new session of the same source replaces, or None.
 
-        Raises: OutOfRange when there is none and no room.
+        Raises: OutOfRange when no session is replaced and the table is full.
         """
         for key in self.received:
             if self._names.get(key) == (source, sender):
@@ -85,12 +85,12 @@ class SessionTable(Generic[Sent, Received]):
         return None
 
     def add_received(self, key: SessionKey, source: str, sender: str, session: Received) -> None:
-        """A session is received from now on."""
+        """Adds a received session."""
         self.received[key] = session
         self._names[key] = (source, sender)
 
     def remove(self, key: int | SessionKey) -> None:
-        """A session has ended."""
+        """Removes a session that has ended."""
         self._names.pop(key, None)
         if isinstance(key, SessionKey):
             self.received.pop(key, None)
@@ -99,7 +99,7 @@ class SessionTable(Generic[Sent, Received]):
             self._receivers.pop(key, None)
 
     def find(self, data: bytes, sender_hw: int) -> Sent | Received | None:
-        """The session of a packet from this node; None: it is refused, and counted."""
+        """Session of a packet from this node, or None for a packet that is refused and counted."""
         try:
             number, to_sender = addressed(data)
         except WireError:
@@ -109,7 +109,7 @@ class SessionTable(Generic[Sent, Received]):
         if found is not None:
             return found
         if not to_sender:
-            number = receiver_ssrc(number)  # the end of a session, from its receiver
+            number = receiver_ssrc(number)  # the receiver ends the session, under its own derived number
         if self._receivers.get(number) != sender_hw:
             self.refused += 1
             return None

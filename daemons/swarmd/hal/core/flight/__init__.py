@@ -1,1 +1,1 @@
-"""Flight control without I/O: filters of attitude and motion, the loops of the cascade, the mixer."""
+"""Flight control without I/O: filters of attitude and motion, control loops in cascade, and the mixer."""

@@ -1,4 +1,4 @@
-"""Attitude from gyro, accelerometer and compass: a complementary filter."""
+"""Complementary filter, which estimates the attitude from gyro, accelerometer and compass."""
 
 import math
 from typing import Final
@@ -17,24 +17,24 @@ from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.vehicle import Imu
 
 _UP_KP_1_S: Final = 0.2
-"""Gain of the correction by the accelerometer in flight: the inverse of its time constant."""
+"""Gain of the correction by the accelerometer in flight, the inverse of its time constant."""
 _REST_KP_1_S: Final = 2.0
-"""The same on the ground, where it measures nothing but gravity."""
+"""Gain of the correction by the accelerometer on the ground, where it measures gravity only."""
 _YAW_KP_1_S: Final = 0.5
 """Gain of the correction by the compass."""
 _BIAS_KI_1_S2: Final = 0.01
 """Gain of the estimate of the gyro's bias."""
 _BIAS_MAX_RAD_S: Final = 0.1
-"""Bound of the bias of a MEMS gyro."""
+"""Maximum bias of a MEMS gyro."""
 _NONE: Final = (0.0, 0.0, 0.0)
 _FORCE_RANGE_M_S2: Final = 3.0
-"""Deviation of the specific force from gravity at which it does not show the vertical any more."""
+"""Deviation of the specific force from gravity at which the accelerometer's weight reaches 0."""
 _ACCEL_RANGE_M_S2: Final = 1.5
-"""Commanded horizontal acceleration at which the same holds."""
+"""Commanded horizontal acceleration at which the accelerometer's weight reaches 0."""
 
 
 class AttitudeFilter:
-    """Integrates the gyro, and turns slowly to the vertical and to the heading of the compass.
+    """Integrates the gyro, and corrects it slowly by the vertical and by the heading of the compass.
 
     Source: Mahony, Hamel, Pflimlin 2008, "Nonlinear complementary filters on the special orthogonal group",
     IEEE Trans. Automatic Control 53.
@@ -50,23 +50,24 @@ class AttitudeFilter:
 
     @property
     def rates_rad_s(self) -> Vector:
-        """Rates of the newest sample without the bias of the gyro."""
+        """Body rates of the newest sample, without the gyro's bias."""
         return self._rates
 
     def begin(self, angles_rad: Vector, rates_rad_s: Vector) -> None:
-        """Begins with a known attitude, roll, pitch and yaw, and known body rates."""
+        """Begins with known body rates and a known attitude in roll, pitch and yaw."""
         self._attitude, self._rates, self._begun = from_euler(*angles_rad), rates_rad_s, True
 
     def angles_rad(self) -> Vector:
-        """Roll, pitch and yaw."""
+        """Estimated attitude in roll, pitch and yaw."""
         return to_euler(self._attitude)
 
     def to_map(self, vector: Vector) -> Vector:
-        """A vector of the body in map coordinates."""
+        """Rotates a vector from body axes to map coordinates."""
         return to_map(matrix(self._attitude), vector)
 
     def turn_m_s2(self, velocity_m_s: Vector) -> Vector:
-        """Acceleration in body axes of a vehicle that keeps its velocity in them while it turns."""
+        """Centripetal acceleration, in body axes, of a vehicle that turns with constant velocity in body
+        axes."""
         (p, q, r), (u, v, w) = self._rates, to_body(matrix(self._attitude), velocity_m_s)
         return q * w - r * v, r * u - p * w, p * v - q * u
 
@@ -76,7 +77,7 @@ class AttitudeFilter:
         """Takes a sample of the inertial unit.
 
         `accelerates_m_s2`: commanded horizontal acceleration; `turn_m_s2`: known acceleration in body axes,
-        which is not part of the vertical.
+        which is subtracted before the force is used as the vertical.
         """
         force = (imu.ax_m_s2 - turn_m_s2[0], imu.ay_m_s2 - turn_m_s2[1], imu.az_m_s2 - turn_m_s2[2])
         size = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
@@ -91,6 +92,7 @@ class AttitudeFilter:
         up = to_body(matrix(self._attitude), (0.0, 0.0, 1.0))
         gain = _REST_KP_1_S
         if not landed:
+            # while the vehicle accelerates, the specific force does not show the vertical
             trust = 1 - abs(size - GRAVITY_M_S2) / _FORCE_RANGE_M_S2 - accelerates_m_s2 / _ACCEL_RANGE_M_S2
             gain = _UP_KP_1_S * max(0.0, trust)
         scale = gain / max(size, 1.0)
@@ -100,6 +102,7 @@ class AttitudeFilter:
         z = (force[0] * up[1] - force[1] * up[0]) * scale
         if imu.yaw_rad is not None:
             error = math.remainder(imu.yaw_rad - to_euler(self._attitude)[2], math.tau) * _YAW_KP_1_S
+            # only about the vertical, so that the compass cannot tilt the attitude
             x, y, z = x + error * up[0], y + error * up[1], z + error * up[2]
         learn = _BIAS_KI_1_S2 * dt_s
         bias = self._bias

@@ -1,4 +1,4 @@
-"""Attitude loop: from roll, pitch and yaw rate to body rates."""
+"""Attitude loop: commands body rates for roll, pitch and yaw rate."""
 
 import math
 
@@ -14,7 +14,7 @@ def body_rates(
     kp_1_s: float,
     limit_rad_s: float,
 ) -> Vector:
-    """Commanded rates about the body axes.
+    """Commanded body rates for a commanded roll, pitch and yaw rate.
 
     Source: Beard, McLain 2012, "Small Unmanned Aircraft", equation 3.3.
     """

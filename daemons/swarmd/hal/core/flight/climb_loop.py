@@ -1,4 +1,4 @@
-"""Height and climb loop: from the vertical velocity to the vertical acceleration."""
+"""Height and climb loop: commands a vertical acceleration for a climb rate."""
 
 from typing import Final
 
@@ -6,16 +6,15 @@ from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.model.hover_gains import HoverGains, HoverLimits
 
 _AHEAD_M: Final = 0.3
-"""Largest distance of the commanded height from that of the vehicle."""
+"""Maximum distance of the commanded height from the vehicle's height."""
 _LEARNS_M_S: Final = 1.5
-"""Error of the climb rate from which the integral stays: that of a step or of a fall, not of mass or
-thrust."""
+"""Error of the climb rate above which the integral is frozen; errors of mass or thrust are smaller."""
 _INTEGRAL_MAX_M_S2: Final = 3.0
-"""Bound of the integral: a mass that is not as configured."""
+"""Bound of the integral, which compensates a difference to the configured mass."""
 
 
 class ClimbLoop:
-    """PI controller of the climb rate below a proportional one of the height."""
+    """PI controller of the climb rate, in cascade below a proportional controller of the height."""
 
     __slots__ = ("_height_m", "_integral")
 
@@ -29,7 +28,7 @@ class ClimbLoop:
         self._integral = 0.0
 
     def resume(self) -> None:
-        """Continues after a gap: the commanded height is that of the vehicle."""
+        """Continues after a gap with the vehicle's present height as the commanded height."""
         self._height_m = None
 
     def acceleration_m_s2(
@@ -40,15 +39,14 @@ class ClimbLoop:
         state: FlightState,
         dt_s: float,
     ) -> float:
-        """Vertical acceleration for a climb rate."""
+        """Vertical acceleration that follows a climb rate and keeps the commanded height."""
         wanted_m_s = max(-limits.sink_max_m_s, min(limits.climb_max_m_s, wanted_m_s))
         height_m, climb_m_s = state.position_m[2], state.velocity_m_s[2]
         held = height_m if self._height_m is None else self._height_m + wanted_m_s * dt_s
         held = self._height_m = max(height_m - _AHEAD_M, min(height_m + _AHEAD_M, held))
         error = wanted_m_s + gains.height_kp_1_s * (held - height_m) - climb_m_s
-        learns = (
-            abs(error) < _LEARNS_M_S
-        )  # beyond it the thrust is at its limit, and the integral would wind up
+        # with a larger error the thrust is at its limit, and the integral would wind up
+        learns = abs(error) < _LEARNS_M_S
         integral = self._integral + (gains.climb_ki_1_s2 * error * dt_s if learns else 0.0)
         self._integral = max(-_INTEGRAL_MAX_M_S2, min(_INTEGRAL_MAX_M_S2, integral))
         return gains.climb_kp_1_s * error + self._integral

@@ -1,4 +1,4 @@
-"""Interface of control laws: from a velocity set-point and the estimated state to actuators."""
+"""Interface of control laws, which compute actuator outputs from set-point and estimated state."""
 
 from typing import Protocol, TypeVar
 
@@ -21,55 +21,56 @@ class ControlLaw(Protocol):
         ...
 
     def set_gains(self, gains: dict[str, float]) -> None:
-        """Changes gains by name, also in flight (S2.46); others stay.
+        """Changes gains by name, also in flight (S2.46); other gains stay.
 
-        Raises: Denied when a name is unknown, or a value out of range; none is changed then.
+        Raises: Denied when a name is unknown or a value out of range; no gain is changed then.
         """
         ...
 
     def update(self, wanted: Setpoint, state: FlightState, *, landed: bool, dt_s: float) -> ActuatorOutputs:
-        """The outputs of this control step of an armed vehicle."""
+        """Computes the outputs of one control step of an armed vehicle."""
         ...
 
     @property
     def follows_nose(self) -> bool:
-        """Whether the vehicle moves where its nose points, so that its turns are accelerations."""
+        """True if the vehicle moves where its nose points, so that its turns are accelerations."""
         ...
 
     @property
     def acceleration_m_s2(self) -> float:
-        """Horizontal acceleration that it commanded last."""
+        """Horizontal acceleration of the last command."""
         ...
 
     @property
     def tilt_limit_rad(self) -> float:
-        """Tilt that it never commands, beyond which the vehicle is out of control."""
+        """Tilt above all commanded tilts, beyond which the vehicle counts as out of control."""
         ...
 
     def expect_gap(self, gap_s: float) -> None:
-        """Takes the time for which its outputs may be held: corrections must not grow too large in it."""
+        """Takes the time for which outputs may be held, and limits gains so that held corrections stay
+        stable."""
         ...
 
     def resume(self) -> None:
-        """Continues after a gap: what it has learnt stays, commanded heights begin where the vehicle is."""
+        """Continues after a gap; integrals stay, and the commanded height begins at the vehicle's height."""
         ...
 
     def reset(self) -> None:
-        """Clears all integrals: the vehicle is disarmed."""
+        """Clears all integrals when the vehicle is disarmed."""
         ...
 
 
 class HoverLaw(ControlLaw, Protocol):
-    """Control law of an airframe that hovers."""
+    """Control law of an airframe that can hover."""
 
     @property
     def lift_ratio(self) -> float:
-        """Lift over the weight that it commanded last."""
+        """Ratio of the last commanded lift to the weight."""
         ...
 
 
 def changed(gains: G, by_name: dict[str, float]) -> G:
-    """The gains with some of them changed.
+    """Copies gains, with some of them changed.
 
     Raises: Denied when a name is unknown, or a value out of range.
     """

@@ -1,4 +1,4 @@
-"""Controller of a fixed-wing aircraft: course, airspeed and climb above roll, pitch and their rates."""
+"""Controller of a fixed-wing aircraft: loops of course, airspeed and climb above loops of roll and pitch."""
 
 import math
 from typing import Final
@@ -15,23 +15,23 @@ from swarmware.types.vehicle import Setpoint
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed aircraft is launched."""
 _TILT_MARGIN_RAD: Final = 0.5
-"""Tilt beyond the commanded maximum bank that is a fault: more than a gust causes."""
+"""Tilt beyond the maximum bank that counts as a fault, more than a gust causes."""
 _STOP_M_S: Final = 0.2
-"""Commanded speed below which it loiters."""
+"""Commanded speed below which the aircraft loiters."""
 _ATTACK_MAX_RATIO: Final = 0.8
-"""Largest commanded angle of attack over that of the stall."""
+"""Ratio of the maximum commanded angle of attack to the stall angle."""
 _STALL_MARGIN: Final = 1.08
-"""Airspeed over that of the stall at the load of a turn that still is commanded."""
+"""Minimum ratio of the airspeed to the stall speed at the load factor of a commanded turn."""
 _LOAD_MIN: Final = 1.05
-"""Load of the flattest turn that is always possible, a bank of 0.3 rad."""
+"""Load factor of the flattest turn, always permitted, at a bank of 0.3 rad."""
 _SLOW_RAD_S_M: Final = 0.1
-"""Decrease of the maximum pitch by each m/s below the minimum airspeed."""
+"""Decrease of the maximum pitch per m/s below the minimum airspeed."""
 _AHEAD_M: Final = 3.0
-"""Largest distance of the commanded height from that of the aircraft."""
+"""Maximum distance of the commanded height from the aircraft's height."""
 _TRIM_MAX: Final = 0.3
 """Bound of the pitch loop's integral, in elevator."""
 _LEVEL_RAD: Final = 0.1
-"""Maximum bank in the flare and just after the launch: the wings are near the ground."""
+"""Maximum bank in the flare and after the launch, when the wings are near the ground."""
 _CLIMB_OUT_M: Final = 8.0
 """Height below which a climbing aircraft keeps its wings nearly level."""
 _CLIMB_MAX_RAD: Final = 0.2
@@ -46,28 +46,28 @@ class FixedWingController:
     """Cascade of a fixed-wing aircraft.
 
     A velocity set-point is a course, an airspeed between minimum and maximum, and a climb rate. Without a
-    velocity it flies a circle. Source: Beard and McLain 2012, "Small Unmanned Aircraft", chapter 6.
+    velocity the aircraft flies a circle. Source: Beard and McLain 2012, "Small Unmanned Aircraft", chapter 6.
     """
 
     __slots__ = ("_airframe", "_climb", "_gains", "_height_m", "_pitch", "_roll", "_throttle")
 
     follows_nose: Final = True
     acceleration_m_s2: Final = 0.0
-    """None beside that of its turns, which are known."""
+    """Always 0, because only turns accelerate an aircraft horizontally, and their acceleration is known."""
 
     def __init__(self, airframe: FixedWingAirframe) -> None:
         self._airframe = airframe
         self._gains = airframe.gains
         self._pitch = 0.0
-        """Integral of the pitch loop: elevator."""
+        """Integral of the pitch loop, in elevator."""
         self._roll = 0.0
-        """Integral of the roll loop: aileron."""
+        """Integral of the roll loop, in aileron."""
         self._climb = 0.0
-        """Integral of the climb loop: pitch in rad."""
+        """Integral of the climb loop, in rad of pitch."""
         self._height_m: float | None = None
-        """Commanded height; None: that which it has."""
+        """Commanded height, or None for the present height."""
         self._throttle = 0.0
-        """Integral of the airspeed loop."""
+        """Integral of the airspeed loop, in throttle."""
 
     @property
     def gains(self) -> dict[str, float]:
@@ -75,14 +75,14 @@ class FixedWingController:
         return msgspec.structs.asdict(self._gains)
 
     def set_gains(self, gains: dict[str, float]) -> None:
-        """Changes gains by name, also in flight (S2.46); others stay.
+        """Changes gains by name, also in flight (S2.46); other gains stay.
 
-        Raises: Denied when a name is unknown, or a value out of range; none is changed then.
+        Raises: Denied when a name is unknown or a value out of range; no gain is changed then.
         """
         self._gains = changed(self._gains, gains)
 
     def update(self, wanted: Setpoint, state: FlightState, *, landed: bool, dt_s: float) -> ActuatorOutputs:
-        """The outputs of this control step of an armed vehicle."""
+        """Computes the outputs of one control step of an armed aircraft."""
         if landed:
             self.reset()
             return _LAUNCH if wanted.vz_m_s > _LIFT_M_S else _GROUND
@@ -106,7 +106,7 @@ class FixedWingController:
         return ActuatorOutputs((throttle,), servos)
 
     def _climb_to(self, climb: float, height_m: float, dt_s: float) -> float:
-        """Climb rate that also keeps the commanded height, which is the integral of the set-points."""
+        """Climb rate that also corrects the height, whose command is the integral of the climb set-points."""
         held = height_m if self._height_m is None else self._height_m + climb * dt_s
         self._height_m = min(max(held, height_m - _AHEAD_M), height_m + _AHEAD_M)
         limits = self._airframe.limits
@@ -114,7 +114,7 @@ class FixedWingController:
         return min(max(climb, -limits.sink_max_m_s), limits.climb_max_m_s)
 
     def _bank(self, wanted: Setpoint, state: FlightState, airspeed: float) -> float:
-        """Bank for the commanded course, or for the circle; positive to the right."""
+        """Bank for the commanded course or for the circle, positive to the right."""
         limits = self._airframe.limits
         vx, vy, _ = state.velocity_m_s
         turn = wanted.wz_rad_s
@@ -125,13 +125,13 @@ class FixedWingController:
             course = state.yaw_rad + math.atan2(wanted.vy_m_s, wanted.vx_m_s)
             error = math.remainder(course - math.atan2(vy, vx), math.tau)
             turn += self._gains.course_kp_1_s * error
-        # close to the stall a turn would take the lift that carries the weight
+        # a turn near the stall would need lift that the wing does not have
         load = max((airspeed / (_STALL_MARGIN * self._airframe.stall_m_s)) ** 2, _LOAD_MIN)
         bank_max = min(limits.bank_max_rad, math.acos(1 / load))
         return _bounded(-math.atan(airspeed * turn / GRAVITY_M_S2), bank_max)
 
     def _airspeed(self, speed: float, airspeed: float, climb: float, dt_s: float) -> float:
-        """Throttle for an airspeed; the climb is fed forward, as power over the weight."""
+        """Throttle for an airspeed, with the power for the climb as feed-forward."""
         gains, limits = self._gains, self._airframe.limits
         error = speed - airspeed
         base = limits.throttle_cruise_ratio * speed / limits.airspeed_cruise_m_s
@@ -151,11 +151,12 @@ class FixedWingController:
         return min(alpha, _ATTACK_MAX_RATIO * airframe.wing.stall_rad)
 
     def _nose_up(self, climb: float, airspeed: float, alpha: float, state: FlightState, dt_s: float) -> float:
-        """Pitch, positive with the nose up, for a climb rate; it is limited below the minimum airspeed."""
+        """Pitch for a climb rate, positive with the nose up, and limited below the minimum airspeed."""
         gains, limits = self._gains, self._airframe.limits
         error = climb - state.velocity_m_s[2]
         if airspeed >= limits.airspeed_min_m_s:
             held = self._climb + gains.climb_ki_1_m * error * dt_s
+            # frozen below the minimum airspeed, where the limited pitch would wind it up
             self._climb = _bounded(held, _CLIMB_MAX_RAD)
         path = math.asin(min(max(climb / airspeed, -0.5), 0.5))
         pitch_max = limits.pitch_max_rad
@@ -175,9 +176,11 @@ class FixedWingController:
         state: FlightState,
         dt_s: float,
     ) -> tuple[float, float, float]:
-        """Aileron, elevator and rudder for roll and pitch, positive to the right and with the nose down."""
+        """Aileron, elevator and rudder for a roll, positive to the right, and a pitch, positive with nose
+        down."""
         airframe, gains = self._airframe, self._gains
         p, q, r = state.rates_rad_s
+        # the effect of control surfaces grows with the dynamic pressure
         effect = (airframe.limits.airspeed_cruise_m_s / airspeed) ** 2
         roll_error, error = roll_rad - state.roll_rad, pitch_rad - state.pitch_rad
         # rates of a level turn at this bank
@@ -199,18 +202,18 @@ class FixedWingController:
 
     @property
     def tilt_limit_rad(self) -> float:
-        """Tilt that it never commands, beyond which the aircraft is out of control."""
+        """Tilt above all commanded tilts, beyond which the aircraft counts as out of control."""
         return self._airframe.limits.bank_max_rad + _TILT_MARGIN_RAD
 
     def expect_gap(self, gap_s: float) -> None:
-        """An aircraft is stable by itself: its gains stay."""
+        """Does nothing, because an aircraft is stable without control."""
 
     def resume(self) -> None:
-        """Continues after a gap: what it has learnt stays, the commanded height is that of the aircraft."""
+        """Continues after a gap; integrals stay, and the commanded height begins at the aircraft's height."""
         self._height_m = None
 
     def reset(self) -> None:
-        """Clears all integrals: the vehicle is disarmed or on the ground."""
+        """Clears all integrals when the aircraft is disarmed or on the ground."""
         self._roll = self._pitch = self._climb = self._throttle = 0.0
         self._height_m = None
 

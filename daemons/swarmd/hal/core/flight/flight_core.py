@@ -1,4 +1,4 @@
-"""The core of flight control: measurements and set-points in, outputs of the actuators out."""
+"""The core of flight control, which computes actuator outputs from measurements and set-points."""
 
 import math
 from typing import Final
@@ -24,50 +24,51 @@ from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import GnssFix, Imu, Setpoint
 
 _STEP_MAX_S: Final = 0.1
-"""Longest time between two samples on the ground that is integrated."""
+"""Maximum time that is integrated between two samples on the ground."""
 _STALE_NS: Final = 200_000_000
-"""Age of the newest inertial sample above which no outputs are computed: attitude is not known any more."""
+"""Age of the newest inertial sample above which the attitude is unknown and no outputs are computed."""
 _GAP_PERIODS: Final = 3
-"""Periods between two samples from which the time between them is a gap."""
+"""Number of periods between two samples above which the time between them is a gap."""
 _END_S: Final = 0.25
-"""Time after the end of the motors within which thrust is still measured: rotors run down, and clocks
+"""Time after the stop of the motors in which thrust may still be measured, as rotors run down and clocks
 differ."""
 FALL_MAX_S: Final = 1.0
-"""Longest time after the end of the motors from which a flight is continued: the vehicle has fallen 5 m."""
+"""Maximum time after the stop of the motors at which a flight is continued; the vehicle then has fallen 5
+m."""
 _FALL_MAX_M_S2: Final = 5.0
-"""Specific force below which a vehicle without thrust falls: half of what it is on the ground."""
+"""Specific force below which a vehicle without thrust is in free fall, about half of gravity."""
 _FALL_TILT_RAD: Final = 1.0
-"""Tilt from which a falling vehicle is not caught: thrust would move it sideways."""
+"""Tilt above which a falling vehicle is not recovered, because thrust would move it sideways."""
 _OFF: Final = ActuatorOutputs()
 _STOP: Final = Setpoint(0.0)
 _NONE: Final = (0.0, 0.0, 0.0)
 
 
 class FlightTiming(msgspec.Struct, frozen=True):
-    """Times of a flight controller and of the actuators behind it."""
+    """Times of a flight controller and of its actuators."""
 
     period_s: float = 0.01
-    """Period of the inertial samples, and of control."""
+    """Period of the inertial samples and of the control steps."""
     held_s: float = 1.0
-    """Time without new outputs for which the actuators keep the last ones; the motors stop then."""
+    """Time for which the actuators hold their last outputs without new ones, before the motors stop."""
 
 
 class FormerFlight(msgspec.Struct, frozen=True):
-    """What another process knew of a flight when it ended."""
+    """State of a flight at the end of the previous process, from which the next process continues it."""
 
     imu: Imu
-    """Last inertial sample, with the attitude."""
+    """Last inertial sample, with the estimated attitude."""
     stamp_ns: int
     height_m: float = 0.0
     velocity_m_s: Vector = _NONE
 
 
 class FlightCore:
-    """Filters and cascade of one vehicle; one control step for each sample of the inertial unit.
+    """Filters and control loops of one vehicle, with one control step for each inertial sample.
 
-    After a gap between two samples it computes what happened in it, while the actuators held the last
-    outputs, and continues the flight. A flight whose motors stopped in the gap is continued if the vehicle
-    falls and its attitude permits it; else `lost` says why not.
+    After a gap between two samples the core computes the motion in the gap, in which the actuators held their
+    outputs, and continues the flight. If the motors stopped in the gap, the flight is continued only if the
+    vehicle is falling and its attitude permits a recovery; otherwise `lost` has the reason.
     """
 
     __slots__ = (
@@ -107,28 +108,28 @@ class FlightCore:
         self._sample: Imu | None = None
         """The newest inertial sample."""
         self._dt_s = self._gap_s = 0.0
-        """Time of the newest control step, and since the sample before it."""
+        """Duration of the newest control step, and time between the two newest samples."""
         self._fresh = False
         self._touched = False
-        """Whether it has touched the ground unexpectedly: it does not take off again before it is
-        disarmed."""
+        """True after unexpected ground contact, after which the vehicle must be disarmed before it takes
+        off."""
         self.lost = ""
-        """Why the flight cannot be continued: the motors are to be stopped; empty: it can."""
+        """Reason for which the flight cannot be continued and the motors must stop, or "" if it can."""
         self.watch = FlightWatch(timing.period_s, controller.tilt_limit_rad, timing.held_s)
-        """Faults of the flight."""
+        """Detector of faults of the flight."""
 
     @property
     def gap_s(self) -> float:
-        """Time between the two newest inertial samples; 0 with the first one."""
+        """Time between the two newest inertial samples, or 0 after the first sample."""
         return self._gap_s
 
     @property
     def controller(self) -> ControlLaw:
-        """The cascade of control loops."""
+        """The control law, a cascade of control loops."""
         return self._controller
 
     def on_former(self, former: FormerFlight) -> None:
-        """Continues the flight of a process that has ended: the next sample ends a gap."""
+        """Continues the flight of a process that has ended; the next sample ends a gap."""
         imu = former.imu
         rates = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s)
         self._attitude.begin((imu.roll_rad or 0.0, imu.pitch_rad or 0.0, imu.yaw_rad or 0.0), rates)
@@ -138,11 +139,11 @@ class FlightCore:
         self.watch.on_former(former.stamp_ns)
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
-        """Takes a set-point: velocity and yaw rate, forward, left and up."""
+        """Takes a set-point: velocity forward, left and up, and yaw rate."""
         self._setpoint = setpoint
 
     def on_vehicle(self, *, armed: bool, landed: bool) -> None:
-        """Takes whether the motors are armed, and the vehicle is on the ground."""
+        """Takes the state of the vehicle: motors armed or not, on the ground or not."""
         self._armed, self._landed = armed, landed
         if not armed:
             self._touched, self.lost = False, ""
@@ -172,8 +173,8 @@ class FlightCore:
             self._integrate(imu, self._dt_s, trusted=True)
 
     def _bridge(self, before: Imu, imu: Imu, gap_s: float) -> None:
-        """Integrates a gap in the air: outputs were held, so rates changed evenly from one sample to the
-        other."""
+        """Integrates a gap in the air, in which the held outputs changed the rates linearly between both
+        samples."""
         timing = self._timing
         count = math.ceil(gap_s / timing.period_s)
         for number in range(1, count + 1):
@@ -186,7 +187,7 @@ class FlightCore:
             self.lost = self._uncatchable(imu, gap_s)
 
     def _integrate(self, imu: Imu, dt_s: float, *, trusted: bool) -> None:
-        """`trusted`: the accelerometer shows the vertical as far as nothing accelerates the vehicle."""
+        """Integrates one sample; `trusted`: the accelerometer may correct the vertical."""
         landed = self._landed
         accelerates_m_s2 = 0.0 if landed else self._controller.acceleration_m_s2
         turn = _NONE
@@ -203,7 +204,7 @@ class FlightCore:
         self._motion.predict(force, dt_s, landed=landed)
 
     def _uncatchable(self, imu: Imu, gap_s: float) -> str:
-        """Why a flight whose motors have stopped in a gap is not continued; empty: it is."""
+        """Reason not to continue a flight whose motors stopped in a gap, or "" to continue it."""
         force = math.hypot(imu.ax_m_s2, imu.ay_m_s2, imu.az_m_s2)
         tilt_rad = tilt(self.state())
         if gap_s > self._timing.held_s + FALL_MAX_S:
@@ -223,16 +224,17 @@ class FlightCore:
         )
 
     def take_imu(self) -> Imu | None:
-        """Mean of the samples since the last call, with roll and pitch of the filter; None: no samples."""
+        """Mean of the samples since the last call, with the filter's roll and pitch, or None without
+        samples."""
         roll, pitch, _ = self._attitude.angles_rad()
         return self._mean.take(roll, pitch)
 
     def is_blind(self, now_ns: int) -> bool:
-        """Whether the newest inertial sample is too old to know the attitude."""
+        """True if the newest inertial sample is too old to know the attitude."""
         return now_ns - self.imu_ns > _STALE_NS
 
     def step(self, now_ns: int) -> ActuatorOutputs | None:
-        """The outputs for the newest sample; None when they were computed, or it is too old."""
+        """Outputs for the newest sample, or None if they were computed before or the sample is too old."""
         if not self._fresh or self.is_blind(now_ns):
             return None
         self._fresh = False
@@ -253,17 +255,17 @@ class FlightCore:
 
 
 def flight_timing(airframe: Airframe) -> FlightTiming:
-    """The times of the flight controller of an airframe."""
+    """Times of the flight controller of an airframe."""
     return FlightTiming(1 / airframe.control_hz, airframe.body.outputs_held_s)
 
 
 def control_law(airframe: Airframe) -> ControlLaw:
-    """The cascade of control loops of an airframe, with the gains of its file."""
+    """Creates the control law of an airframe, with the gains of its file."""
     return FixedWingController(airframe) if isinstance(airframe, FixedWingAirframe) else hover_law(airframe)
 
 
 def hover_law(airframe: MultirotorAirframe | HelicopterAirframe) -> HoverLaw:
-    """The cascade of an airframe that hovers."""
+    """Creates the control law of an airframe that can hover."""
     if isinstance(airframe, MultirotorAirframe):
         return MultirotorController(airframe)
     return HelicopterController(airframe)

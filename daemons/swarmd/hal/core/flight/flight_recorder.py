@@ -1,4 +1,4 @@
-"""The last seconds of a flight, from which a fault takes a cut for the log."""
+"""Recorder of the last seconds of a flight, which a fault writes to the log."""
 
 from collections import deque
 from typing import Final
@@ -6,20 +6,20 @@ from typing import Final
 from swarmware.types.flight_record import FlightRecord, FlightRecordRow
 
 PERIOD_NS: Final = 50_000_000
-"""Least time between two rows: 20 Hz show every motion that a vehicle of this size makes."""
+"""Minimum time between two rows; 20 Hz resolve all motions of a vehicle of this size."""
 SPAN_NS: Final = 5_000_000_000
-"""Time that a record covers."""
+"""Duration of a record."""
 AFTER_NS: Final = 2_000_000_000
-"""Time after a fault that its record still covers: whether the vehicle is level again."""
+"""Time after a fault that the record includes, to show whether the vehicle recovers."""
 
 
 class FlightRecorder:
-    """Keeps rows of the control loop; a fault causes one record of the seconds before and after it."""
+    """Keeps rows of the control loop, and makes a record of the seconds before and after a fault."""
 
     def __init__(self) -> None:
         self._rows: deque[FlightRecordRow] = deque()
         self._reasons: list[str] = []
-        """Faults since the first one of the record that is being made."""
+        """Faults of the record that is being made."""
         self._due_ns: int | None = None
 
     def on_step(self, row: FlightRecordRow) -> None:
@@ -31,13 +31,13 @@ class FlightRecorder:
             self._rows.popleft()
 
     def on_fault(self, reason: str, now_ns: int) -> None:
-        """Takes a fault; others that follow before its record is made are in the same one."""
+        """Takes a fault; further faults before the record is complete belong to the same record."""
         self._reasons.append(reason)
         if self._due_ns is None:
             self._due_ns = now_ns + AFTER_NS
 
     def take(self, now_ns: int) -> FlightRecord | None:
-        """The record of a fault, once it is complete."""
+        """The record of a fault once it is complete, else None."""
         if self._due_ns is None or now_ns < self._due_ns:
             return None
         record = FlightRecord(", ".join(self._reasons), tuple(self._rows))

@@ -1,4 +1,4 @@
-"""Estimated state of a flying vehicle, as its controllers take it."""
+"""Estimated state of a flying vehicle, the input of its controllers."""
 
 import msgspec
 
@@ -6,15 +6,15 @@ from swarmware.geometry.attitude import Vector
 
 
 class FlightState(msgspec.Struct, frozen=True, gc=False):
-    """Attitude, rates and motion at one instant."""
+    """Attitude, rates and motion of a vehicle at one instant."""
 
     roll_rad: float
     pitch_rad: float
-    """Positive with the nose down."""
+    """Pitch, positive with the nose down."""
     yaw_rad: float
     rates_rad_s: Vector
-    """About the body axes, without the bias of the gyro."""
+    """Rates about the body axes, without the gyro's bias."""
     position_m: Vector
-    """East, north and up of the first fix."""
+    """Position east, north and up, relative to the first fix."""
     velocity_m_s: Vector
-    """To the east, to the north, up."""
+    """Velocity to the east, to the north and up."""

@@ -1,4 +1,4 @@
-"""Faults of a flight: a late control loop, a tilt beyond the limit, unexpected contact with the ground."""
+"""Detection of faults of a flight: a late control loop, excessive tilt, unexpected ground contact."""
 
 import math
 from collections import deque
@@ -12,20 +12,18 @@ from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.types.health import Level
 
 LATE_PERIODS: Final = 5
-"""Periods without a control step from which the loop is late."""
+"""Number of periods without a control step above which the loop is late."""
 AWAY_S: Final = 0.5
-"""Time without a step from which the gap is an error: half of the time for which outputs are held."""
+"""Duration of a gap above which it is an error, half of the time for which outputs are held."""
 STARVED_S: Final = 1.0
-"""Sum of the gaps within `_WINDOW_NS` from which the loop is starved, which is an error: a third of the
-time."""
+"""Sum of the gaps within `_WINDOW_NS` above which the loop is starved, a third of the time."""
 _WINDOW_NS: Final = 3_000_000_000
 SHOWN_NS: Final = 3_000_000_000
-"""Time for which a fault is stated after its cause: a reaction with a hold time sees it."""
+"""Time for which a fault is reported after its cause, long enough for reactions with a hold time."""
 SETTLED_NS: Final = 1_000_000_000
-"""Time in the air before contact with the ground is unexpected: a vehicle that takes off may touch it
-again."""
+"""Time in the air after which ground contact is unexpected; a vehicle that takes off may touch again."""
 DESCENT_M_S: Final = -0.05
-"""Commanded climb rate below which contact with the ground is expected."""
+"""Commanded climb rate below which ground contact is expected."""
 
 LOOP: Final = Condition("flight/loop", "The control loop of the flight is in time")
 TILT: Final = Condition("flight/tilt", "The vehicle tilts no more than its control law commands")
@@ -33,31 +31,31 @@ CONTACT: Final = Condition("flight/contact", "The vehicle touches the ground onl
 
 
 class LoopState(StrEnum):
-    """Faults of the control loop."""
+    """States of the check of the control loop that are faults."""
 
     LATE = "late"
-    """A gap of some periods: the only one that is a warning."""
+    """A gap of some periods, which is only a warning."""
     STARVED = "starved"
-    """Gaps that take a third of the time."""
+    """Gaps that add up to a third of the time."""
     AWAY = "away"
-    """A gap of half a second and more."""
+    """A gap of half a second or more."""
     LOST = "lost"
     """The motors stopped in a gap, and the flight was not continued."""
 
 
 class FlightStep(msgspec.Struct, frozen=True, gc=False):
-    """One control step of an armed vehicle, as its faults depend on it."""
+    """Data of one control step of an armed vehicle from which faults are detected."""
 
     state: FlightState
     gap_s: float
-    """Time since the inertial sample before."""
+    """Time since the previous inertial sample."""
     climb_m_s: float
     """Climb rate of the set-point."""
     landed: bool
 
 
 class FlightWatch:
-    """Judges each control step; `conditions` are the checks of the flight, with their freeze frames.
+    """Evaluates each control step; `conditions` returns the checks of the flight with their freeze frames.
 
     `tilt_limit_rad`: tilt beyond which the vehicle is out of control; `held_s`: time for which outputs are
     held.
@@ -71,14 +69,14 @@ class FlightWatch:
         self._gaps: deque[tuple[int, float]] = deque()
         """Gaps of the last seconds, each with the instant of its end."""
         self._until_ns: dict[str, int] = {}
-        """End of each fault that is stated."""
+        """End of each reported fault, by the name of its check."""
         self._stated = {one.name: one for one in (LOOP, TILT, CONTACT)}
         self._changed = dict(self._stated)
         self._airborne_ns: int | None = None
-        """Instant from which it flies; None: it is on the ground."""
+        """Instant of the take-off, or None while the vehicle is on the ground."""
 
     def on_step(self, step: FlightStep, now_ns: int) -> bool:
-        """Takes a control step of an armed vehicle; True if it has touched the ground unexpectedly."""
+        """Takes a control step of an armed vehicle; returns True after unexpected ground contact."""
         flies = self._airborne_ns is not None
         if flies:
             self._judge_gap(step, now_ns)
@@ -98,11 +96,11 @@ class FlightWatch:
         return True
 
     def on_former(self, stamp_ns: int) -> None:
-        """Takes that the vehicle flies since this instant at least, by another process that has ended."""
+        """Takes that the vehicle already was in flight at this instant, under the previous process."""
         self._airborne_ns = stamp_ns
 
     def on_disarmed(self) -> None:
-        """Takes that the motors are off: what follows is another flight."""
+        """Takes that the motors are off, which ends the flight."""
         self._airborne_ns = None
         self._gaps.clear()
 
@@ -111,13 +109,12 @@ class FlightWatch:
         self._state(LOOP, LoopState.LOST, reason, now_ns)
 
     def expected_gap_s(self, now_ns: int) -> float:
-        """Gap that is to be expected again: the second longest of the last seconds; 0 unless there were
-        two."""
+        """Gap that may occur again, the second longest of the last seconds, or 0 with fewer than two gaps."""
         self._forget(now_ns)
         return sorted(gap_s for _, gap_s in self._gaps)[-2] if len(self._gaps) > 1 else 0.0
 
     def conditions(self, now_ns: int) -> list[Condition]:
-        """The conditions that have changed since the last call."""
+        """Conditions that have changed since the last call."""
         for name in [name for name, until_ns in self._until_ns.items() if now_ns >= until_ns]:
             del self._until_ns[name]
             ended = self._stated[name]
@@ -153,7 +150,7 @@ class FlightWatch:
             )
 
     def _state(self, of: Condition, state: str, detail: str, now_ns: int) -> None:
-        """States a fault; a worse one of the same check stays until it has ended."""
+        """Reports a fault; a worse fault of the same check stays until its end."""
         level: Level = "warn" if state is LoopState.LATE else "error"
         known = self._stated[of.name]
         if known.level == "error" and level == "warn":
@@ -167,7 +164,7 @@ class FlightWatch:
 
 
 def tilt(state: FlightState) -> float:
-    """Angle between the body axis up and the vertical."""
+    """Angle between the upward body axis and the vertical."""
     return math.acos(max(-1.0, min(1.0, math.cos(state.roll_rad) * math.cos(state.pitch_rad))))
 
 

@@ -1,14 +1,14 @@
-"""Inertial samples of a gap: what the unit has measured while the actuators held their outputs."""
+"""Interpolation of inertial samples in a gap, in which the actuators held their outputs."""
 
 from swarmware.types.vehicle import Imu
 
 
 def between(before: Imu, after: Imu, at_s: float, gap_s: float, held_s: float) -> Imu:
-    """The sample at an instant of a gap, without a heading.
+    """Interpolates the sample at an instant of a gap, without a heading.
 
-    Held outputs are constant moments and a constant thrust: the rates change evenly, as long as the outputs
-    are held. When the motors have stopped the rates remain, and the specific force is that of the fall.
-    Units: `at_s` and `gap_s` since the sample before; `held_s`: time for which outputs are held.
+    Held outputs mean constant moments and thrust, so the rates change linearly while they are held. After the
+    motors have stopped the rates stay, and the specific force is the one of free fall.
+    Units: `at_s` and `gap_s` since the previous sample; `held_s`: time for which outputs are held.
     """
     share = min(1.0, at_s / min(gap_s, held_s))
     falls = gap_s > held_s

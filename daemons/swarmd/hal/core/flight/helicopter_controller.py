@@ -1,4 +1,4 @@
-"""Controller of a helicopter: the cascade of vehicles that hover, above cyclic, collective and pedal."""
+"""Controller of a helicopter: the cascade of hovering vehicles, with cyclic, collective and pedal outputs."""
 
 from typing import Final
 
@@ -9,13 +9,13 @@ from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs
 
 _GROUND: Final = ActuatorOutputs((1.0,), (0.0, 0.0, -0.8, 0.0))
-"""On the ground the rotor turns at its speed with little pitch."""
+"""Outputs on the ground, where the rotor turns at full speed with little pitch."""
 _LIFT_MIN, _LIFT_MAX = 0.4, 1.7
-"""Limits of the commanded thrust over the weight."""
+"""Limits of the ratio of commanded thrust to weight."""
 
 
 class HelicopterController(HoverController):
-    """Cascade of a helicopter, with a rotor that tilts."""
+    """Control law of a helicopter, whose rotor disc tilts."""
 
     def __init__(self, airframe: HelicopterAirframe) -> None:
         # with an inertia of 1 the moments of the rate loop are angular accelerations
@@ -34,9 +34,9 @@ class HelicopterController(HoverController):
         return ActuatorOutputs((1.0,), (a, b, c, d)), lift * demand.upright / GRAVITY_M_S2, whole
 
     def _cyclic(self, turning: Vector, rates: Vector) -> tuple[float, float]:
-        """Lateral and longitudinal control at which the disc, once it has settled, turns the body so.
+        """Lateral and longitudinal control for a turn of the body, in the steady state of the rotor disc.
 
-        The disc lags behind a body that turns by the time constant of flapping: the control adds that tilt.
+        The disc lags behind a turning body by the time constant of flapping, so the control adds this tilt.
         """
         of = self._airframe.derivatives
         b, a = turning[0] / of.l_b, -turning[1] / of.m_a
@@ -49,7 +49,8 @@ class HelicopterController(HoverController):
         )
 
     def _pedal(self, turning_rad_s2: float, rate_rad_s: float, collective: float) -> float:
-        """Pedal to the left: for the acceleration, and against damping, gyro and the main rotor's torque."""
+        """Pedal, positive to the left, for a yaw acceleration; compensates damping, gyro and main-rotor
+        torque."""
         of = self._airframe.derivatives
         damped = -of.n_r / of.n_ped - of.k_r / of.k_rfb
         return turning_rad_s2 / of.n_ped + damped * rate_rad_s + of.n_col * collective / of.n_ped

@@ -1,4 +1,4 @@
-"""Cascade of vehicles that hover: velocity, climb, attitude and rate loop above an airframe's actuators."""
+"""Cascade of hovering vehicles: velocity, climb, attitude and rate loops above the airframe's actuators."""
 
 import math
 from abc import ABC, abstractmethod
@@ -21,17 +21,17 @@ from swarmware.types.vehicle import Setpoint
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed vehicle takes off."""
 _TILT_MARGIN_RAD: Final = 0.35
-"""Tilt beyond the commanded maximum that is a fault. Measured in gusts with a standard deviation of 1 m/s
-and steps of velocity: up to 0.1 rad (tests/simulation/flight/starvation.py)."""
+"""Margin above the maximum commanded tilt before a tilt is a fault. Measured in gusts with a standard
+deviation of 1 m/s and steps of velocity: up to 0.1 rad (tests/simulation/flight/starvation.py)."""
 _SAMPLED_RATIOS: Final = (0.8, 0.4, 0.15)
-"""Largest gain times the time for which outputs are held: rate and climb loop, attitude loop, velocity loop.
-A sampled integrator does not overshoot below 1, and each loop must be slower than the one within it."""
+"""Maximum product of gain and hold time for the rate and climb loops, the attitude loop and the velocity
+loop. A sampled integrator does not overshoot below 1, and each loop must be slower than its inner loop."""
 _TILT_MIN: Final = 0.5
-"""Smallest cosine of the tilt by which thrust is increased to keep the height."""
+"""Minimum cosine of the tilt for which thrust is increased to keep the height."""
 
 
 def softened(gains: HoverGains, gap_s: float) -> HoverGains:
-    """The gains of a loop whose outputs are held for up to a time: no faster than it sees what they do."""
+    """Reduces gains so that loops stay stable when their outputs are held for up to `gap_s`."""
     if gap_s == 0.0:
         return gains
     rate_1_s, attitude_1_s, velocity_1_s = (ratio / gap_s for ratio in _SAMPLED_RATIOS)
@@ -41,6 +41,7 @@ def softened(gains: HoverGains, gap_s: float) -> HoverGains:
     return msgspec.structs.replace(
         gains,
         rate_kp_1_s=gains.rate_kp_1_s * rate,
+        # an integral gain falls with the square, so that the damping of the loop stays
         rate_ki_1_s2=gains.rate_ki_1_s2 * rate * rate,
         yaw_rate_kp_1_s=min(gains.yaw_rate_kp_1_s, rate_1_s),
         yaw_rate_ki_1_s2=gains.yaw_rate_ki_1_s2 * rate * rate,
@@ -53,27 +54,27 @@ def softened(gains: HoverGains, gap_s: float) -> HoverGains:
 
 
 class Demand(msgspec.Struct, frozen=True, gc=False):
-    """What the loops demand of the actuators in one step."""
+    """Demand of the control loops on the actuators in one step."""
 
     lift_m_s2: float
-    """Acceleration upward that the vehicle needs, with gravity."""
+    """Upward acceleration, including gravity."""
     upright: float
-    """Cosine of the tilt: the share of the thrust that lifts."""
+    """Cosine of the tilt, the ratio of lift to thrust."""
     rates_rad_s: Vector
-    """Rates about the body axes."""
+    """Commanded rates about the body axes."""
     turn: Vector
-    """Moment about the body axes, in N m; by an inertia of 1 the angular acceleration."""
+    """Moments about the body axes, in N m; angular accelerations for an inertia of 1."""
 
 
 class HoverController(ABC):
-    """Control law of an airframe that hovers; how its actuators produce a demand is the airframe's."""
+    """Base of the control laws of hovering airframes, which differ in the outputs for a demand."""
 
     follows_nose: Final = False
 
     def __init__(
         self, gains: HoverGains, limits: HoverLimits, inertia_kg_m2: Vector, ground: ActuatorOutputs
     ) -> None:
-        """`ground`: outputs of an armed vehicle that stays on the ground."""
+        """`ground`: outputs of an armed vehicle that is to stay on the ground."""
         self._gains = self._in_force = gains
         self._gap_s = 0.0
         self._limits = limits
@@ -82,13 +83,13 @@ class HoverController(ABC):
         self._velocity = VelocityLoop()
         self._climb = ClimbLoop()
         self._whole = True
-        """Whether the actuators produced all that was demanded last."""
+        """True if the actuators produced the whole last demand."""
         self.lift_ratio = 0.0
-        """Lift over the weight that it commanded last."""
+        """Ratio of the last commanded lift to the weight."""
 
     @abstractmethod
     def _actuated(self, demand: Demand) -> tuple[ActuatorOutputs, float, bool]:
-        """Outputs, lift over the weight, and whether all of the demand is produced."""
+        """Outputs for a demand, ratio of lift to weight, and True if the outputs produce the whole demand."""
 
     @property
     def gains(self) -> dict[str, float]:
@@ -96,20 +97,20 @@ class HoverController(ABC):
         return msgspec.structs.asdict(self._gains)
 
     def set_gains(self, gains: dict[str, float]) -> None:
-        """Changes gains by name, also in flight (S2.46); others stay.
+        """Changes gains by name, also in flight (S2.46); other gains stay.
 
-        Raises: Denied when a name is unknown, or a value out of range; none is changed then.
+        Raises: Denied when a name is unknown or a value out of range; no gain is changed then.
         """
         self._gains = changed(self._gains, gains)
         self._in_force = softened(self._gains, self._gap_s)
 
     @property
     def acceleration_m_s2(self) -> float:
-        """Horizontal acceleration that it commanded last, without that against the wind."""
+        """Horizontal acceleration of the last command, without the part against the wind."""
         return math.hypot(*self._velocity.acceleration_m_s2)
 
     def update(self, wanted: Setpoint, state: FlightState, *, landed: bool, dt_s: float) -> ActuatorOutputs:
-        """The outputs of this control step of an armed vehicle."""
+        """Computes the outputs of one control step of an armed vehicle."""
         if landed:
             self.reset()
             if wanted.vz_m_s < _LIFT_M_S:
@@ -120,6 +121,7 @@ class HoverController(ABC):
         climb = self._climb.acceleration_m_s2(gains, limits, wanted.vz_m_s, state, dt_s)
         yaw_rate = max(-limits.turn_max_rad_s, min(limits.turn_max_rad_s, wanted.wz_rad_s))
         rates = body_rates(state, roll, pitch, yaw_rate, gains.attitude_kp_1_s, limits.rate_max_rad_s)
+        # the integral of the rate loop is frozen while the actuators are at their limits (anti-windup)
         turn = self._rate.moment_n_m(gains, rates, state.rates_rad_s, dt_s, learns=self._whole)
         upright = max(_TILT_MIN, math.cos(state.roll_rad) * math.cos(state.pitch_rad))
         demand = Demand(GRAVITY_M_S2 + climb, upright, rates, turn)
@@ -128,21 +130,21 @@ class HoverController(ABC):
 
     @property
     def tilt_limit_rad(self) -> float:
-        """Tilt that it never commands, beyond which the vehicle is out of control."""
+        """Tilt above all commanded tilts, beyond which the vehicle counts as out of control."""
         return self._limits.tilt_max_rad + _TILT_MARGIN_RAD
 
     def expect_gap(self, gap_s: float) -> None:
-        """Takes the time for which its outputs may be held: corrections must not grow too large in it."""
+        """Takes the time for which outputs may be held, and reduces the gains accordingly."""
         if gap_s != self._gap_s:
             self._gap_s = gap_s
             self._in_force = softened(self._gains, gap_s)
 
     def resume(self) -> None:
-        """Continues after a gap: what it has learnt stays, the commanded height is that of the vehicle."""
+        """Continues after a gap; integrals stay, and the commanded height begins at the vehicle's height."""
         self._climb.resume()
 
     def reset(self) -> None:
-        """Clears all integrals: the vehicle is disarmed or on the ground."""
+        """Clears all integrals when the vehicle is disarmed or on the ground."""
         self._rate.reset()
         self._velocity.reset()
         self._climb.reset()

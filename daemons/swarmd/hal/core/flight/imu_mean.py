@@ -1,10 +1,10 @@
-"""Mean of inertial samples: for consumers that are slower than the flight controller."""
+"""Mean of inertial samples, for consumers that are slower than the flight controller."""
 
 from swarmware.types.vehicle import Imu
 
 
 class ImuMean:
-    """Sum of the samples since the last mean: vibrations do not alias into a slower rate."""
+    """Averages the samples since the last mean, so that vibrations do not alias into a slower rate."""
 
     __slots__ = ("_count", "_sums", "_yaw_rad")
 
@@ -26,7 +26,7 @@ class ImuMean:
         self._yaw_rad = imu.yaw_rad
 
     def take(self, roll_rad: float, pitch_rad: float) -> Imu | None:
-        """The mean with the newest heading and this attitude, and a new begin; None without samples."""
+        """The mean with the newest heading and this attitude, or None without samples; clears the sums."""
         if self._count == 0:
             return None
         wx, wy, wz, ax, ay, az = (value / self._count for value in self._sums)

@@ -1,4 +1,4 @@
-"""Mixer: from thrust and moments to the outputs of the motors of a multirotor."""
+"""Mixer, which turns thrust and moments into the motor outputs of a multirotor."""
 
 import math
 from collections.abc import Sequence
@@ -8,14 +8,14 @@ from swarmware.geometry.attitude import Vector
 from swarmware.model.airframe import MultirotorAirframe
 
 IDLE: Final = 0.06
-"""Output of a motor of an armed vehicle that is not to lift off: the rotors turn."""
+"""Output of the motors of an armed vehicle on the ground, at which the rotors turn without lifting off."""
 
 
 class Mixer:
-    """Least-squares allocation: the smallest thrusts of the rotors that together give thrust and moments.
+    """Least-squares allocation, which finds the smallest rotor thrusts that produce thrust and moments.
 
-    When a rotor would exceed its range the yaw moment is reduced first, then the common thrust is changed,
-    since a vehicle that keeps its roll and pitch keeps its lift.
+    When a rotor would exceed its range, the yaw moment is reduced first, then the common thrust, because a
+    vehicle that keeps its roll and pitch keeps its lift.
     Source: Johansen, Fossen 2013, "Control allocation: a survey", Automatica 49.
     """
 
@@ -25,12 +25,12 @@ class Mixer:
         ratio = airframe.motor.torque_ratio_m
         effects = [(1.0, rotor.y_m, -rotor.x_m, rotor.torque_sign * ratio) for rotor in airframe.rotors]
         self._rows = _pseudo_inverse(effects)
-        """Of each rotor: its thrust per thrust, and per moment about the three axes."""
+        """Row per rotor: its thrust per unit of total thrust, and per unit of moment about the three axes."""
         self._max_n = airframe.motor.thrust_max_n
         self._min_n = self._max_n * IDLE**2
 
     def outputs(self, thrust_n: float, moment_n_m: Vector) -> tuple[tuple[float, ...], bool]:
-        """Output of each motor, and whether all of thrust and moments is produced."""
+        """Output of each motor, and True if the outputs produce the whole thrust and moments."""
         roll, pitch, yaw = moment_n_m
         tilts = [row[0] * thrust_n + row[1] * roll + row[2] * pitch for row in self._rows]
         turns = [row[3] * yaw for row in self._rows]
@@ -42,8 +42,10 @@ class Mixer:
             elif turn < 0.0 and tilt + turn < low:
                 scale = min(scale, max(0.0, tilt - low) / -turn)
         thrusts = [tilt + turn * scale for tilt, turn in zip(tilts, turns, strict=True)]
+        # a common shift keeps roll and pitch moments; raising a rotor from its minimum has priority
         shift = max(0.0, low - min(thrusts)) or min(0.0, high - max(thrusts))
         exact = scale == 1.0 and shift == 0.0
+        # thrust grows with the square of a motor's output
         return tuple(math.sqrt(min(max(thrust + shift, low), high) / high) for thrust in thrusts), exact
 
 

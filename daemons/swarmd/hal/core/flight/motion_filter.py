@@ -1,4 +1,4 @@
-"""Position and velocity from accelerations, fixes and the sonar's height."""
+"""Filter for position and velocity, from accelerations, fixes and the sonar's height."""
 
 import math
 from typing import Final
@@ -9,25 +9,24 @@ from swarmware.geometry.kalman_axis import KalmanAxis
 from swarmware.types.vehicle import GnssFix
 
 _ACCEL_SIGMA_M_S2: Final = 0.5
-"""Standard deviation of one acceleration at 100 Hz: of the sensor, and of a tilt error of some degrees."""
+"""Standard deviation of one acceleration at 100 Hz, from the sensor and a tilt error of some degrees."""
 _HEIGHT_SIGMA_M: Final = 0.05
 """Standard deviation of a height of the sonar, after the median filter."""
 _HEIGHT_GATE_M: Final = 0.5
-"""Innovation above which a height is that of something else than the ground below the fixes."""
+"""Innovation above which the sonar measures an object, and not the ground below the fixes."""
 _HEIGHT_GATE_SIGMAS: Final = 3.0
-"""The same in standard deviations of the estimate, where that is more: after a gap the height is
-uncertain."""
+"""Gate in standard deviations of the estimate, which exceeds `_HEIGHT_GATE_M` after a gap."""
 _GAP_SIGMA_M_S2: Final = 1.5
-"""Standard deviation of the acceleration in a gap without samples: about that of a tilt error of 9°."""
+"""Standard deviation of the acceleration in a gap without samples, as for a tilt error of about 9°."""
 _LATE_MAX_S: Final = 0.5
-"""Largest age of a fix that is corrected for the way since."""
+"""Maximum age of a fix for which the motion since the fix is added."""
 
 
 class MotionFilter:
     """Kalman filter with position and velocity for each axis.
 
-    Its origin is the first fix with a height and an error of at most `origin_acc_m`; before it nothing is
-    known.
+    The origin is the first fix with a height and an error of at most `origin_acc_m`; before this fix the
+    state is unknown.
     """
 
     __slots__ = ("_axes", "_height_m", "_map", "_origin_acc_m", "_velocity_m_s", "fix_ns")
@@ -38,22 +37,22 @@ class MotionFilter:
         self._map: LocalMap | None = None
         self._height_m = 0.0
         self._velocity_m_s: Vector = (0.0, 0.0, 0.0)
-        """Height and velocity at the first fix."""
+        """Velocity at the first fix."""
         self.fix_ns = -(1 << 62)
         """Stamp of the newest fix."""
 
     def begin(self, height_m: float, velocity_m_s: Vector) -> None:
-        """Begins in flight: with this height and velocity at the first fix."""
+        """Begins in flight, with this height and velocity at the first fix."""
         self._height_m, self._velocity_m_s = height_m, velocity_m_s
 
     def on_gap(self, gap_s: float) -> None:
-        """Takes that the accelerations of a time were not measured: fixes and heights decide from now on."""
+        """Widens the uncertainty after a time without accelerations, so that fixes and heights dominate."""
         for axis in self._axes or ():
             axis.widen(_GAP_SIGMA_M_S2, gap_s)
 
     @property
     def velocity_m_s(self) -> Vector:
-        """Velocity in the map; zero before the first fix."""
+        """Velocity in the map, zero before the first fix."""
         axes = self._axes
         return (0.0, 0.0, 0.0) if axes is None else (axes[0].v, axes[1].v, axes[2].v)
 
@@ -64,7 +63,7 @@ class MotionFilter:
         return (0.0, 0.0, 0.0) if axes is None else (axes[0].p, axes[1].p, axes[2].p)
 
     def predict(self, force_m_s2: Vector, dt_s: float, *, landed: bool) -> None:
-        """Predicts the state by the specific force in map coordinates; a landed vehicle is at rest."""
+        """Predicts the state from the specific force in map coordinates; a landed vehicle is at rest."""
         axes = self._axes
         if axes is None:
             return
@@ -77,7 +76,7 @@ class MotionFilter:
         z.predict(force_m_s2[2] - GRAVITY_M_S2, dt_s)
 
     def on_fix(self, fix: GnssFix, stamp_ns: int, now_ns: int) -> None:
-        """Takes a position fix; one of two dimensions corrects the horizontal axes alone."""
+        """Takes a position fix; a two-dimensional fix corrects the horizontal axes only."""
         if stamp_ns <= self.fix_ns or not fix.has_place:
             return
         self.fix_ns = stamp_ns

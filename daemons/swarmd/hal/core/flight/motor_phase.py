@@ -1,4 +1,4 @@
-"""Whether the motors of a vehicle turn and whether it flies, where no firmware says so (S0.8, S1.7)."""
+"""Phase of motors and flight, for a vehicle whose firmware does not report it (S0.8, S1.7)."""
 
 from enum import StrEnum
 from typing import Final
@@ -10,25 +10,25 @@ from swarmware.errors import Denied
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
 
 TILT_MAX_RAD: Final = 0.5
-"""A vehicle that stands steeper has fallen over, or its attitude is not known yet: it is not armed."""
+"""Maximum tilt for arming; a steeper vehicle has fallen over, or its attitude is not known yet."""
 SILENCE_NS: Final = 500_000_000
 """Age of the newest inertial sample above which the attitude is too uncertain to arm."""
 LIFT_RATIO: Final = 1.02
-"""Commanded lift over the weight from which a vehicle leaves the ground."""
+"""Ratio of commanded lift to weight above which a vehicle leaves the ground."""
 LIFT_NS: Final = 200_000_000
-"""Time for which it must last: the motors follow with a lag."""
+"""Time for which the lift must exceed `LIFT_RATIO`, because the motors follow with a lag."""
 SINK_RATIO: Final = 0.75
-"""Commanded lift over the weight below which a vehicle that does not sink stands on the ground."""
+"""Ratio of commanded lift to weight below which a vehicle that does not sink is on the ground."""
 REST_NS: Final = 600_000_000
-"""Time for which that must last: at the begin of a descent in the air the lift is as low for 0.2 s."""
+"""Time below `SINK_RATIO` before a landing; the begin of a descent has as little lift for 0.2 s."""
 FALL_NS: Final = 1_000_000_000
-"""Time at rest after which a vehicle that was killed in the air counts as fallen."""
+"""Time at rest after which a vehicle that was killed in the air counts as being on the ground."""
 STILL_M_S: Final = 0.25
-"""Vertical speed of a vehicle on the ground: noise of the estimate."""
+"""Maximum vertical speed of a vehicle on the ground, due to noise of the estimate."""
 STILL_RAD_S: Final = 0.3
-"""Rates of a vehicle on the ground."""
+"""Maximum body rates of a vehicle on the ground."""
 DESCENT_M_S: Final = -0.05
-"""Commanded climb rate below which a vehicle descends."""
+"""Commanded climb rate below which a descent is intended."""
 
 
 class MotorPhase(StrEnum):
@@ -36,14 +36,14 @@ class MotorPhase(StrEnum):
 
     DISARMED = "disarmed"
     GROUNDED = "grounded"
-    """Armed, on the ground."""
+    """Motors armed, vehicle on the ground."""
     AIRBORNE = "airborne"
     FALLING = "falling"
-    """Killed in the air."""
+    """Motors killed in the air."""
 
 
 class MotorEvent(StrEnum):
-    """What changes the phase."""
+    """Event that changes the phase."""
 
     ARM = "arm"
     DISARM = "disarm"
@@ -61,30 +61,30 @@ PHASES: Final = {
     (MotorPhase.AIRBORNE, MotorEvent.KILL): MotorPhase.FALLING,
     (MotorPhase.FALLING, MotorEvent.RESTED): MotorPhase.DISARMED,
 }
-"""Transitions; any other event has no effect."""
+"""Transitions of the phase; other events have no effect."""
 
 _ARMED: Final = frozenset({MotorPhase.GROUNDED, MotorPhase.AIRBORNE})
 _LANDED: Final = frozenset({MotorPhase.DISARMED, MotorPhase.GROUNDED})
 
 
 class FlightSample(msgspec.Struct, frozen=True, gc=False):
-    """One step of the flight controller, as the phase depends on it."""
+    """Data of one control step from which the phase is determined."""
 
     state: FlightState
     lift_ratio: float
-    """Commanded lift over the weight."""
+    """Ratio of commanded lift to weight."""
     climb_m_s: float
     """Climb rate of the set-point."""
 
 
 class MotorSwitch:
-    """Executes the orders to the motors, and finds out by what is commanded and measured whether it flies.
+    """Executes the orders to the motors, and detects take-off and landing from commands and measurements.
 
-    A vehicle flies when it has commanded more lift than its weight; it has landed when it commands a descent
-    with little lift and does not sink.
+    A vehicle is in flight when the commanded lift has exceeded its weight. It has landed when a descent is
+    commanded, the lift is low, and the vehicle does not sink.
 
     `held_s`: age of the newest inertial sample above which the motors stop. `flies_ns`: instant at which the
-    driver has taken over a vehicle in flight; None: the vehicle is disarmed.
+    driver has taken over a vehicle in flight, or None for a disarmed vehicle.
     """
 
     def __init__(self, held_s: float = 1.0, flies_ns: int | None = None) -> None:
@@ -95,20 +95,20 @@ class MotorSwitch:
         self._sample: FlightSample | None = None
         self._sample_ns = flies_ns or 0
         self._since_ns: int | None = None
-        """Begin of what would change the phase if it lasted."""
+        """Begin of the present indication of another phase."""
 
     @property
     def phase(self) -> MotorPhase:
-        """The phase of motors and flight."""
+        """Present phase of motors and flight."""
         return self._phase
 
     @property
     def report(self) -> ChassisReport:
-        """The state as a chassis reports it."""
+        """State of the vehicle as the report of a chassis."""
         return ChassisReport(self._phase in _ARMED, self._phase in _LANDED, *self._answer)
 
     def on_order(self, order: ChassisOrder, now_ns: int) -> ChassisReport:
-        """Executes an order once, or refuses it with the reason; the report answers it."""
+        """Executes or refuses an order, once even if repeated; returns the report that answers it."""
         if order.number > self._answer[0]:
             refusal = ""
             try:
@@ -138,10 +138,10 @@ class MotorSwitch:
                     " the procedure of their maker"
                 )
             case _:
-                raise Denied(f"{action}: this driver does not know it")
+                raise Denied(f"{action}: not supported by this driver")
 
     def _check_attitude(self, now_ns: int) -> None:
-        """Check that the attitude is known, and level. Raises: Denied."""
+        """Checks that the attitude is known and level. Raises: Denied."""
         sample = self._sample
         if sample is None or now_ns - self._sample_ns > SILENCE_NS:
             raise Denied("arming: no inertial samples; expected a known attitude")
@@ -150,7 +150,7 @@ class MotorSwitch:
             raise Denied(f"arming: tilted by {tilt:.2f} rad, expected at most {TILT_MAX_RAD:g}")
 
     def on_step(self, sample: FlightSample, now_ns: int) -> None:
-        """Takes a step of the flight controller; the phase may change."""
+        """Takes a step of the flight controller, which may change the phase."""
         self._sample, self._sample_ns = sample, now_ns
         event, after_ns = self._expected(sample)
         if event is None:
@@ -161,7 +161,7 @@ class MotorSwitch:
             self._change(event)
 
     def _expected(self, sample: FlightSample) -> tuple[MotorEvent | None, int]:
-        """What happens if all remains as it is, and after which time; None: nothing."""
+        """Event that the sample indicates, or None, and the time for which the indication must last."""
         state = sample.state
         still = abs(state.velocity_m_s[2]) < STILL_M_S
         match self._phase:
@@ -176,14 +176,14 @@ class MotorSwitch:
         return None, 0
 
     def stop_if_blind(self, now_ns: int) -> bool:
-        """Stops the motors when inertial samples are missing for too long; whether it did."""
+        """Stops the motors when inertial samples are missing for too long; returns True if it did."""
         if self._phase not in _ARMED or now_ns - self._sample_ns <= self._held_ns:
             return False
         self._change(MotorEvent.KILL)
         return True
 
     def outputs(self, outputs: ActuatorOutputs) -> ActuatorOutputs:
-        """What the actuators get: without motors unless they are armed."""
+        """Outputs for the actuators, without motor outputs unless the motors are armed."""
         return outputs if self._phase in _ARMED else ActuatorOutputs((), outputs.servos)
 
     def _change(self, event: MotorEvent) -> None:

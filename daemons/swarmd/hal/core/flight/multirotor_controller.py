@@ -1,4 +1,4 @@
-"""Controller of a multirotor: the cascade of vehicles that hover, above the mixer of its motors."""
+"""Controller of a multirotor: the cascade of hovering vehicles above the mixer of the motors."""
 
 from typing import Final
 
@@ -9,11 +9,11 @@ from swarmware.types.chassis import ActuatorOutputs
 
 _THRUST_MAX_RATIO: Final = 0.9
 _THRUST_MIN_RATIO: Final = 0.1
-"""Limits of the common thrust over its maximum: the rest is for moments."""
+"""Limits of the ratio of common thrust to its maximum; the rest is reserved for moments."""
 
 
 class MultirotorController(HoverController):
-    """Cascade of a multirotor with any number of rotors; all that differs is in the file of its airframe."""
+    """Control law of a multirotor with any number of rotors, as the file of its airframe describes them."""
 
     def __init__(self, airframe: MultirotorAirframe) -> None:
         idle = ActuatorOutputs((IDLE,) * len(airframe.rotors))

@@ -1,4 +1,4 @@
-"""Velocity loop: from the horizontal velocity to roll and pitch."""
+"""Velocity loop: commands roll and pitch for a horizontal velocity."""
 
 import math
 
@@ -8,15 +8,16 @@ from swarmware.model.hover_gains import HoverGains, HoverLimits
 
 
 class VelocityLoop:
-    """PI controller in the map; its output is limited to the acceleration at the maximum tilt."""
+    """PI controller of the velocity in the map, limited to the acceleration at the maximum tilt."""
 
     __slots__ = ("_integral", "acceleration_m_s2")
 
     def __init__(self) -> None:
         self._integral = (0.0, 0.0)
-        """Acceleration to the east and the north: against the wind, also when the vehicle turns."""
+        """Acceleration to the east and the north against the wind, in the map so that turns do not change
+        it."""
         self.acceleration_m_s2 = (0.0, 0.0)
-        """Acceleration that was commanded last, to the east and the north, without the integral."""
+        """Last commanded acceleration to the east and the north, without the integral."""
 
     def reset(self) -> None:
         """Clears the integral of the velocity error."""
@@ -39,7 +40,7 @@ class VelocityLoop:
         x = gains.velocity_kp_1_s * error_x + self._integral[0]
         y = gains.velocity_kp_1_s * error_y + self._integral[1]
         size, max_m_s2 = math.hypot(x, y), GRAVITY_M_S2 * math.tan(limits.tilt_max_rad)
-        if size <= max_m_s2:  # anti-windup: the integral only follows while the output is not limited
+        if size <= max_m_s2:  # anti-windup: the integral follows only while the output is not limited
             step = gains.velocity_ki_1_s2 * dt_s
             self._integral = self._integral[0] + error_x * step, self._integral[1] + error_y * step
         else:
