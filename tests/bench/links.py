@@ -81,6 +81,7 @@ class LinkBench(NamedTuple):
 BENCHES: Final = (
     LinkBench("boards", "board_loss.py", own_rows, "board 30 Hz, 1 kB, 20 % loss"),
     LinkBench("radio", "radio_links.py", own_rows, "messages over 1 and 3 bad hops; cuts and returns"),
+    LinkBench("busy", "busy_links.py", own_rows, "stream and messages at 40 % loss beside busy loops"),
     LinkBench("notice", "link_notice.py", own_rows, "cuts at 10 and 2 Hz (virtual time)"),
     LinkBench("reliable", "reliable_links.py", own_rows, "streams, bytes sent again, overload, files"),
     LinkBench(

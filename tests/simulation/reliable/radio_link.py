@@ -11,7 +11,8 @@ from swarmd.broker.core.reliable.link_action import DeliverFrame, FramesDropped,
 from swarmd.broker.core.reliable.reliable_link import OVERHEAD, ReliableLink
 from swarmd.broker.core.reliable.reliable_links import Action, ReliableLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
-from swarmware.testing.virtual import VirtualTime
+from swarmware.runtime.driver import CoreDriver
+from swarmware.testing.virtual import VirtualAlarm, VirtualClock, VirtualTime
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -54,15 +55,65 @@ class Medium:
         return self.free_ns + self.delay_ns + round(self.random.random() * self.jitter_ns)
 
 
+class Processor:
+    """The event loop of a process that other programs keep from its processor.
+
+    When it has nothing to do, and something becomes due, it may wait first; what becomes due meanwhile is
+    handled with it.
+    """
+
+    def __init__(self, time: VirtualTime, seed: int, stall_ms: tuple[float, float], share: float) -> None:
+        """`share`: of the wake-ups that wait, for a random time between the two of `stall_ms`."""
+        self._time = time
+        self._random = random.Random(seed)
+        self._stall_ms = stall_ms
+        self._share = share
+        self._free_ns = 0
+
+    def run(self, call: Callable[[], None]) -> None:
+        """Calls it when the process has the processor."""
+        now_ns = self._time.now_ns
+        if now_ns >= self._free_ns and self._random.random() < self._share:
+            self._free_ns = now_ns + round(self._random.uniform(*self._stall_ms) * MS)
+        if now_ns < self._free_ns:
+            self._time.at(self._free_ns, call)
+        else:
+            call()
+
+    def call_later(self, delay: float, callback: Callable[[], None], /) -> VirtualAlarm:
+        """Schedules an event that can be cancelled, as an event loop does."""
+        alarm = VirtualAlarm(callback)
+        self._time.after(delay, lambda: self.run(alarm))
+        return alarm
+
+
 class Pair:
     """Node 1 and node 2, each with its end of the link."""
 
-    def __init__(self, there: Medium, back: Medium, loss: float = 0.0) -> None:
+    def __init__(
+        self,
+        there: Medium,
+        back: Medium,
+        loss: float = 0.0,
+        *,
+        stall_ms: tuple[float, float] = (0.0, 0.0),
+        stalled: float = 0.0,
+    ) -> None:
+        """`stalled`: share of the wake-ups of each node that wait for its processor."""
         self._time = VirtualTime(S)
+        self._processors = {node: Processor(self._time, node, stall_ms, stalled) for node in (1, 2)}
+        clock = VirtualClock(self._time)
         self._media = {1: there, 2: back}
         self._links = {node: ReliableLinks(Config()) for node in (1, 2)}
         self._drivers = {
-            node: self._time.drive(links, partial(self._perform, node)) for node, links in self._links.items()
+            node: CoreDriver[Action](
+                links,
+                partial(self._perform, node),
+                name="links",
+                clock=clock,
+                loop=self._processors[node],
+            )
+            for node, links in self._links.items()
         }
         for node, links in self._links.items():
             links.on_quality(3 - node, LinkQuality(loss), S)
@@ -122,7 +173,13 @@ class Pair:
                 self.dropped += [one.frame for one in action.frames]
 
     def _arrive(self, node: int, data: bytes) -> None:
-        self._drivers[node].feed(self._links[node].on_packet(3 - node, SESSION, data, self.now_ns))
+        arrived_ns = self.now_ns
+
+        def take() -> None:
+            actions = self._links[node].on_packet(3 - node, SESSION, data, self.now_ns, arrived_ns)
+            self._drivers[node].feed(actions)
+
+        self._processors[node].run(take)
 
 
 def latencies_ms(received: list[tuple[int, Frame]]) -> list[float]:

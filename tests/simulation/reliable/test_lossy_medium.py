@@ -47,6 +47,22 @@ def test_a_stream_and_commands_arrive_whole_and_once(
 
 
 @pytest.mark.parametrize("seed", seeds(1, 5))
+@pytest.mark.parametrize("stalled", [0.1, 0.5, 1.0])
+def test_a_stream_keeps_its_rate_although_both_processors_stall(seed: int, stalled: float) -> None:
+    media = both(seed, 0.4, delay_ms=1.0)
+    pair = Pair(*media, loss=0.4, stall_ms=(5.0, 100.0), stalled=stalled)
+    end_ns = pair.now_ns + LASTS_S * S
+    pair.every(S // STREAM_HZ, end_ns - 1, lambda: pair.send(ITEM_BYTES))
+    pair.every(S // 5, end_ns - 1, lambda: pair.send(200, FrameKind.MESSAGE))
+    pair.run(end_ns)
+    assert len(of_kind(pair, FrameKind.STREAM)) >= 0.95 * STREAM_HZ * LASTS_S
+    pair.run(end_ns + 6 * S)
+    assert pair.dropped == []
+    assert len(pair.received[2]) == pair.sent
+    assert latencies_ms(of_kind(pair, FrameKind.MESSAGE))[-1] < 2000, "none expires"
+
+
+@pytest.mark.parametrize("seed", seeds(1, 5))
 def test_commands_survive_ten_times_overload_of_a_slow_link(seed: int) -> None:
     pair = Pair(*both(seed, 0.0, rate_bit_s=1e6, queue_bytes=32_000))
     end_ns = pair.now_ns + LASTS_S * S

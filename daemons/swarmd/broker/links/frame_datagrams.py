@@ -15,6 +15,8 @@ from swarmd.broker.core.forwarding.frame_datagram import DatagramPaths
 from swarmd.broker.core.media.medium import MAIN_MEDIUM, Address, MediumProfile
 from swarmd.broker.core.media.medium_table import MediumAddress, Use
 from swarmd.broker.core.traffic import Counters
+from swarmd.broker.links import arrival_stamp
+from swarmd.broker.links.arrival_stamp import ANCILLARY, ArrivalStamps
 from swarmd.broker.links.medium import MediumDatagram
 from swarmd.broker.links.pair_seal import PairEnd, PairSeal
 from swarmd.broker.links.zmq_links import LinkPeer
@@ -31,7 +33,9 @@ DATAGRAM_MAX: Final = 2048
 SEALS_MAX: Final = 4096
 
 OnContent = Callable[[bytes, LinkPeer], None]
-"""Called with the content of a datagram, a frame or a packet, and the neighbour that sealed it."""
+"""Called with the frame of a datagram, and the neighbour that sealed it."""
+OnPacket = Callable[[bytes, LinkPeer, int], None]
+"""Called with the packet of a datagram, the neighbour that sealed it, and its arrival on the own clock."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -68,7 +72,7 @@ class FrameDatagrams:
         excludes: Callable[[int], bool],
         find_peer: Callable[[int], LinkPeer | None],
         on_frame: OnContent,
-        on_packet: OnContent,
+        on_packet: OnPacket,
         on_sent: Callable[[LinkPeer, Frame], None],
         on_unsent: Callable[[LinkPeer, Frame], None],
     ) -> None:
@@ -100,6 +104,7 @@ class FrameDatagrams:
         self._loop = asyncio.get_running_loop()
         self._socket = _bound_socket(config, port)
         self.port: int = self._socket.getsockname()[1]
+        arrival_stamp.enable(self._socket)
         self._loop.add_reader(self._socket.fileno(), self._on_readable)
 
     def on_roster(self) -> None:
@@ -235,21 +240,22 @@ class FrameDatagrams:
     # receiving
 
     def _on_readable(self) -> None:
+        stamps = ArrivalStamps()
         for _ in range(TURN):
             try:
-                data, address = self._socket.recvfrom(DATAGRAM_MAX)
+                data, ancillary, _, address = self._socket.recvmsg(DATAGRAM_MAX, ANCILLARY)
             except BlockingIOError:
                 return
             except OSError as error:
                 log.debug("receiving frames as datagrams: %s", error)
                 return
-            self._take(MAIN_MEDIUM, data, address)
+            self._take(MAIN_MEDIUM, data, address, stamps.mono_ns(ancillary))
 
     def on_arrival(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
         """Takes a datagram that came by a medium beside the main network."""
-        self._take(medium, arrival.data, arrival.address)
+        self._take(medium, arrival.data, arrival.address, arrival.rx_mono_ns)
 
-    def _take(self, medium: MediumProfile, data: bytes, address: Address) -> None:
+    def _take(self, medium: MediumProfile, data: bytes, address: Address, rx_mono_ns: int) -> None:
         size = medium.counted_bytes(len(data))
         counters, limiter = self._counters, self._limiter
         try:
@@ -287,8 +293,10 @@ class FrameDatagrams:
         limiter.good(address)
         if content == frame_datagram.PACKET and self._ways is not None:
             self._ways.on_packet(sender_hw, medium)
-        take = self._on_frame if content == frame_datagram.FRAME else self._on_packet
-        take(opened.body, peer)
+        if content == frame_datagram.FRAME:
+            self._on_frame(opened.body, peer)
+        else:
+            self._on_packet(opened.body, peer, self._clock.from_mono_ns(rx_mono_ns))
 
     def close(self) -> None:
         """Closes the socket for frames."""

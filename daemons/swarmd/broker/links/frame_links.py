@@ -214,9 +214,9 @@ class FrameLinks:
         with self._connections.batch(), self._datagrams.batch():
             yield
 
-    def _on_packet(self, data: bytes, peer: LinkPeer) -> None:
+    def _on_packet(self, data: bytes, peer: LinkPeer, arrived_ns: int) -> None:
         try:
-            actions = self._core.on_packet(peer.hw, peer.session, data, self._clock.now_ns())
+            actions = self._core.on_packet(peer.hw, peer.session, data, self._clock.now_ns(), arrived_ns)
         except WireError as error:
             self._counters.refused.malformed += 1
             log.debug("packet of %s: %s", peer.platform, error)

@@ -5,13 +5,14 @@ import contextlib
 import logging
 import socket
 import struct
-import time
 from typing import Final
 
 import msgspec
 
 from swarmd.broker.config import EVERYWHERE, MAIN, Config, NetworkMedium
 from swarmd.broker.core.media.medium import MAIN_MEDIUM, Address, MediumProfile, network_medium
+from swarmd.broker.links import arrival_stamp
+from swarmd.broker.links.arrival_stamp import ANCILLARY, ArrivalStamps
 from swarmd.broker.links.medium import DatagramMedium, MediumDatagram, OnArrival
 from swarmware.errors import ConfigError
 from swarmware.model.clock import Clock
@@ -31,14 +32,9 @@ members of a barrier leave 250 ms after it opens."""
 REST_PERIOD_NS: Final = 250_000_000
 DATAGRAM_MAX: Final = 2048
 RECEIVE_BYTES: Final = 512 * 1024
-STAMP_LIMIT_NS: Final = 5_000_000_000
-"""Larger differences come from a step of the wall clock: the stamp is not used."""
 LOOPBACK: Final = "127.0.0.1"
 
-_SO_TIMESTAMPNS: Final = 35
 _IP_MULTICAST_ALL: Final = 49
-_TIMESPEC: Final = struct.Struct("qq")
-_ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
 
 log = logging.getLogger("swarm.broker")
 
@@ -148,14 +144,10 @@ class Udp(DatagramMedium):
     def _receive(self) -> int:
         """Returns the larger count of the two sockets."""
         self._read_ns = self._clock.now_ns()
-        # The kernel stamps with the wall clock; how far that is from the monotonic one is asked in each turn.
-        # In this order: a pause between the two makes stamps late, as a delay would. Early ones would be
-        # impossible, and would count as a clock step.
-        wall_ns = time.time_ns()
-        mono_ns = time.monotonic_ns()
-        count = self._drain(self._own, False, mono_ns, wall_ns - mono_ns)
+        stamps = ArrivalStamps()
+        count = self._drain(self._own, False, stamps)
         if self._all is not None:
-            count = max(count, self._drain(self._all, True, mono_ns, wall_ns - mono_ns))
+            count = max(count, self._drain(self._all, True, stamps))
         self._taken += count
         return count
 
@@ -191,25 +183,17 @@ class Udp(DatagramMedium):
             if sock is not None and sock.fileno() >= 0:
                 self._loop.remove_reader(sock.fileno())
 
-    def _drain(self, sock: socket.socket, by_multicast: bool, mono_ns: int, apart_ns: int) -> int:
-        """`apart_ns`: wall clock minus monotonic clock, at the instant `mono_ns`."""
-        receive, unpack, on_arrival = sock.recvmsg, _TIMESPEC.unpack, self._on_arrival
+    def _drain(self, sock: socket.socket, by_multicast: bool, stamps: ArrivalStamps) -> int:
+        receive, on_arrival = sock.recvmsg, self._on_arrival
         for count in range(TURN):
             try:
-                data, ancillary, _, address = receive(DATAGRAM_MAX, _ANCILLARY)
+                data, ancillary, _, address = receive(DATAGRAM_MAX, ANCILLARY)
             except BlockingIOError:
                 return count
             except OSError as error:
                 log.debug("receiving datagrams: %s", error)
                 return count
-            rx_ns = mono_ns
-            if ancillary:
-                seconds, nanoseconds = unpack(ancillary[0][2])
-                stamp_ns = seconds * 1_000_000_000 + nanoseconds - apart_ns
-                if 0 <= mono_ns - stamp_ns < STAMP_LIMIT_NS:
-                    rx_ns = stamp_ns
-                elif stamp_ns > mono_ns:
-                    rx_ns = min(stamp_ns, time.monotonic_ns())  # arrived during this read
+            rx_ns = stamps.mono_ns(ancillary)
             on_arrival(self.medium, MediumDatagram(data, address, rx_ns, by_multicast))
         return TURN
 
@@ -303,6 +287,6 @@ def _membership(group: str, interface: str) -> bytes:
 
 def _udp_socket() -> socket.socket:
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
-    sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+    arrival_stamp.enable(sock)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
     return sock

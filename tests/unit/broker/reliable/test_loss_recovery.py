@@ -10,6 +10,7 @@ from swarmd.broker.core.reliable.loss_recovery import (
     SentPacket,
 )
 from swarmd.broker.core.reliable.packet import Acknowledgement
+from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 
 MS = 1_000_000
 RTT = 20 * MS
@@ -56,6 +57,17 @@ def test_the_delay_of_the_acknowledgement_is_not_part_of_the_round_trip() -> Non
     sent(recovery, 1, at_ns=RTT)
     settled = recovery.on_acknowledgement(Acknowledgement(((1, 1),), 900 * MS), 2 * RTT)
     assert settled.round_trip_ns == 1, "a neighbour cannot state a longer delay than the whole time"
+
+
+def test_waits_for_a_processor_are_part_of_time_outs_and_not_of_the_round_trip() -> None:
+    recovery = LossRecovery(0)
+    sent(recovery, 0)
+    waited_there_ns, waited_here_ns = 60 * MS, 80 * MS
+    arrived_ns = RTT + waited_there_ns
+    acknowledgement = Acknowledgement(((0, 0),), waited_there_ns)
+    settled = recovery.on_acknowledgement(acknowledgement, arrived_ns + waited_here_ns, arrived_ns)
+    assert settled.round_trip_ns == RTT
+    assert recovery.smoothed_ns == RTT + waited_there_ns + waited_here_ns - ACK_DELAY_NS
 
 
 def test_a_late_packet_makes_it_wait_longer_for_the_next_ones() -> None:

@@ -1,5 +1,8 @@
 """Packets in flight: which have arrived, which count as lost, and when to probe.
 
+Time-outs include the time for which the processes of both ends wait for their processors; the round trip that
+the window follows does not, because no queue of the link causes it.
+
 Source: RFC 9002, sections 5 and 6. Three deviations, all for links that lose much: the time-out of a probe
 doubles once only, because a link that is down is seen by its beacons; commands have a probe of their own,
 which is earlier; and the threshold of reordering rises after a packet that arrived late.
@@ -10,6 +13,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.reliable.packet import Acknowledgement, Piece
+from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
 from swarmware.transport.delivery.rtt import RttEstimator
 
 PACKET_THRESHOLD: Final = 3
@@ -56,6 +60,8 @@ class Settled(msgspec.Struct, frozen=True):
     late: int = 0
     """Packets that had counted as lost and have arrived."""
     round_trip_ns: int | None = None
+    """From the sending of the newest packet to the arrival of its acknowledgement, without the time for which
+    either end waited for its processor."""
 
 
 class LossRecovery:
@@ -114,8 +120,13 @@ class LossRecovery:
             self._commands += 1
             self._command_sent_ns = packet.sent_ns
 
-    def on_acknowledgement(self, acknowledgement: Acknowledgement, now_ns: int) -> Settled:
-        """Packets that arrived, and those that count as lost for it."""
+    def on_acknowledgement(
+        self, acknowledgement: Acknowledgement, now_ns: int, arrived_ns: int | None = None
+    ) -> Settled:
+        """Packets that arrived, and those that count as lost for it.
+
+        `arrived_ns`: arrival of the acknowledgement, if it waited for this process.
+        """
         flight = self._flight
         arrived: list[SentPacket] = []
         late = 0
@@ -140,9 +151,11 @@ class LossRecovery:
             newest = max(arrived, key=lambda packet: packet.number)
             self.probes = 0
             if newest.number == acknowledgement.largest:
-                delay_ns = min(acknowledgement.delay_ns, now_ns - newest.sent_ns)
-                round_trip_ns = max(now_ns - newest.sent_ns - delay_ns, 1)
-                self._rtt.add(round_trip_ns)
+                taken_ns = now_ns - newest.sent_ns
+                delay_ns = min(acknowledgement.delay_ns, taken_ns)
+                self._rtt.add(max(taken_ns - min(delay_ns, ACK_DELAY_NS), 1))
+                waited_ns = 0 if arrived_ns is None else now_ns - arrived_ns
+                round_trip_ns = max(taken_ns - delay_ns - waited_ns, 1)
         self._largest = max(self._largest, acknowledgement.largest)
         return Settled(tuple(arrived), self._detect(now_ns), late, round_trip_ns)
 

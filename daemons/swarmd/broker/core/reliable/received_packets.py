@@ -19,16 +19,16 @@ class ReceivedPackets:
         self._ranges: list[list[int]] = []
         """First and last number of each range, the newest first."""
         self._newest_ns = 0
-        """MediumDatagram of the packet with the highest number."""
+        """When the packet with the highest number arrived."""
         self._unanswered = 0
         self._due_ns: int | None = None
 
-    def on_packet(self, number: int, is_answered: bool, now_ns: int) -> None:
-        """A packet with this number arrived."""
+    def on_packet(self, number: int, is_answered: bool, now_ns: int, arrived_ns: int | None = None) -> None:
+        """A packet with this number arrived, at `arrived_ns` if it waited for this process."""
         newest = self._ranges[0][1] if self._ranges else -1
         in_order = number == newest + 1
         if number > newest:
-            self._newest_ns = now_ns
+            self._newest_ns = now_ns if arrived_ns is None else arrived_ns
         self._insert(number)
         if not is_answered:
             return

@@ -109,33 +109,36 @@ class ReliableLink:
         actions: list[LinkAction] = [FramesDropped(self.hw, gone)] if gone else []
         return actions + self._send(now_ns)
 
-    def on_packet(self, data: bytes, now_ns: int) -> list[LinkAction]:
+    def on_packet(self, data: bytes, now_ns: int, arrived_ns: int | None = None) -> list[LinkAction]:
         """A packet of the neighbour, authenticated and not a replay.
 
+        `arrived_ns`: its arrival, if it waited for this process.
         Raises: WireError for a packet that no correct neighbour sends.
         """
         packet = decode(data)
         self._check(packet.acknowledgement)
-        frames = self._take_pieces(packet, now_ns)
+        frames = self._take_pieces(packet, now_ns, arrived_ns)
         actions: list[LinkAction] = [DeliverFrame(self.hw, frame) for frame in frames]
         if packet.acknowledgement is not None:
-            self._on_acknowledgement(packet.acknowledgement, now_ns)
+            self._on_acknowledgement(packet.acknowledgement, now_ns, arrived_ns)
         return actions + self._send(now_ns)
 
     def _check(self, acknowledgement: Acknowledgement | None) -> None:
         if acknowledgement is not None and acknowledgement.largest >= self._next_number:
             raise WireError(f"acknowledgement of packet {acknowledgement.largest}, which was not sent")
 
-    def _take_pieces(self, packet: Packet, now_ns: int) -> list[bytes]:
+    def _take_pieces(self, packet: Packet, now_ns: int, arrived_ns: int | None) -> list[bytes]:
         if not self._incoming.has_room(packet.pieces):
             return []  # it is not acknowledged, and will be repeated
         self._incoming.on_floor(packet.floor)
         whole = [self._incoming.on_piece(piece) for piece in packet.pieces]
-        self._received.on_packet(packet.number, packet.is_answered, now_ns)
+        self._received.on_packet(packet.number, packet.is_answered, now_ns, arrived_ns)
         return [frame for frame in whole if frame is not None]
 
-    def _on_acknowledgement(self, acknowledgement: Acknowledgement, now_ns: int) -> None:
-        settled = self._recovery.on_acknowledgement(acknowledgement, now_ns)
+    def _on_acknowledgement(
+        self, acknowledgement: Acknowledgement, now_ns: int, arrived_ns: int | None
+    ) -> None:
+        settled = self._recovery.on_acknowledgement(acknowledgement, now_ns, arrived_ns)
         rate = self.rate
         for packet in settled.arrived:
             rate.on_acknowledged(packet.size)

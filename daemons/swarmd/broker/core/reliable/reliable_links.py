@@ -143,9 +143,12 @@ class ReliableLinks:
         link, actions = self._current(hw, session, now_ns)
         return actions + list(link.on_frame(queued, now_ns))
 
-    def on_packet(self, hw: int, session: int, data: bytes, now_ns: int) -> list[Action]:
+    def on_packet(
+        self, hw: int, session: int, data: bytes, now_ns: int, arrived_ns: int | None = None
+    ) -> list[Action]:
         """A packet of a neighbour's session, authenticated and not a replay.
 
+        `arrived_ns`: its arrival, if it waited for this process.
         Raises: WireError for a packet that no correct neighbour sends.
         """
         link, actions = self._current(hw, session, now_ns)
@@ -158,7 +161,7 @@ class ReliableLinks:
             and now_ns >= carrier.blocked_until_ns
         ):
             actions += self._begin_datagrams(hw, carrier)  # the neighbour measures more loss
-        return actions + list(link.on_packet(data, now_ns))
+        return actions + list(link.on_packet(data, now_ns, arrived_ns))
 
     def _current(self, hw: int, session: int, now_ns: int) -> "tuple[ReliableLink, list[Action]]":
         """The link of a session; frames that wait for a former one begin again."""
