@@ -45,6 +45,9 @@ def texts() -> Iterator[tuple[str, str]]:
 TEXTS = dict(texts())
 DOCUMENTS = {name for name in TEXTS if name.endswith(".md")}
 DECISIONS = {int(Path(name).name[:4]) for name in DOCUMENTS if re.search(r"/adr/\d{4}-", name)}
+FORMER_ROW = re.compile(r"^\| (\d+) \| [^|]+ \| \[(\d+)\]\((\d{4})-[^|]+ \|$", re.MULTILINE)
+"""Number of a decision without a page any more, the number and page of the one that it is part of."""
+FORMER_DECISIONS = [tuple(map(int, row)) for row in FORMER_ROW.findall(TEXTS["share/doc/adr/README.md"])]
 
 
 def found(cited: str, by: str) -> str | None:
@@ -108,9 +111,14 @@ def test_every_decision_that_is_cited_has_its_page() -> None:
     assert sorted(item for item in cited if item[1] not in DECISIONS) == []
 
 
-def test_decisions_are_numbered_without_gaps() -> None:
-    names = sorted(name for name in DOCUMENTS if "/adr/" in name)
-    assert set(range(1, len(names) + 1)) == DECISIONS, names
+def test_each_number_up_to_the_last_has_one_decision_or_a_row_among_the_former_ones() -> None:
+    numbers = [*DECISIONS, *(former for former, _, _ in FORMER_DECISIONS)]
+    assert sorted(numbers) == list(range(1, max(numbers) + 1))
+
+
+def test_each_former_decision_is_part_of_one_that_holds() -> None:
+    assert FORMER_DECISIONS
+    assert [row for row in FORMER_DECISIONS if row[1] != row[2] or row[1] not in DECISIONS] == []
 
 
 @pytest.mark.parametrize("name", sorted(DOCUMENTS))

@@ -79,7 +79,6 @@ NOT_MEASURED: Final = {
     " hold, land, return, arm, disarm, kill, health clear,"
     " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"
-    " keys beacons,"
     " host install, host uninstall, fleet push, fleet up, fleet down, fleet upgrade, fleet exec,"
     " lab up, lab down, lab run, lab link, lab cut, lab heal, lab partition,"
     " new block, new driver, new mission, new module, new service",

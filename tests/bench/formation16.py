@@ -35,8 +35,8 @@ BUDGETS: Final = (
     Budget("command to receipt, p99", lambda r: r.command_to_receipt_ms.p99, LIMITS.receipt_p99_ms, "ms"),
     Budget("formation error, mean", lambda r: r.formation_error_m.mean, LIMITS.formation_error_m, "m"),
     Budget("bytes per notification", lambda r: r.bytes_per_notification, LIMITS.bytes_per_notification, "B"),
-    Budget("egress per node (S0: 14.89)", lambda r: r.traffic.egress_kbps, 2.2, "kB/s"),
-    Budget("global traffic (S0: 56.07)", lambda r: r.traffic.global_kbps, 16 * 2.2, "kB/s"),
+    Budget("egress per node (S0: 14.89)", lambda r: r.traffic.egress_kbps, 4.7, "kB/s"),
+    Budget("global traffic (S0: 56.07)", lambda r: r.traffic.global_kbps, 16 * 4.7, "kB/s"),
     Budget("clock error, p95", lambda r: r.clock_error_us.p95, 100.0, "µs"),
 )
 

@@ -1,10 +1,9 @@
 """Ages of poses by distance, and bytes of beacons, in swarms of whole broker cores in virtual time.
 
-    python tests/bench/pose_ages.py [--beacons signed] [--relay-bytes N] [--json] [--seed N]
+    python tests/bench/pose_ages.py [--relay-bytes N] [--json] [--seed N]
 
 Every node subscribes to the poses of all others at 10 Hz; nodes move at 5 m/s, and radios lose datagrams by
-distance. Some beacons are signed (`swarmctl keys beacons sampled`), or all of them, with proofs of relayed
-values. The figures depend on the seeds only, not on the machine. Hops are those over links that deliver at
+distance. The figures depend on the seeds only, not on the machine. Hops are those over links that deliver at
 least 85 %.
 """
 
@@ -17,14 +16,14 @@ from typing import Final
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from tests.simulation.directory.air import Air, SignedAir
+from tests.simulation.directory.air import Air
 
 from swarmd.broker.config import Config
 
 HOPS_SHOWN: Final = 5
 
 
-def measure(first_seed: int, air_class: type[Air] = Air) -> dict[str, dict[str, float]]:
+def measure(first_seed: int) -> dict[str, dict[str, float]]:
     """The figures of five swarms of 16 nodes, one of 100, and one cell of 16."""
     found: dict[str, dict[str, float]] = {}
     for name, seeds, count, degree, warm_s, seconds in (
@@ -34,7 +33,7 @@ def measure(first_seed: int, air_class: type[Air] = Air) -> dict[str, dict[str, 
         ages_s: dict[int, list[float]] = {}
         sent = 0.0
         for seed in seeds:
-            air = air_class(seed, count, degree, 5.0)
+            air = Air(seed, count, degree, 5.0)
             air.fly(warm_s, look=False)
             before = air.sent_bytes_all()
             air.fly(seconds, look=True)
@@ -46,7 +45,7 @@ def measure(first_seed: int, air_class: type[Air] = Air) -> dict[str, dict[str, 
             median_s, high_s = np.quantile(np.array(ages_s[hops]), (0.5, 0.95))
             found[name][f"{hops}_hops_median_s"] = round(float(median_s), 3)
             found[name][f"{hops}_hops_p95_s"] = round(float(high_s), 3)
-    cell = air_class(first_seed + 1, 16, 300.0, 0.0)
+    cell = Air(first_seed + 1, 16, 300.0, 0.0)
     cell.run_for(3.0)
     before = cell.sent_bytes_all()
     cell.run_for(10.0)
@@ -58,14 +57,12 @@ def main() -> None:
     """Measures and prints."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--beacons", choices=["signed", "sampled"], default="sampled")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="first seed")
     parser.add_argument("--relay-bytes", type=float, metavar="N", help="relay_bytes_s of the broker")
     options = parser.parse_args()
-    air_class = SignedAir if options.beacons == "signed" else Air
     if options.relay_bytes is not None:
-        air_class.config = Config(relay_bytes_s=options.relay_bytes)
-    found = measure(options.seed, air_class)
+        Air.config = Config(relay_bytes_s=options.relay_bytes)
+    found = measure(options.seed)
     if options.json:
         print(json.dumps(found))
         return

@@ -26,7 +26,6 @@ ARGUMENTS: Final = {
     "value": "JSON, one plain word, or a word field=value for each field.",
     "node rename new": "Its name from the next start on.",
     "keys invite platforms": "Names of platforms, as in `node.toml` of each.",
-    "keys beacons beacons": "signed: every beacon; sampled: one in five seconds.",
     "doctor subject": "What to check instead: the placement of applications on the computers of platforms.",
     "call path": "/PLATFORM/COMMAND, or a COMMAND of the platform of -n.",
     "pub path": "Path on the joined node, such as test/height.",

@@ -1,4 +1,4 @@
-"""`swarmctl keys revoke`, `rotate`, `beacons`: the root signs a roster, and the node here hands it on."""
+"""`swarmctl keys revoke` and `rotate`: the root signs a roster, and the node here hands it on."""
 
 import asyncio
 from collections.abc import Callable
@@ -58,15 +58,6 @@ def rotate(out: Output, root_dir: Path | None) -> None:
     folder = RootFolder(root_dir)
     current_root(out, folder)
     _change(out, folder, lambda root: root.rotate(), ())
-
-
-def sign_beacons(out: Output, root_dir: Path | None, *, signs: bool) -> None:
-    """Sets whether members sign every beacon. Raises: as `hand_over`."""
-    folder = RootFolder(root_dir)
-    root = current_root(out, folder)
-    if root.roster.signs_beacons is signs:
-        out.say(f"beacons are {'signed' if signs else 'sampled'} already; the roster is handed on again")
-    _change(out, folder, lambda root: root.sign_beacons(signs), ())
 
 
 def signed(

@@ -78,7 +78,7 @@ class NodeKeys(NamedTuple):
             if not replace:
                 raise Conflict(
                     f"{self.folder}: {self.platform} has the keys of a swarm (`swarmctl keys show`);"
-                    " expected a node without keys, or `swarmctl keys join --replace` to give them up"
+                    " expected a node without keys, or --replace to give them up"
                 )
             if self.runs:
                 raise Conflict(

@@ -27,7 +27,6 @@ DOCUMENTS: Final = {
     "keys show": "swarmctl.commands.keys.listing:MemberList",
     "keys revoke": "swarmctl.membership.changing:RosterChanged",
     "keys rotate": "swarmctl.membership.changing:RosterChanged",
-    "keys beacons": "swarmctl.membership.changing:RosterChanged",
     "node restart": "swarmctl.resources.restart:RestartedServices",
     "app restart": "swarmctl.resources.restart:RestartedServices",
     "app start": "swarmctl.commands.app.stopping:ServicesChanged",

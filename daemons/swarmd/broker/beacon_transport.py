@@ -12,10 +12,8 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.action import Action
 from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.admission.roster_exchange import RosterExchange
-from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Header
-from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon_protocol import OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.media.medium import Address, MediumProfile
@@ -156,9 +154,10 @@ class BeaconTransport:
             )
         )
         signatures = self._core.signatures
-        if signatures is not None and outgoing.is_signed:
-            body = bytearray(signatures.signed(sequence, clear, body, beacon.values, tx_ns))
-        data = clear + self._sealer.seal(sequence, clear, bytes(body))
+        content = bytes(body)
+        if signatures is not None:
+            content = signatures.signed(clear, body, beacon.values, tx_ns // 1000)
+        data = clear + self._sealer.seal(sequence, clear, content)
         if self._udp.has_group and (self._unreturned < UNRETURNED_MAX or sequence % PROBE_EVERY == 0):
             self._to_group(data)
         for address in self._core.targets.unicast_addresses(self._seeds.values(), tx_ns):
@@ -169,8 +168,7 @@ class BeaconTransport:
                 self._counters.datagram_sent(
                     medium.medium.counted_bytes(len(data)), EVERYBODY, medium.medium.transport
                 )
-        digest = 0 if signatures is None else datagram_digest(data)
-        self._core.on_sent(sequence, len(data), digest, tx_ns)
+        self._core.on_sent(sequence, len(data), tx_ns)
 
     def _to_group(self, data: bytes) -> None:
         if self._udp.send_to_all(data):
@@ -210,8 +208,8 @@ class BeaconTransport:
         try:
             header, start = codec.decode_header(data)
             now_ns = self._clock.from_mono_ns(rx_mono_ns)
-            digest = 0 if self._core.sources is None else datagram_digest(data)
-            opened, is_new = self._open(medium, header, data, start, digest, now_ns)
+            opener = self._opener(medium, header.epoch, now_ns)
+            opened = _open(opener, header, data, start)
             if isinstance(opened, Refusal):
                 is_late = opened is Refusal.EPOCH and self._take_late(header, data, start, address)
                 if opened is not Refusal.REPLAYED and not is_late:
@@ -227,14 +225,16 @@ class BeaconTransport:
             return
         header.session = opened.session
         try:
-            datagram = SealedDatagram(data[:start], opened.body, digest, address[0], is_new, medium.number)
+            checked = self._core.check(header, beacon, data[:start], opened.body, address[0])
+            if opener is not None and checked.is_genuine:
+                opener.take(header.sender_hw, opened.session, header.sequence)
             is_accepted, actions = self._core.on_datagram(
                 header,
                 beacon,
                 address,
                 by_multicast,
                 medium.counted_bytes(len(data)),
-                datagram,
+                checked,
                 ByMedium(medium, header.sequence if arrival.number is None else arrival.number),
                 now_ns,
             )
@@ -246,28 +246,6 @@ class BeaconTransport:
         except FAULTS:
             self._counters.refused.failed += 1
             self.log_fault("a datagram could not be processed")
-
-    def _open(
-        self, medium: MediumProfile, header: Header, data: bytes, start: int, digest: int, now_ns: int
-    ) -> tuple[Opened | Refusal, bool]:
-        """The content of a datagram, and whether the replay window has taken its number."""
-        opener, sources = self._opener(medium, header.epoch, now_ns), self._core.sources
-        if opener is None:
-            return Refusal.EPOCH, False
-        sealed = (
-            header.epoch,
-            header.sender_hw,
-            header.session,
-            header.sequence,
-            data[:start],
-            data[start:],
-        )
-        if sources is not None and sources.is_ahead(header, now_ns):
-            return opener.peek(*sealed), False
-        opened = opener.open(*sealed)
-        if opened is Refusal.REPLAYED and sources is not None and sources.is_other(header, digest):
-            return opener.peek(*sealed), False
-        return opened, True
 
     def _opener(self, medium: MediumProfile, mark: int, now_ns: int) -> Opener | None:
         """The opener of an accepted key epoch."""
@@ -283,9 +261,7 @@ class BeaconTransport:
         key = None if exchange is None else exchange.former_key(header.epoch)
         if exchange is None or key is None or header.session is None:
             return False
-        opened = Opener(key).open(
-            header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
-        )
+        opened = _open(Opener(key), header, data, start)
         if isinstance(opened, Refusal):
             return False
         hello = codec.decode(opened.body).hello
@@ -340,17 +316,10 @@ class BeaconTransport:
             for opener in openers.values():
                 opener.adopt(hw, session)
 
-    def resume(self, hw: int, session: int, sequence: int) -> None:
-        """Begins the replay windows of a session again behind this number."""
-        for openers in self._openers.values():
-            for opener in openers.values():
-                opener.resume(hw, session, sequence)
-
     def _is_own(self, medium: MediumProfile, data: bytes, address: Address, rx_mono_ns: int) -> bool:
         """Whether a datagram is an own one that was looped back; one without a session counts as own.
 
-        One with a number that was not used yet, or was used for another one, is of a member that has forged
-        it, when its seal is valid.
+        One with a number that was not used yet is of a member that has forged it, if its seal is valid.
         """
         try:
             header, start = codec.decode_header(data)
@@ -358,25 +327,18 @@ class BeaconTransport:
             return True
         if header.session not in (None, self._session):
             return False
-        signatures, sequence = self._core.signatures, header.sequence
-        if sequence <= self._sequence and (
-            signatures is None or not signatures.is_other(sequence, datagram_digest(data))
-        ):
+        if header.sequence <= self._sequence:
             return True
         if not self._limiter.may_open(address, self._hardware, rx_mono_ns):
             return True
-        opener = self._opener(medium, header.epoch, self._clock.from_mono_ns(rx_mono_ns))
-        opened = (
-            Refusal.EPOCH
-            if opener is None
-            else opener.open(
-                header.epoch, self._hardware, self._session, sequence, data[:start], data[start:]
-            )
-        )
-        if isinstance(opened, Refusal):
+        header.session = self._session
+        now_ns = self._clock.from_mono_ns(rx_mono_ns)
+        opener = self._opener(medium, header.epoch, now_ns)
+        if opener is None or isinstance(_open(opener, header, data, start), Refusal):
             self._limiter.bad(address)
         else:
-            self._feed(self._core.on_impersonation(address[0], self._clock.from_mono_ns(rx_mono_ns)))
+            opener.take(self._hardware, self._session, header.sequence)
+            self._feed(self._core.on_impersonation(address[0], now_ns))
         return True
 
     def _refused(
@@ -404,3 +366,12 @@ class BeaconTransport:
             refused.unknown_session += 1
         else:
             refused.other_epoch += 1
+
+
+def _open(opener: Opener | None, header: Header, data: bytes, start: int) -> Opened | Refusal:
+    """The content of a datagram; without an opener no accepted key has sealed it."""
+    if opener is None:
+        return Refusal.EPOCH
+    return opener.open(
+        header.epoch, header.sender_hw, header.session, header.sequence, data[:start], data[start:]
+    )

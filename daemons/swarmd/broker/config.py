@@ -100,8 +100,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     unit_delay_ms: tuple[Delay, ...] = ()
     """Simulated delay of the frames of other units of this platform, for the lab: its shortest and longest
     value; empty: none."""
-    relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 2200.0
-    """Budget for relaying boards of other nodes, in bytes per second."""
+    relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 5000.0
+    """Budget for relaying boards of other nodes with their proofs, in bytes per second."""
     frames: FrameCarrier = FrameCarrier.AUTO
     """What carries frames to neighbours: tcp, udp (acknowledged datagrams), or auto: udp where a link loses
     packets, tcp elsewhere."""

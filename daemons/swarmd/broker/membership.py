@@ -46,7 +46,6 @@ class Membership:
         self._board = service.module.writer(
             "net/roster", RosterState, link="request", description="Members of the swarm"
         )
-        self._signs_beacons = keys.roster is not None and keys.roster.signs_beacons
         self._publish(self.state())
 
     def apply(self, change: RosterChange) -> None:
@@ -67,11 +66,6 @@ class Membership:
             _named("another role", [f"{each.platform} {each.role}" for each in change.changed]),
             f"; group key {roster.key_epoch}" if change.rotated else "",
         )
-        if roster.signs_beacons is not self._signs_beacons:
-            self._signs_beacons = roster.signs_beacons
-            log.info(
-                "beacons are %s from now on", "all signed" if self._signs_beacons else "signed now and then"
-            )
 
     async def _store(self, stored: StoredRoster, state: RosterState) -> None:
         """Writes the roster, which takes as long as the disk, then publishes that it is in force."""
@@ -133,7 +127,6 @@ class Membership:
                 for each in roster.members
             ),
             self._keys.is_revoked,
-            roster.signs_beacons,
         )
 
     def _publish(self, state: RosterState) -> None:

@@ -78,7 +78,7 @@ class Broker(Service):
             now_ns=now_ns,
             chance=random.random,
             exchange=None if keys.is_open else RosterExchange(keys, node.hardware, random.random),
-            signing=keys,
+            signing=None if keys.is_open else keys,
             channels=ChannelTable(load_channels(node.config_dir)),
         )
         if keys.roster is not None:

@@ -8,22 +8,20 @@ from typing import TYPE_CHECKING, Final
 from swarmd.broker.beacon_transport import FAULTS, BeaconTransport
 from swarmd.broker.channel_api import ChannelApi
 from swarmd.broker.config import Config
-from swarmd.broker.contradictions import ContradictionReports
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
-    ContinueSequence,
     KeepMirrors,
     LimitEnded,
     MediumChanged,
     PollInputs,
     ProveSession,
     PublishTables,
-    ReportContradictions,
     ReportDuplicate,
     ReportDuplicateGone,
     ReportImpersonation,
     ReportSlowdown,
+    ReportUnsignedValues,
     SendBeacon,
     WriteClockSamples,
     WriteMirrors,
@@ -34,6 +32,7 @@ from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.media.medium import MediumProfile
 from swarmd.broker.core.topology.link import LinkChanged, LinkState
+from swarmd.broker.forgery_reports import ForgeryReports
 from swarmd.broker.former_session import FormerSession
 from swarmd.broker.frame_gateway import FrameGateway
 from swarmd.broker.links.media import Media
@@ -69,7 +68,6 @@ if TYPE_CHECKING:
 
 OF_DATAGRAMS: Final = (
     AdoptSession,
-    ContinueSequence,
     LinkChanged,
     ProveSession,
     WriteMirrors,
@@ -108,7 +106,7 @@ class BrokerShell:
         self._plan_at = -1
         self._refusals = RefusalLog()
         self._denials = DenialReporter(self._on_denial)
-        self._contradictions = ContradictionReports(core, keys, self._denials)
+        self._forgeries = ForgeryReports(core, keys, self._denials)
         self._seeds = bool(config.seeds)
         self._driver = service.drive(core, self._perform)
         feed = self._driver.feed
@@ -234,8 +232,6 @@ class BrokerShell:
                 self._mirrors.keep_only(action.wants)
             case AdoptSession():
                 self._transport.adopt(action.hw, action.session)
-            case ContinueSequence():
-                self._transport.resume(action.hw, action.session, action.sequence)
             case ProveSession():
                 self._gateway.prove(action.hw, action.session)
             case LimitEnded():
@@ -250,10 +246,10 @@ class BrokerShell:
                 self._membership.apply(action.change)
             case ReportSlowdown():
                 self._report_slowdown(action)
-            case ReportContradictions():
-                self._contradictions.on_contradictions(action.found, self._clock.now_ns())
+            case ReportUnsignedValues():
+                self._forgeries.on_values(action.found, self._clock.now_ns())
             case ReportImpersonation():
-                self._contradictions.on_impersonation(action, self._clock.now_ns())
+                self._forgeries.on_impersonation(action, self._clock.now_ns())
 
     def _read_inputs(self, boards: bool) -> None:
         self._transport.receive()

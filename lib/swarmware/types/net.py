@@ -276,8 +276,6 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     undated: int = 0
     """Messages and requests with a lifetime, of a neighbour whose clock is not known here yet; it repeats
     them."""
-    contradicted: int = 0
-    """Relayed values of boards that the beacons of their origin contradict: a member has made them up."""
     impersonated: int = 0
     """Beacons that a member has sealed in the name of another one: of this node, or of one in range."""
     damaged: int = 0
@@ -296,7 +294,6 @@ CERTAINLY_HOSTILE: Final = (
     "unsigned",
     "revoked",
     "unknown_keys",
-    "contradicted",
     "impersonated",
     "unsigned_values",
 )
@@ -339,8 +336,6 @@ class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     members: tuple[RosterMemberState, ...] = ()
     revoked_self: bool = False
     """This node was revoked."""
-    signs_beacons: bool = False
-    """Members sign every beacon, and take none without a signature."""
 
 
 @register

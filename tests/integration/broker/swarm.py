@@ -173,7 +173,6 @@ async def swarm(
     *names: str,
     hear: Mapping[str, tuple[str, ...]] | None = None,
     keys: bool = True,
-    sign_beacons: bool = False,
     roles: Mapping[str, str] | None = None,
     settings: Mapping[str, Mapping[str, Any]] | None = None,
     **common: Any,
@@ -183,7 +182,7 @@ async def swarm(
     port = free_port()
     if keys:
         given_roles = {name: (roles or {}).get(name, "operator") for name in names}
-        await asyncio.to_thread(make_swarm, root / "keys", given_roles, sign_beacons=sign_beacons)
+        await asyncio.to_thread(make_swarm, root / "keys", given_roles)
     async with AsyncExitStack() as stack:
         stations: dict[str, Station] = {}
         for name in names:

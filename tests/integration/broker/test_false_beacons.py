@@ -14,22 +14,17 @@ from tests.integration.broker.swarm import Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmd.broker.core import broker as broker_core
-from swarmd.broker.core.admission.roster_exchange import RosterExchange
-from swarmd.broker.core.admission.sources import BURST, RATE_HZ
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.received_beacon import ReceivedBeacon
-from swarmware.errors import Denied
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.module.stream import StreamReader
 from swarmware.transport.security.keys import Keys
-from swarmware.transport.security.root import Root
 from swarmware.transport.security.seal import Sealer
-from swarmware.types.net import Denial, RosterState, SignedRoster
+from swarmware.types.net import Denial
 from swarmware.types.vehicle import Pose
 
 TRIES: Final = 1000
@@ -60,12 +55,11 @@ class Forger:
             address: tuple[str, int],
             rx_ns: int,
             *proof: object,
-            **signed: bool,
         ) -> ReceivedBeacon | None:
             if any(value.payload == INVENTED for value in beacon.values):
                 name = protocol.identity.platform
                 self.believed[name] = self.believed.get(name, 0) + 1
-            return on_beacon(protocol, header, beacon, address, rx_ns, *proof, **signed)  # type: ignore[arg-type]  # passed on
+            return on_beacon(protocol, header, beacon, address, rx_ns, *proof)  # type: ignore[arg-type]  # passed on
 
         monkeypatch.setattr(BrokerCore, "compose", composed)
         monkeypatch.setattr(BeaconProtocol, "on_beacon", received)
@@ -134,43 +128,13 @@ async def is_reported(
     assert any("that uav1 never sent" in record.getMessage() for record in caplog.records)
 
 
-@on_uvloop
-async def test_after_the_first_evidence_none_of_a_thousand_false_beacons_is_believed(
-    tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level(logging.INFO)
-    async with swarm(tmp_path, "uav1", "uav2", "uav3") as cell:
-        victim, receiver = cell["uav1"], cell["uav3"]
-        for station in cell.values():
-            await station.until_up(*(name for name in cell if name != station.platform))
-        poses = Poses(victim, receiver)
-        await poses.arrive(1.0)
-        denials = receiver.app.stream_reader("net/denials", Denial)
-        with forger.opened(tmp_path, victim.group_port):
-            await forger.forge("uav1", 1)
-            await receiver.until_counted(lambda traffic: traffic.refused.impersonated > 0)
-            await victim.until_counted(lambda traffic: traffic.refused.impersonated > 0)
-            first = forger.believed.get("uav3", 0)
-            # within a period of 0.1 s, and the 60 ms until the true beacon that answers
-            assert first <= BURST + 0.5 * RATE_HZ
-            await poses.arrive(2.0)
-            before = (await receiver.traffic()).refused.unsigned
-            await forger.forge("uav1", 1)
-            await poses.arrive(3.0)
-            await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= before + TRIES // 2)
-        assert forger.believed.get("uav3", 0) == first, "none of the second thousand"
-        await receiver.until_up("uav1")
-        await is_reported(receiver, denials, caplog)
-        print(f"{first} of the first {TRIES} were believed, 0 of the next")
-
-
 @pytest.mark.parametrize("ahead", [1, 50_000])
 @on_uvloop
-async def test_where_every_beacon_is_signed_none_of_a_thousand_false_ones_is_believed(
+async def test_none_of_a_thousand_false_beacons_is_believed_whatever_their_numbers_are(
     tmp_path: Path, forger: Forger, caplog: pytest.LogCaptureFixture, ahead: int
 ) -> None:
     caplog.set_level(logging.INFO)
-    async with swarm(tmp_path, "uav1", "uav2", "uav3", sign_beacons=True) as cell:
+    async with swarm(tmp_path, "uav1", "uav2", "uav3") as cell:
         victim, receiver = cell["uav1"], cell["uav3"]
         for station in cell.values():
             await station.until_up(*(name for name in cell if name != station.platform))
@@ -189,85 +153,6 @@ async def test_where_every_beacon_is_signed_none_of_a_thousand_false_ones_is_bel
 
 
 @on_uvloop
-async def test_the_root_switches_signatures_on_and_off_while_brokers_run_and_no_member_can(
-    tmp_path: Path, forger: Forger, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(broker_core, "ENFORCED_NS", 0)  # the test does not wait until all have it
-    async with swarm(tmp_path, "uav1", "uav2") as pair:
-        victim, receiver = pair["uav1"], pair["uav2"]
-        await receiver.until_up("uav1")
-        await victim.until_up("uav2")
-        poses = Poses(victim, receiver)
-        await poses.arrive(1.0)
-        root = Root.load(tmp_path / "keys")
-        boards = [station.app.reader("net/roster", RosterState) for station in pair.values()]
-
-        async def hand_over(text: bytes) -> None:
-            await victim.app.request("sys/broker/roster", SignedRoster(text), RosterState)
-            for station, board in zip(pair.values(), boards, strict=True):
-                await station.until(
-                    lambda board=board: (
-                        board.value is not None and board.value.version == root.roster.version
-                    ),  # type: ignore[misc]  # the board of this iteration
-                    board,
-                )
-
-        await hand_over(root.sign_beacons(True))
-        await poses.arrive(2.0)
-        forged = root.signed.split(b"\n")[0].replace(b',"sign_beacons":true', b"").replace(b'n":2', b'n":9')
-        member = Keys.load(tmp_path / "keys" / "uav2", "uav2")
-        with pytest.raises(Denied, match="not signed by this swarm's root"):
-            await hand_over(forged + b"\n" + member.sign(forged).hex().encode() + b"\n")
-        with forger.opened(tmp_path, victim.group_port):
-            await forger.forge("uav1", 1)
-            await poses.arrive(3.0)
-            await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= TRIES // 2)
-        assert forger.believed == {}
-        await hand_over(root.sign_beacons(False))
-        await poses.arrive(4.0)
-        await receiver.until_up("uav1")
-
-
-@on_uvloop
-async def test_a_node_that_does_not_know_that_all_beacons_are_signed_is_asked_and_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(RosterExchange, "on_shown", lambda *_: None)  # it asks for no newer roster
-    async with swarm(tmp_path, "uav1", "uav2") as pair:
-        former, receiver = pair["uav1"], pair["uav2"]
-        await receiver.until_up("uav1")
-        await receiver.stop()
-        signed = Root.load(tmp_path / "keys").sign_beacons(True)
-        (tmp_path / "keys" / "uav2" / "roster.json").write_bytes(signed)
-        await receiver.start()
-        await receiver.until_up("uav1")
-        await former.until_up("uav2")
-        poses = Poses(former, receiver)
-        await poses.arrive(1.0)
-        assert (await receiver.traffic()).refused.impersonated == 0
-
-
-@on_uvloop
-async def test_numbers_far_ahead_are_never_believed_and_do_not_block_the_true_beacons(
-    tmp_path: Path, forger: Forger
-) -> None:
-    async with swarm(tmp_path, "uav1", "uav2") as pair:
-        victim, receiver = pair["uav1"], pair["uav2"]
-        await receiver.until_up("uav1")
-        await victim.until_up("uav2")
-        poses = Poses(victim, receiver)
-        await poses.arrive(1.0)
-        with forger.opened(tmp_path, victim.group_port):
-            await forger.forge("uav1", 50_000)
-            await poses.arrive(2.0)
-        assert forger.believed == {}
-        await receiver.until_counted(
-            lambda traffic: traffic.refused.unproven + traffic.refused.unsigned >= TRIES // 2
-        )
-        await receiver.until_up("uav1")
-
-
-@on_uvloop
 async def test_a_node_that_is_not_in_range_is_never_believed_to_be(tmp_path: Path, forger: Forger) -> None:
     far = {"uav3": {"udp_port": free_port()}}
     async with swarm(tmp_path, "uav1", "uav2", "uav3", settings=far) as cell:
@@ -275,15 +160,13 @@ async def test_a_node_that_is_not_in_range_is_never_believed_to_be(tmp_path: Pat
         await receiver.until_up("uav2")
         with forger.opened(tmp_path, receiver.group_port):
             await forger.forge("uav3", 1)
-            await receiver.until_counted(lambda traffic: traffic.refused.unproven >= TRIES // 2)
+            await receiver.until_counted(lambda traffic: traffic.refused.unsigned >= TRIES // 2)
         assert forger.believed == {}
         assert "uav3" not in receiver.states()
 
 
 @on_uvloop
-async def test_the_victim_finds_false_beacons_in_its_name_and_signs_all_of_its_own(
-    tmp_path: Path, forger: Forger
-) -> None:
+async def test_the_victim_finds_false_beacons_in_its_name(tmp_path: Path, forger: Forger) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         victim = pair["uav1"]
         await victim.until_up("uav2")

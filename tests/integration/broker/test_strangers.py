@@ -86,7 +86,7 @@ def replace_key(folder: Path, root: SigningKey, names: tuple[str, str]) -> None:
         for m in roster.members
     )
     (folder / "node.key").write_bytes(bytes(range(32)))
-    (folder / "roster.json").write_bytes(sign_roster(Roster(1, members), root))
+    (folder / "roster.json").write_bytes(sign_roster(Roster(1, members, sign_beacons=True), root))
     (folder / "root.pub").write_bytes(root.public)
 
 

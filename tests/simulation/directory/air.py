@@ -23,10 +23,6 @@ DELAY_S: Final = (0.0002, 0.001)
 class Air(RadioSwarm):
     """Brokers of moving vehicles, and the poses that each of them has received."""
 
-    signs = True
-    """Beacons are signed, as with keys: one in five seconds."""
-    signs_all = False
-    """All of them are, and others are not taken."""
     config = Config()
 
     def __init__(self, seed: int, count: int, degree: float, speed_m_s: float) -> None:
@@ -49,11 +45,9 @@ class Air(RadioSwarm):
             config=self.config,
             write_boards=self.write_pose,
             on_value=self.take_pose,
-            signing=SimulatedKeys(name) if self.signs else None,
+            signing=SimulatedKeys(name),
         )
         self.brokers[name] = node
-        if self.signs_all:
-            node.core.require_signatures(True, node.clock.now_ns())
         wants = tuple(
             BoardSubscription(other, "nav/pose", "Pose", POSE) for other in self.names if other != name
         )
@@ -106,9 +100,3 @@ class Air(RadioSwarm):
             hops[further] = distance
             reached |= further
         return hops
-
-
-class SignedAir(Air):
-    """Brokers that sign every beacon."""
-
-    signs_all = True

@@ -6,16 +6,12 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import Final
 
-from tests.simulation.directory.replay_window import ReplayWindow
-
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action, ContinueSequence, PollInputs, SendBeacon, WriteMirrors
+from swarmd.broker.core.action import Action, PollInputs, SendBeacon, WriteMirrors
 from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.admission.signing_keys import SigningKeys
-from swarmd.broker.core.admission.sources import SealedDatagram
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
-from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.boards.relay_cache import RemoteValue
@@ -29,7 +25,8 @@ from swarmware.model.names import hardware_id
 from swarmware.runtime.driver import CoreDriver
 from swarmware.testing.virtual import VirtualSwarm
 from swarmware.transport.security.keys import Keys
-from swarmware.transport.sodium import KEY_BYTES, SigningKey
+from swarmware.transport.security.seal import ReceivedSession, Refusal
+from swarmware.transport.sodium import KEY_BYTES, SealKey, SigningKey
 from swarmware.types.net import BoardSubscription
 
 SEAL_BYTES: Final = 16
@@ -79,6 +76,13 @@ def clear_and_body(data: bytes) -> tuple[bytes, bytes]:
 def signing_key(name: str) -> SigningKey:
     """The key of a simulated node."""
     return SigningKey(name.encode().ljust(KEY_BYTES))
+
+
+class NoSeal(SealKey):
+    """Stands for the key of a session: simulated datagrams are not sealed."""
+
+    def open(self, nonce: bytes, box: bytes, clear: bytes) -> bytes:
+        return box
 
 
 class SimulatedKeys:
@@ -155,7 +159,7 @@ class BrokerNode:
         self.link_states: dict[int, LinkState] = {}
         self.declared_period_ns = former.declared_period_ns
         """What the daemon stores for its next start."""
-        self._windows: dict[tuple[int, int], ReplayWindow] = {}
+        self._received: dict[tuple[int, int], ReceivedSession] = {}
         self.sent = 0
         """Number of beacons."""
         self.sent_bytes = 0
@@ -184,8 +188,6 @@ class BrokerNode:
             case LinkChanged(hw, _, state):
                 self.links.append(action)
                 self.link_states[hw] = state
-            case ContinueSequence(hw, session, sequence):
-                self._windows[hw, session].resume(sequence)
             case SendRoster():
                 self.actions.append(action)
                 self._on_roster(self, action)
@@ -201,14 +203,12 @@ class BrokerNode:
         header = Header(mark, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
         data = datagram(self.core.session, header, outgoing.beacon)
         signatures = self.core.signatures
-        if signatures is not None and outgoing.is_signed:
+        if signatures is not None:
             clear, body = clear_and_body(data)
-            data = data[: -len(body)] + signatures.signed(
-                outgoing.sequence, clear, body, outgoing.beacon.values, now_ns
-            )
+            data = data[: -len(body)] + signatures.signed(clear, body, outgoing.beacon.values, now_ns // 1000)
             assert len(data) - len(clear) - _SESSION.size <= BODY_LIMIT
         size = wire_bytes(data)
-        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, datagram_digest(data), now_ns)
+        self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns)
         self.sent += 1
         self.sent_bytes += size
         beacon = outgoing.beacon
@@ -227,16 +227,17 @@ class BrokerNode:
             return
         header, now_ns = header_of(data), self.clock.now_ns()
         clear, body = clear_and_body(data)
-        digest, is_new = datagram_digest(data), True
-        if self.core.sources is not None:
-            window = self._windows.setdefault((header.sender_hw, header.session or 0), ReplayWindow())
-            taken = window.is_new(header, digest, self.core.sources, now_ns)
-            if taken is None:
-                return
-            is_new = taken
-        sealed = SealedDatagram(clear, body, digest, SENDER_ADDRESS[0], is_new)
+        session = header.session or 0
+        received = self._received.setdefault(
+            (header.sender_hw, session), ReceivedSession(session, NoSeal(bytes(KEY_BYTES)))
+        )
+        if isinstance(received.open(header.sender_hw, header.sequence, clear, body), Refusal):
+            return
+        checked = self.core.check(header, beacon_of(data), clear, body, SENDER_ADDRESS[0])
+        if checked.is_genuine:
+            received.take(header.sequence)
         _, actions = self.core.on_datagram(
-            header, beacon_of(data), SENDER_ADDRESS, True, size, sealed, None, now_ns
+            header, beacon_of(data), SENDER_ADDRESS, True, size, checked, None, now_ns
         )
         self.driver.feed(actions)
 

@@ -31,8 +31,6 @@ class AirWithForger(Air):
         self.forged = 0
         self.believed: Counter[str] = Counter()
         """Invented poses that were taken, by receiver."""
-        self.last_s: dict[str, float] = {}
-        """Instant of the last one."""
 
     def multicast(self, sender: str, data: bytes) -> None:
         super().multicast(sender, data)
@@ -50,39 +48,13 @@ class AirWithForger(Air):
         name = getattr(node, "name", "")
         if Pose.unpack(value.payload).y_m == INVENTED_Y_M:
             self.believed[name] += 1
-            self.last_s[name] = self.now_ns / 1e9
         else:
             self.made_s[name, want.platform] = Pose.unpack(value.payload).x_m
 
 
-class SignedAirWithForger(AirWithForger):
-    """The same swarm, where every beacon is signed."""
-
-    signs_all = True
-
-
 @pytest.mark.parametrize("seed", seeds(1, 10))
-def test_after_seconds_nobody_believes_the_forger_and_the_true_poses_arrive(seed: int) -> None:
+def test_nobody_ever_believes_the_forger_and_the_true_poses_arrive(seed: int) -> None:
     air = AirWithForger(seed)
-    air.fly(12.0, look=False)
-    assert not any(node.of(ReportImpersonation) for node in air.brokers.values()), "none without a reason"
-    air.forges, began_s = True, air.now_ns / 1e9
-    air.fly(20.0, look=False)
-    assert air.forged > 150
-    # in range of the victim one or two until its next beacon, and those again as relayed values; 14 s are the
-    # trust in a node that has left the range
-    assert all(last_s < began_s + 15.0 for last_s in air.last_s.values())
-    assert not air.believed or max(air.believed.values()) <= 20
-    assert bool(air.believed) <= any(node.of(ReportImpersonation) for node in air.brokers.values())
-    index = air.names.index(air.victim)
-    for name, hops in zip(air.names, air.distances()[index], strict=True):
-        if hops == 1 and name != air.forger:
-            assert air.now_ns / 1e9 - air.made_s[name, air.victim] < 1.0, "the true one is believed"
-
-
-@pytest.mark.parametrize("seed", seeds(1, 10))
-def test_where_every_beacon_is_signed_nobody_ever_believes_the_forger(seed: int) -> None:
-    air = SignedAirWithForger(seed)
     air.fly(4.0, look=False)
     assert not any(node.of(ReportImpersonation) for node in air.brokers.values()), "none without a reason"
     near = air.distances() == 1

@@ -1,8 +1,7 @@
 """What it costs in bytes that a node and 15 others accept each other and know each other's structures.
 
 Brokers and trees as in the daemons, with keys, the shipped templates, and each byte as on the wire: questions
-and answers about sessions, signatures, structures, and questions for them. What beacons have at rest, too, is
-not counted.
+and answers about sessions, structures, and questions for them. What beacons also have at rest is not counted.
 """
 
 from collections import Counter
@@ -17,7 +16,6 @@ from tests.simulation.seeds import cases
 from swarmd.broker.core.action import Action, PublishTables, WriteStructure
 from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header
-from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
 from swarmd.broker.core.beacon.structure_parts import StructurePart, question_bytes, structure_bytes
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.tree.config import Config
@@ -33,16 +31,12 @@ from swarmware.types.net import ConnectionStatus, TreePlan
 OTHERS: Final = 15
 NEW: Final = "uav16"
 SETTLED_S: Final = 6.0
-WINDOW_S: Final = 7.5
-"""One and a half periods: as long after a whole number of them as before the next, so that a signature that
-was brought forward counts as half of one."""
-PERIOD_S: Final = 5.0
-"""Of signatures without any reason."""
+JOINED_S: Final = 3.0
 FOLDER: Final = Path(__file__).parents[3] / "share" / "swarm" / "templates"
 TEMPLATES: Final = {name: template.load(name, FOLDER).resources for name in ("gcs", "ugv", "multirotor")}
-SESSION_BYTES: Final = 1_500
-"""Limit of questions, answers and signatures; tree/test_join_bytes.py adds it to what trees take."""
-JOIN_BYTES: Final = 2_000
+SESSION_BYTES: Final = 500
+"""Limit of questions and answers; tree/test_join_bytes.py adds it to what trees take."""
+JOIN_BYTES: Final = 1_000
 """Goal for all that a join adds to the beacons of 16 nodes, beside the structures themselves."""
 
 
@@ -119,7 +113,6 @@ class Cell(VirtualSwarm[str]):
 
     def multicast(self, sender: str, data: bytes) -> None:
         beacon = beacon_of(data)
-        self.counts["signatures"] += beacon.signature is not None
         self.counts["checks"] += session_checks.body_bytes(len(beacon.checks))
         data_bytes = 0 if beacon.structure is None else len(beacon.structure.data)
         self.counts["structures"] += data_bytes
@@ -150,7 +143,7 @@ class Cell(VirtualSwarm[str]):
     ("seed", "tree_delay_s"),
     cases([(1, 0.0), (2, 0.7)], [(seed, delay_s) for seed in range(3, 11) for delay_s in (0.0, 0.7)]),
 )
-def test_a_node_joins_fifteen_others_with_two_kilobytes_and_the_structures_and_is_linked_at_once(
+def test_a_node_joins_fifteen_others_with_a_kilobyte_and_the_structures_and_is_linked_at_once(
     seed: int, tree_delay_s: float
 ) -> None:
     cell = Cell(seed)
@@ -164,21 +157,18 @@ def test_a_node_joins_fifteen_others_with_two_kilobytes_and_the_structures_and_i
     joining = cell.count(0.5)
     up = [state for state in node.link_states.values() if state is LinkState.UP]
     assert len(up) == OTHERS
-    joining += cell.count(WINDOW_S - 0.5)
+    joining += cell.count(JOINED_S - 0.5)
     assert cell.complete()
     assert not sum(member.requests for member in cell.members.values()), "beacons bring everything"
-    more = joining["signatures"] - round((OTHERS + 1) * WINDOW_S / PERIOD_S)
-    signatures = more * PART_BYTES
     heads, questions = joining["structure heads"], joining["structure questions"]
-    print(f"{joining['checks']} B of questions and answers, {signatures} B of {more} more signatures,")
-    print(f"{heads} B of heads of structures, {questions} B of questions for them, {joining['structures']} B")
-    assert joining["checks"] <= 500
-    assert joining["checks"] + signatures <= SESSION_BYTES
+    print(f"{joining['checks']} B of questions and answers, {heads} B of heads of structures,")
+    print(f"{questions} B of questions for them, {joining['structures']} B")
+    assert joining["checks"] <= SESSION_BYTES
     assert joining["structures"] <= 850, "each twice at most"
-    assert joining["checks"] + signatures + heads + questions <= JOIN_BYTES
+    assert joining["checks"] + heads + questions <= JOIN_BYTES
 
 
-def test_an_unsigned_beacon_in_the_name_of_a_neighbour_gives_it_no_other_structure() -> None:
+def test_a_false_beacon_in_the_name_of_a_neighbour_gives_it_no_other_structure() -> None:
     cell = Cell(seed=1)
     one, victim = cell.start("uav1"), cell.start("uav2")
     cell.run_for(4.0)
@@ -192,5 +182,5 @@ def test_an_unsigned_beacon_in_the_name_of_a_neighbour_gives_it_no_other_structu
         header = Header(0, victim.hw, header_of(last).sequence + number, stamp_us, None)
         false = Beacon(structure=StructurePart(77, number, 0, data))
         one.receive("", datagram(victim.core.session, header, false))
-    assert one.core.counters.refused.spoofed == 2
+    assert one.core.counters.refused.unsigned == 2
     assert taken.digest == before

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 import pytest
-from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys
+from tests.simulation.directory.brokers import BrokerNode
 from tests.simulation.directory.radios import RadioSwarm
 from tests.simulation.directory.swarm import PLAN, SECOND, write_pose
 from tests.simulation.seeds import seeds
@@ -22,7 +22,6 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.admission import roster_update
 from swarmd.broker.core.admission.roster_exchange import SendRoster
 from swarmd.broker.core.admission.roster_update import RosterUpdate
-from swarmd.broker.core.admission.sources import ENFORCED_NS
 from swarmd.broker.core.topology.link import LinkState
 from swarmware.model.names import hardware_id
 from swarmware.testing.virtual import VirtualClock
@@ -53,12 +52,9 @@ class RosterSwarm(RadioSwarm):
         count: int = NODES,
         busy: bool = False,
         dense: bool = False,
-        signs: bool = False,
     ) -> None:
-        """`signs`: beacons have signatures, some of them or all."""
         super().__init__(seed, count, 10_000.0 if dense else DEGREE, delay_s=DELAY_S)
         self.root = Root.make(folder, "sim")
-        self.signs = signs
         keys_of = {name: hardware_id(name).to_bytes(4, "little") * 8 for name in self.names}
         signed = self.root.admit(
             *(
@@ -89,7 +85,7 @@ class RosterSwarm(RadioSwarm):
             session=1 + self.random.randrange(1 << 40),
             write_boards=write_pose if busy else lambda *_: None,
             keys=keys,
-            signing=SimulatedKeys(name) if self.signs else None,
+            signing=keys,
             on_roster=self.connect,
         )
         if busy:
@@ -198,24 +194,6 @@ def test_a_rotation_takes_no_link_down(seed: int, tmp_path: Path) -> None:
         assert exchange is not None
         assert exchange.version == 3 or not (swarm.delivery[swarm.names.index(name)] > 0.5).any()
         assert not exchange.epochs.is_switching
-
-
-def test_signatures_on_all_beacons_are_switched_on_and_off_without_a_lost_link(tmp_path: Path) -> None:
-    swarm = RosterSwarm(1, tmp_path, count=8, dense=True, signs=True)
-    swarm.run_for(SETTLED_S)
-    first = swarm.names[0]
-    before = {name: len(swarm.brokers[name].links) for name in swarm.names}
-    for signs in (True, False):
-        swarm.brokers[first].hand_over(swarm.root.sign_beacons(signs))
-        swarm.run_for(ENFORCED_NS / SECOND + 3.0)
-        for name in swarm.names:
-            signatures = swarm.brokers[name].core.signatures
-            assert signatures is not None
-            assert signatures.always is signs
-    for name in swarm.names:
-        node = swarm.brokers[name]
-        assert len(node.links) == before[name], "no link changed"
-        assert node.core.counters.refused.unsigned == 0
 
 
 def test_in_a_dense_cell_each_node_gets_the_roster_about_once(tmp_path: Path) -> None:

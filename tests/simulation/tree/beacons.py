@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable, Iterable
-from functools import lru_cache, partial
+from functools import partial
 from typing import Final
 
 from swarmd.broker.core.beacon import beacon_codec as codec
@@ -10,37 +10,14 @@ from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon
 from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.tree import SwarmTree
-from swarmware.model.digest import blake2b
 from swarmware.model.names import hardware_id
 from swarmware.testing.virtual import VirtualTime
-from swarmware.transport.sodium import SigningKey
-from swarmware.types.net import Refused, StructureBroadcast, TreePlan
+from swarmware.types.net import StructureBroadcast, TreePlan
 
 CHANGING_S: Final = 0.2
 """Period of beacons while links change, as `CHANGING_HZ`."""
 ROOM: Final = BODY_LIMIT // 2
 """What the other sections leave."""
-SESSION: Final = 7
-
-
-@lru_cache(maxsize=512)
-def signing_key(platform: str) -> SigningKey:
-    return SigningKey(blake2b(platform.encode(), digest_size=32).digest())
-
-
-class MemberKeys:
-    """Keys of one member; everybody knows the public ones."""
-
-    is_open = False
-
-    def __init__(self, platform: str) -> None:
-        self._platform = platform
-
-    def sign(self, data: bytes) -> bytes:
-        return signing_key(self._platform).sign(data)
-
-    def sign_public_of(self, platform: str) -> bytes | None:
-        return signing_key(platform).public
 
 
 class Station:
@@ -50,13 +27,12 @@ class Station:
         self.tree = tree
         self.name = str(tree.address)
         self.hw = hardware_id(self.name)
-        self.refused = Refused()
-        self.broadcasts = StructureBroadcasts(self.hw, SESSION, MemberKeys(self.name), self.refused)
+        self.broadcasts = StructureBroadcasts(self.hw)
         self.needs: tuple[str, ...] = ()
         self.is_waiting = False
         """A beacon is scheduled."""
         self.meets = False
-        """That one answers the session of a new neighbour, and is signed for that."""
+        """That one answers the session of a new neighbour."""
 
     def take_plan(self) -> list[StructureBroadcast]:
         """Structures that the tree needs from now on, and that were received before."""
@@ -102,9 +78,6 @@ class BeaconAir:
     def leave(self, name: str) -> None:
         self._stations.pop(name, None)
 
-    def refused(self) -> int:
-        return sum(station.refused.spoofed for station in self._stations.values())
-
     def on_settled(self, name: str) -> None:
         """The tree of a node has done its work: its plan may have changed."""
         station = self._stations.get(name)
@@ -138,12 +111,10 @@ class BeaconAir:
         if self._stations.get(station.name) is not station:
             return
         near = [name for name in self._near(station.name) if name in self._stations]
-        is_signed, station.meets = station.meets, False
-        if is_signed:
+        if station.meets:
             station.broadcasts.offer()
-        parts = station.broadcasts.compose(
-            self._time.now_ns, ROOM, has_neighbours=bool(near), is_signed=is_signed
-        )
+        station.meets = False
+        parts = station.broadcasts.compose(self._time.now_ns, ROOM, has_neighbours=bool(near))
         if parts.bytes:
             data = codec.encode(Beacon(structure=parts.structure, structure_questions=parts.questions))
             size = len(data) - 1
@@ -153,16 +124,14 @@ class BeaconAir:
             self._count(station.name, receivers, size, structure)
             beacon = codec.decode(data)
             for name in receivers:
-                self._receive(self._stations[name], station, beacon, is_signed=is_signed)
+                self._receive(self._stations[name], station, beacon)
         if station.needs or self._is_due(station):
             station.is_waiting = True
             self._time.after(CHANGING_S, partial(self._send, station))
 
-    def _receive(self, station: Station, sender: Station, beacon: Beacon, *, is_signed: bool) -> None:
+    def _receive(self, station: Station, sender: Station, beacon: Beacon) -> None:
         now_ns = self._time.now_ns
-        found = station.broadcasts.on_beacon(
-            sender.hw, sender.name, SESSION, beacon, now_ns, is_signed=is_signed
-        )
+        found = station.broadcasts.on_beacon(sender.hw, sender.name, beacon, now_ns)
         if found is not None:
             self._give(station, found)
         self._schedule(station)

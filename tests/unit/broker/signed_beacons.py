@@ -1,19 +1,17 @@
-"""A member whose beacons are signed now and then, as datagrams for `Sources`."""
+"""A member and its signed beacons, as datagrams whose seals were opened."""
 
-from typing import Final
-
-import msgspec
+from typing import Final, NamedTuple
 
 from swarmd.broker.core.admission.own_signatures import OwnSignatures
-from swarmd.broker.core.admission.sources import SealedDatagram
+from swarmd.broker.core.admission.signature_checks import CheckedDatagram, SignatureChecks
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
-from swarmd.broker.core.beacon.beacon_history import datagram_digest
 from swarmware.model.names import hardware_id
 from swarmware.transport.sodium import KEY_BYTES, SigningKey
 
 SESSION: Final = 77
 HOST: Final = "10.0.0.7"
+NAMES: Final = {hardware_id(name): name for name in ("uav1", "uav2", "uav3")}
 
 
 class MemberKeys:
@@ -35,12 +33,22 @@ def _key(name: str) -> SigningKey:
     return SigningKey(name.encode().ljust(KEY_BYTES))
 
 
-class SealedBeacon(msgspec.Struct, frozen=True):
+class SealedBeacon(NamedTuple):
     """A beacon after its seal was opened."""
 
     header: Header
     beacon: Beacon
-    datagram: SealedDatagram
+    clear: bytes
+    body: bytes
+    host: str = HOST
+
+    def checked(self, checks: SignatureChecks) -> CheckedDatagram:
+        return checks.on_datagram(*self)
+
+
+def checks_of(name: str, *, has_copies: bool = False) -> SignatureChecks:
+    """The checks of a receiver that knows the names of the members."""
+    return SignatureChecks(MemberKeys(name), lambda hw: NAMES.get(hw, ""), has_copies=has_copies)
 
 
 class Member:
@@ -54,16 +62,21 @@ class Member:
         self.signatures = OwnSignatures(self.hw, session, MemberKeys(key or name))
 
     def beacon(
-        self, sequence: int, now_ns: int, *, signed: bool | None = None, content: bytes = b"true"
+        self,
+        sequence: int,
+        now_ns: int,
+        *values: bytes,
+        is_signed: bool = True,
+        hello: Hello | None = None,
     ) -> SealedBeacon:
-        """The beacon with this number; `signed`: None as it is due."""
+        """The beacon with this number, and values of as many boards."""
         header = Header(0, self.hw, sequence, now_ns // 1000 & 0xFFFF_FFFF, self.session)
         clear = codec.encode_header(header)
-        hello = Hello(1, 0, 0, 0, 0, PlatformCode.UAV, self.name, period_ms=100)
-        values = (BoardValue(1, 0, True, content),)
-        body = codec.encode(Beacon(hello=hello, values=values))
-        if signed or (signed is None and self.signatures.reserved_bytes(now_ns)):
-            body = self.signatures.signed(sequence, clear, body, values, now_ns)
-        digest = datagram_digest(clear + body)
-        self.signatures.on_sent(sequence, digest)
-        return SealedBeacon(header, codec.decode(body), SealedDatagram(clear, body, digest, self.host, True))
+        boards = tuple(BoardValue(1 + board, 1000, True, payload) for board, payload in enumerate(values))
+        body = codec.encode(Beacon(hello=hello, values=boards))
+        if is_signed:
+            body = self.signatures.signed(clear, body, boards, now_ns // 1000)
+        return SealedBeacon(header, codec.decode(body), clear, body, self.host)
+
+    def hello(self) -> Hello:
+        return Hello(1, 0, 0, 0, 0, PlatformCode.UAV, self.name, period_ms=100)

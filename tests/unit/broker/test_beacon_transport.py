@@ -129,6 +129,6 @@ async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_repor
     receive(used + 2, named=False)
     receive(used + 2)
     assert shell.counters.refused.impersonated == 2, "a repetition proves nothing"
-    assert shell.actions == [ReportImpersonation(own_hw, ("127.0.0.9",))] * 2
+    assert shell.actions == [ReportImpersonation(own_hw, "127.0.0.9")] * 2
     assert shell.datagrams._unreturned == 0
     shell.media.close()

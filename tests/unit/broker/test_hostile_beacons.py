@@ -83,8 +83,7 @@ def beacons(name: str) -> st.SearchStrategy[Beacon]:
             ),
             4,
         ),
-        structure=st.none()
-        | st.builds(StructurePart, U32, U64, U64, PAYLOADS, st.sampled_from([b"", bytes(64)])),
+        structure=st.none() | st.builds(StructurePart, U32, U64, U64, PAYLOADS),
         structure_questions=many(NODES),
         neighbour_requests=many(st.builds(NeighbourRequest, NODES, NODES, U16, U8)),
     )

@@ -82,7 +82,7 @@ def test_who_sees_a_higher_version_asks_and_gets_only_the_difference(swarm: Swar
     assert other.deadline_ns() is None
 
 
-@pytest.mark.parametrize("change", ["admit", "again", "revoke", "rotate", "role", "beacons"])
+@pytest.mark.parametrize("change", ["admit", "again", "revoke", "rotate", "role"])
 def test_a_difference_leads_to_the_roster_that_the_root_signed(swarm: Swarm, change: str) -> None:
     base = swarm.root.roster
     seed = (swarm.directory / "uav1" / "node.key").read_bytes()
@@ -92,7 +92,6 @@ def test_a_difference_leads_to_the_roster_that_the_root_signed(swarm: Swarm, cha
         "revoke": lambda: swarm.root.revoke("uav2"),
         "rotate": swarm.root.rotate,
         "role": lambda: swarm.admit("uav1", seed, "operator"),
-        "beacons": lambda: swarm.root.sign_beacons(True),
     }
     text = changes[change]()
     update = make_update(base, swarm.root.roster, text)

@@ -1,13 +1,13 @@
 """The root's rosters, and nodes that take them: admission, revocation, rotation."""
 
 import stat
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.unit.security.former_roster import former
 from tests.unit.security.swarm import NAMES, Swarm
 
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound
@@ -20,7 +20,6 @@ from swarmware.transport.security.roster import (
     parse_roster,
     sign_roster,
 )
-from swarmware.transport.security.seal import GroupKey
 from swarmware.transport.sodium import SigningKey
 
 
@@ -182,7 +181,8 @@ def test_any_change_of_a_roster_is_refused(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     key = SigningKey(bytes(32))
-    text = sign_roster(Roster(2, (RosterMember("uav1", bytes(32), bytes(32), serial=1),)), key)
+    member = RosterMember("uav1", bytes(32), bytes(32), serial=1)
+    text = sign_roster(Roster(2, (member,), sign_beacons=True), key)
     at = data.draw(st.integers(0, len(text) - 2))
     value = data.draw(st.integers(0, 255).filter(lambda value: value != text[at]))
     changed = text[:at] + bytes([value]) + text[at + 1 :]
@@ -212,7 +212,7 @@ REPLACED = msgspec.structs.replace
 def test_a_signed_but_useless_roster_is_refused(members: tuple[RosterMember, ...], reason: str) -> None:
     key = SigningKey(bytes(32))
     with pytest.raises(ConfigError, match=reason):
-        parse_roster(sign_roster(Roster(1, members), key), key.public, "roster")
+        parse_roster(sign_roster(Roster(1, members, sign_beacons=True), key), key.public, "roster")
 
 
 def test_what_was_applied_is_there_after_a_restart(swarm: Swarm) -> None:
@@ -254,53 +254,6 @@ def test_a_node_that_missed_rotations_takes_the_newest(swarm: Swarm) -> None:
     assert keys.apply(text) is not None
     assert keys.group.epoch == 5
     assert [group.epoch for group in keys.former] == [0]
-
-
-def old_folder(directory: Path, group: GroupKey) -> SigningKey:
-    """A folder as it was made before rosters had group keys."""
-    make_swarm(directory, ["uav1"])
-    folder, key = directory / "uav1", SigningKey((directory / "root.key").read_bytes())
-    roster = read_roster(folder / "roster.json", key.public)
-    members = tuple(msgspec.structs.replace(member, group_box=b"") for member in roster.members)
-    plain = msgspec.to_builtins(Roster(1, members))
-    for member in plain["members"]:
-        del member["group_box"]
-    del plain["swarm"]
-    body = msgspec.json.encode(plain)
-    (folder / "roster.json").write_bytes(body + b"\n" + key.sign(body).hex().encode() + b"\n")
-    (folder / "group.key").write_bytes(msgspec.json.encode(group))
-    (folder / "group.key").chmod(0o600)
-    return key
-
-
-def test_a_folder_of_a_former_version_loads_and_is_led_over_by_the_next_roster(tmp_path: Path) -> None:
-    group = GroupKey(3, bytes(range(32)))
-    key = old_folder(tmp_path, group)
-    folder = tmp_path / "uav1"
-    keys = Keys.load(folder, "uav1")
-    assert keys.group == group
-    assert keys.roster is not None
-    former = msgspec.structs.replace(keys.roster, key_epoch=3)
-    root = Root(tmp_path, key, former, None)
-    change = keys.apply(root.rotate())
-    assert change is not None
-    assert change.rotated
-    keys.save(folder)
-    assert not (folder / "group.key").exists()
-    again = Keys.load(folder, "uav1")
-    assert (again.group.epoch, again.former) == (4, (group,))
-
-
-@pytest.mark.parametrize("damage", [b"", b"garbage", b'{"epoch":0,"key":"c2hvcnQ="}', None])
-def test_a_damaged_group_key_of_a_former_version_is_named(tmp_path: Path, damage: bytes | None) -> None:
-    old_folder(tmp_path, GroupKey(0, bytes(32)))
-    file = tmp_path / "uav1" / "group.key"
-    if damage is None:
-        file.unlink()
-    else:
-        file.write_bytes(damage)
-    with pytest.raises(ConfigError, match=r"group\.key"):
-        Keys.load(tmp_path / "uav1", "uav1")
 
 
 def test_a_group_key_that_is_sealed_to_another_node_is_named(tmp_path: Path) -> None:
@@ -394,38 +347,17 @@ def test_the_platform_of_a_revoked_key_is_known_and_of_no_other_key(
     assert left.revoked(left.curve_public) == left.revoked(bytes(32)) == ""
 
 
-def test_what_the_root_says_about_beacons_outlives_every_other_change(swarm: Swarm) -> None:
-    keys = swarm.keys["uav1"]
-    assert b"sign_beacons" not in swarm.root.signed, "former versions take this roster"
-    changes: tuple[tuple[Callable[[], bytes], bool], ...] = (
-        (lambda: swarm.root.sign_beacons(True), True),
-        (lambda: swarm.admit("uav3", b"\3" * 32), True),
-        (lambda: swarm.root.revoke("uav2"), True),
-        (swarm.root.rotate, True),
-        (lambda: swarm.root.sign_beacons(False), False),
-    )
-    for change, signs in changes:
-        assert keys.apply(change()) is not None
-        assert keys.roster is not None
-        assert keys.roster.signs_beacons is signs
-        keys.save(swarm.directory / "uav1")
-        reloaded = swarm.reload("uav1").roster
-        assert reloaded is not None
-        assert reloaded.signs_beacons is signs
-    assert b"sign_beacons" not in swarm.root.signed
-
-
-def test_a_member_cannot_change_what_the_root_says_about_beacons(swarm: Swarm) -> None:
-    keys = swarm.keys["uav1"]
-    keys.apply(swarm.root.sign_beacons(True))
-    body = swarm.root.signed.split(b"\n")[0].replace(b',"sign_beacons":true', b"").replace(b'n":2', b'n":9')
-    forged = body + b"\n" + swarm.keys["uav2"].sign(body).hex().encode() + b"\n"
-    with pytest.raises(Denied, match="not signed by this swarm's root"):
-        keys.apply(forged)
-    assert keys.roster is not None
-    assert keys.roster.signs_beacons
-
-
-def test_a_swarm_is_made_with_signed_beacons_where_that_is_asked(tmp_path: Path) -> None:
-    assert make_swarm(tmp_path, ["uav1"], sign_beacons=True).signs_beacons
-    assert Root.load(tmp_path).roster.signs_beacons
+def test_a_roster_without_signed_beacons_is_refused_with_the_command_that_makes_new_keys(
+    swarm: Swarm,
+) -> None:
+    text = former(swarm.root.signed, SigningKey((swarm.directory / "root.key").read_bytes()))
+    before = swarm.keys["uav1"].signed
+    with pytest.raises(ConfigError, match="swarmctl keys init --replace --root DIR"):
+        swarm.keys["uav1"].apply(text)
+    assert swarm.keys["uav1"].signed == before
+    for path in (swarm.directory / "uav1" / "roster.json", swarm.directory / "roster.json"):
+        path.write_bytes(text)
+    with pytest.raises(ConfigError, match=r"roster\.json: a roster of a former version, in which not every"):
+        swarm.reload("uav1")
+    with pytest.raises(ConfigError, match="swarmctl keys join --replace"):
+        Root.load(swarm.directory)

@@ -31,7 +31,10 @@ def opened(
     opener: Opener, sequence: int, *, session: int | None = 1, sealed_in: int = 1, epoch: int = 3
 ) -> bytes | Refusal:
     result = opener.open(epoch, HW, session, sequence, CLEAR, sealed(sequence, session=sealed_in))
-    return result.body if isinstance(result, Opened) else result
+    if isinstance(result, Refusal):
+        return result
+    opener.take(HW, result.session, sequence)
+    return result.body
 
 
 def test_what_a_member_sealed_another_opens() -> None:
@@ -71,6 +74,16 @@ def test_a_datagram_is_taken_once() -> None:
     opener = Opener(GROUP)
     assert opened(opener, 1) == b"body"
     assert opened(opener, 1) is Refusal.REPLAYED
+
+
+def test_a_datagram_that_is_not_taken_uses_no_number_whatever_it_is() -> None:
+    opener = Opener(GROUP)
+    for sequence in (5, 900_000, 5):
+        assert isinstance(opener.open(3, HW, 1, sequence, CLEAR, sealed(sequence)), Opened)
+    assert opened(opener, 5) == b"body"
+    opener.take(HW, 2, 6)
+    opener.take(HW + 1, 1, 6)
+    assert opened(opener, 6) == b"body", "another session, another sender"
 
 
 def test_overtaken_datagrams_are_taken_within_the_window_and_once() -> None:
@@ -230,7 +243,8 @@ def test_a_roster_that_the_root_did_not_sign_is_denied(tmp_path: Path) -> None:
 
 def test_a_revoked_member_is_a_stranger(tmp_path: Path) -> None:
     root = SigningKey(OTHER_SEED)
-    roster = Roster(2, (RosterMember("uav1", bytes(32), b"\1" * 32, serial=1),), revoked=(1,))
+    member = RosterMember("uav1", bytes(32), b"\1" * 32, serial=1)
+    roster = Roster(2, (member,), revoked=(1,), sign_beacons=True)
     (tmp_path / "roster.json").write_bytes(sign_roster(roster, root))
     read = read_roster(tmp_path / "roster.json", root.public)
     assert read == roster

@@ -20,9 +20,6 @@ read_root_option: Final = click.option(
 )
 
 
-BEACONS: Final = click.Choice(["signed", "sampled"])
-
-
 @click.group(cls=Group)
 def cmd() -> None:
     """Keys of the swarm: make them, invite and revoke members, change the group key.
@@ -34,15 +31,9 @@ def cmd() -> None:
 @cmd.command(nodes=Nodes.NONE)
 @root_option
 @click.option("--swarm", default="swarm", show_default=True, metavar="NAME", help="Name of the swarm.")
-@click.option(
-    "--beacons",
-    type=BEACONS,
-    default="signed",
-    show_default=True,
-    help="Which beacons members sign: see `keys beacons`.",
-)
+@click.option("--replace", is_flag=True, help="Give up the identity that the node has.")
 @click.pass_context
-def init(ctx: click.Context, root_dir: Path | None, swarm: str, beacons: str) -> None:
+def init(ctx: click.Context, root_dir: Path | None, swarm: str, replace: bool) -> None:
     """Make the root key of a new swarm, and the node on this computer its first member, a maintainer.
 
     The root key signs who belongs to the swarm. It is needed to invite, revoke and rotate, and by no node.
@@ -52,7 +43,7 @@ def init(ctx: click.Context, root_dir: Path | None, swarm: str, beacons: str) ->
     from swarmctl.commands.keys.making import make_root
     from swarmctl.terminal.output import Output
 
-    make_root(Output(settings(ctx)), root_dir, swarm, sign_beacons=beacons == "signed")
+    make_root(Output(settings(ctx)), root_dir, swarm, replace=replace)
 
 
 @cmd.command(nodes=Nodes.NONE)
@@ -186,21 +177,3 @@ def rotate(ctx: click.Context, root_dir: Path | None) -> None:
     from swarmctl.terminal.output import Output
 
     changing.rotate(Output(settings(ctx)), root_dir)
-
-
-@cmd.command(nodes=Nodes.NONE)
-@click.argument("beacons", type=BEACONS)
-@root_option
-@click.pass_context
-def beacons(ctx: click.Context, root_dir: Path | None, beacons: str) -> None:
-    """Set which beacons the members sign: every one (signed), or one in five seconds (sampled).
-
-    Sampled beacons take 0.7 kB/s less at 10 Hz; a member can then invent a few in the name of another one
-    before it is found. Only the root decides this.
-
-    Example: swarmctl keys beacons signed
-    """
-    from swarmctl.membership import changing
-    from swarmctl.terminal.output import Output
-
-    changing.sign_beacons(Output(settings(ctx)), root_dir, signs=beacons == "signed")

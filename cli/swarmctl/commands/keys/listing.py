@@ -49,8 +49,6 @@ class MemberList(msgspec.Struct, frozen=True):
     """Number of the group key."""
     source: str
     """Folder with the roster."""
-    signs_beacons: bool = False
-    """Members sign every beacon."""
 
 
 def list_members(out: Output, root_dir: Path | None) -> None:
@@ -84,8 +82,7 @@ def list_members(out: Output, root_dir: Path | None) -> None:
         for one in found.members
     ]
     title = (
-        f"swarm {found.swarm}, root {found.fingerprint}, roster {found.version}, group key {found.key_epoch},"
-        f" beacons {_beacons(found)}"
+        f"swarm {found.swarm}, root {found.fingerprint}, roster {found.version}, group key {found.key_epoch}"
     )
     out.table(columns, rows, title)
 
@@ -115,7 +112,6 @@ def show_member(out: Output, root_dir: Path | None, platform: str) -> None:
         ("swarm", found.swarm),
         ("root", found.fingerprint),
         ("roster", f"version {found.version}, group key {found.key_epoch}"),
-        ("beacons", _beacons(found)),
         ("read from", found.source),
     ]
     out.table([Column("WHAT"), Column("VALUE")], rows)
@@ -200,14 +196,7 @@ def _node(out: Output) -> NodeKeys | None:
 def _members(roster: Roster, root: str, source: Path) -> MemberList:
     gone = frozenset(roster.revoked)
     listed = [_listed(member, revoked=member.serial in gone) for member in roster.members]
-    return MemberList(
-        listed, roster.swarm, root, roster.version, roster.key_epoch, str(source), roster.signs_beacons
-    )
-
-
-def _beacons(found: MemberList) -> str:
-    """signed | sampled."""
-    return "signed" if found.signs_beacons else "sampled"
+    return MemberList(listed, roster.swarm, root, roster.version, roster.key_epoch, str(source))
 
 
 def _listed(member: RosterMember, *, revoked: bool) -> ListedMember:

@@ -35,22 +35,19 @@ class MadeSwarm(msgspec.Struct, frozen=True):
     """The node runs."""
     in_use: bool = False
     """The running node uses these keys."""
-    signs_beacons: bool = False
-    """Members sign every beacon."""
 
 
-def make_root(out: Output, root_dir: Path | None, swarm: str, *, sign_beacons: bool = True) -> None:
+def make_root(out: Output, root_dir: Path | None, swarm: str, *, replace: bool = False) -> None:
     """Makes the root and the keys of the node on this computer, and prints where they are.
 
+    `replace`: also where the node has keys.
     Raises: NotFound without a node; Conflict when the node has keys, or the root has other members;
     Denied, OSError when a folder cannot be written.
     """
     node, folder = NodeKeys.find(out.settings), RootFolder(root_dir)
-    node.check_free(replace=False)
+    node.check_free(replace=replace)
     with folder.locked():
-        root = _unused_root(folder, node.platform, swarm, sign_beacons)
-        if root.roster.signs_beacons is not sign_beacons:
-            root.sign_beacons(sign_beacons)
+        root = _unused_root(folder, node.platform, swarm)
         seed = os.urandom(SEED_BYTES)
         signed = root.admit(candidate(node.platform, FIRST_ROLE, seed, root.public))
         node.write(Credentials(seed, root.public, signed))
@@ -65,7 +62,6 @@ def make_root(out: Output, root_dir: Path | None, swarm: str, *, sign_beacons: b
         str(node.folder),
         running,
         activated.in_use,
-        root.roster.signs_beacons,
     )
     show_made(out, made)
     show_activation(out, node.platform, activated, running=running, others=False)
@@ -82,16 +78,15 @@ def show_made(out: Output, made: MadeSwarm) -> None:
             ("fingerprint", made.fingerprint),
             ("first member", f"{made.platform}, {made.role}"),
             ("its keys", made.keys_dir),
-            ("beacons", "signed" if made.signs_beacons else "sampled"),
         ]
         out.table([Column("WHAT"), Column("VALUE")], rows)
     out.say(f"keep a copy of {made.root} at a safe place: without it no member can be added or revoked")
 
 
-def _unused_root(folder: RootFolder, platform: str, swarm: str, sign_beacons: bool) -> Root:
+def _unused_root(folder: RootFolder, platform: str, swarm: str) -> Root:
     """A root without other members: a new one, or that of an `init` that was interrupted."""
     if not folder.exists:
-        return Root.make(folder.path, swarm, sign_beacons=sign_beacons)
+        return Root.make(folder.path, swarm)
     root = folder.load()
     others = [member.platform for member in root.roster.valid() if member.platform != platform]
     if others:

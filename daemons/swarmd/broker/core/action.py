@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, SendRoster
-from swarmd.broker.core.boards.claims import Contradiction
+from swarmd.broker.core.admission.signature_checks import UnsignedValue
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.link import LinkChanged
 from swarmware.types.net import BoardSubscription, StructureBroadcast
@@ -98,10 +98,10 @@ class ReportSlowdown(msgspec.Struct, frozen=True):
     """Median lateness of the last beacons."""
 
 
-class ReportContradictions(msgspec.Struct, frozen=True, gc=False):
-    """Action: report relayed values that the beacons of their origins contradict."""
+class ReportUnsignedValues(msgspec.Struct, frozen=True, gc=False):
+    """Action: report relayed values without a valid proof."""
 
-    found: list[Contradiction]
+    found: list[UnsignedValue]
 
 
 class ReportImpersonation(msgspec.Struct, frozen=True):
@@ -109,18 +109,11 @@ class ReportImpersonation(msgspec.Struct, frozen=True):
 
     hw: int
     """Whose name it used."""
-    hosts: tuple[str, ...]
-    """Source addresses that it can have come from."""
-    is_first: bool = False
-    """No session of that node is accepted: perhaps its keys are not those of the roster."""
-
-
-class ContinueSequence(msgspec.Struct, frozen=True):
-    """Action: begin the replay window of a session again with this number: a false beacon has moved it."""
-
-    hw: int
-    session: int
-    sequence: int
+    host: str
+    """Its source address."""
+    is_other_key: bool = False
+    """It has a signature, and its session is not accepted: perhaps that node signs with another key than the
+    roster has."""
 
 
 Action = (
@@ -137,9 +130,8 @@ Action = (
     | ReportDuplicate
     | ReportDuplicateGone
     | ReportSlowdown
-    | ReportContradictions
+    | ReportUnsignedValues
     | ReportImpersonation
-    | ContinueSequence
     | LinkChanged
     | MediumChanged
     | SendRoster

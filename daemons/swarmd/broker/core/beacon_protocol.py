@@ -5,9 +5,9 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.admission.relay_proofs import RelayProofs
+from swarmd.broker.core.admission.signature_checks import SignatureChecks
 from swarmd.broker.core.admission.signing_keys import SigningKeys
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, BoardValue, Header, Hello
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello
 from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
     REQUEST_BYTES,
@@ -60,8 +60,6 @@ class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
     beacon: Beacon
     declared_period_ns: int = 0
     """Longest declared period, to be stored before sending; 0: unchanged."""
-    is_signed: bool = False
-    """It has room for a signature, and needs one."""
 
 
 class BeaconProtocol:
@@ -76,7 +74,6 @@ class BeaconProtocol:
         busy_hz: float,
         relay_bytes_s: float,
         declared_period: DeclaredPeriod | None = None,
-        structures: StructureBroadcasts | None = None,
         media: MediumTable | None = None,
         channels: ChannelTable | None = None,
         signing: SigningKeys | None = None,
@@ -89,20 +86,23 @@ class BeaconProtocol:
         self.channels = channels or ChannelTable()
         self.nodes = NodeTable(identity.hw)
         self.published = PublishedBoards()
-        self.relay_cache = RelayCache()
-        self._proofs = RelayProofs(signing, self.nodes.platform) if signing is not None else None
+        self.checks = (
+            SignatureChecks(signing, self.nodes.platform, has_copies=media is not None)
+            if signing is not None
+            else None
+        )
+        """None without keys: nothing is signed."""
+        self.relay_cache = RelayCache(must_prove=signing is not None)
         self._received = ReceivedValues(
-            identity.hw, self.relay_cache, counters, topology.neighbours.get, self._proofs
+            identity.hw, self.relay_cache, counters, topology.neighbours.get, self.checks
         )
         self.hellos = HelloSchedule(identity, busy_hz)
-        self._composed: list[BoardValue] = []
-        """Own values of the beacon that was composed last."""
-        self.structures = structures or StructureBroadcasts(identity.hw, 0, None, counters.refused)
+        self.structures = StructureBroadcasts(identity.hw)
         self.slowdown = Slowdown()
         self.delay = OwnDelay()
         """A node that is late declares a period by which neighbours keep its links when it is late again."""
         self.reserved_bytes = 0
-        """Bytes of the next body kept free for session checks."""
+        """Bytes of the next body kept free for session checks and the signature."""
         self._busy_hz = busy_hz
         self._relay_bytes_s = relay_bytes_s
         self._plan = TreePlan(0)
@@ -130,12 +130,6 @@ class BeaconProtocol:
         structures = self.structures.set_plan(plan)
         self.published.offer(plan.offers, self.channels.board_max_hz)
         return self._received.subscribe(plan.wants), structures
-
-    def require_proofs(self, signs: bool, from_ns: int) -> None:
-        """Sets whether each relayed value is proven; those of others from an instant on."""
-        if self._proofs is not None:
-            self.relay_cache.proven = signs
-            self._proofs.require(signs, from_ns)
 
     @property
     def busy(self) -> bool:
@@ -166,11 +160,9 @@ class BeaconProtocol:
         address: tuple[str, int],
         rx_ns: int,
         proof: ValueProof | None = None,
-        *,
-        is_signed: bool = False,
     ) -> ReceivedBeacon | None:
-        """Takes an authenticated beacon; `is_signed`: by its sender, `proof`: of its values to others. None:
-        it is malformed, or the neighbour table is full."""
+        """Takes a genuine beacon, with the proof of its values to others. None: it is malformed, or the
+        neighbour table is full."""
         hw = header.sender_hw
         if hw in (0, self.identity.hw):
             self.counters.refused.malformed += 1
@@ -211,15 +203,12 @@ class BeaconProtocol:
             signature, clock_high = beacon.signature, neighbour.clock_us >> 32 & 0xFFFF
             if signature is not None and signature.clock_high != clock_high:
                 proof = None  # of other stamps than the hello's clock gives: no node could verify it
-            values = self._received.take(neighbour, header, beacon, rx_ns, proof)
-        contradictions, self.relay_cache.contradictions = self.relay_cache.contradictions, []
-        self.counters.refused.contradicted += sum(not each.is_unsigned for each in contradictions)
+            values = self._received.take(neighbour, beacon, rx_ns, proof)
+        unsigned, self._received.unsigned = self._received.unsigned, []
         structure: StructureBroadcast | None = None
         if (beacon.structure is not None or beacon.structure_questions) and neighbour.hello is not None:
             name = neighbour.hello.name
-            structure = self.structures.on_beacon(
-                hw, name, neighbour.session, beacon, rx_ns, is_signed=is_signed
-            )
+            structure = self.structures.on_beacon(hw, name, beacon, rx_ns)
         return ReceivedBeacon(
             neighbour,
             update.clock_sample,
@@ -229,7 +218,7 @@ class BeaconProtocol:
             structure,
             first_hello,
             update.is_asked,
-            contradictions,
+            unsigned,
         )
 
     def advance(self, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
@@ -286,9 +275,8 @@ class BeaconProtocol:
         neighbours = self.topology.neighbours
         return neighbours.common(now_ns), lambda origin_hw, have: neighbours.needed(origin_hw, have, now_ns)
 
-    def compose(self, now_ns: int, *, is_signed: bool = False) -> OutgoingBeacon:
-        """Composes the next beacon; sections get their bytes in the order of importance. `is_signed`: it will
-        be, and room is reserved for that."""
+    def compose(self, now_ns: int) -> OutgoingBeacon:
+        """Composes the next beacon; sections get their bytes in the order of importance."""
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         media = () if self._media is None else self._media.listings(now_ns, OWN_SHARE // 4)
@@ -303,13 +291,13 @@ class BeaconProtocol:
         solicitation = self._solicitation(section.asked, now_ns, has_hello=hello is not None)
         room -= solicitation_bytes(len(section.asked)) if solicitation is not None else 0
         hz = self.beacon_hz()
-        values = self._composed = self.published.values(now_ns, room, round(1e9 / hz))
+        values = self.published.values(now_ns, room, round(1e9 / hz))
         room -= sum(value_bytes(value.payload) for value in values)
         for value in values:
             channel = self.counters.channel(self.published.boards[value.data_id].path)
             channel.sent(len(value.payload))
         has_neighbours = self.topology.neighbours.active_count() > 0
-        structures = self.structures.compose(now_ns, room, has_neighbours=has_neighbours, is_signed=is_signed)
+        structures = self.structures.compose(now_ns, room, has_neighbours=has_neighbours)
         room -= structures.bytes
         common, needed = self._relay_terms(now_ns)
         members = self.nodes.rows(now_ns, room, common, self.topology.routing.next_hop)
@@ -336,7 +324,7 @@ class BeaconProtocol:
         )
         rose = hello is not None and self._declared_period.declare(self.hellos.declared_ns, now_ns)
         period_ns = self._declared_period.ns if rose else 0
-        return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns, is_signed)
+        return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns)
 
     def _solicitation(self, asked: tuple[int, ...], now_ns: int, *, has_hello: bool) -> Solicitation | None:
         """What the beacon asks, and the own time to answer: with hellos while links change or the rate falls,
@@ -378,4 +366,3 @@ class BeaconProtocol:
         # rises fast, falls slowly: too few beacons are better than too many
         self._datagram_bytes += more / (4 if more > 0 else 16)
         self.topology.sent(sequence, tx_ns)
-        self._received.on_sent(self._composed, sequence, tx_ns)

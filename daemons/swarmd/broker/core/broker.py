@@ -9,18 +9,17 @@ from swarmd.broker.config import MAIN, Config
 from swarmd.broker.core.action import (
     Action,
     AdoptSession,
-    ContinueSequence,
     KeepMirrors,
     LimitEnded,
     MediumChanged,
     PollInputs,
     ProveSession,
     PublishTables,
-    ReportContradictions,
     ReportDuplicate,
     ReportDuplicateGone,
     ReportImpersonation,
     ReportSlowdown,
+    ReportUnsignedValues,
     SendBeacon,
     WriteClockSamples,
     WriteMirrors,
@@ -31,11 +30,12 @@ from swarmd.broker.core.admission.other_swarms import OtherSwarms
 from swarmd.broker.core.admission.own_signatures import OwnSignatures
 from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
 from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
+from swarmd.broker.core.admission.signature_checks import CheckedDatagram, SignatureFault
 from swarmd.broker.core.admission.signing_keys import SigningKeys
-from swarmd.broker.core.admission.sources import ENFORCED_NS, SealedDatagram, Sources, Verdict
 from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
+from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, OutgoingBeacon
@@ -45,7 +45,6 @@ from swarmd.broker.core.former_state import FormerState
 from swarmd.broker.core.forwarding.forwarder import FrameForwarder
 from swarmd.broker.core.media.medium_table import ByMedium, MediumTable, media_of, transport_of
 from swarmd.broker.core.report import NetReport
-from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.topology.link_targets import LinkTargets
 from swarmd.broker.core.topology.routing_table import RouteChanged
@@ -83,7 +82,7 @@ class BrokerCore:
         channels: ChannelTable | None = None,
     ) -> None:
         """`connections`: whether sessions can be proven over connections; not without keys. `exchange`: of
-        the roster, `signing`: of structures; None without keys. `channels`: with the rules of the file.
+        the roster, `signing`: of beacons; None without keys. `channels`: with the rules of the file.
 
         `chance`: uniform from 0 to 1, for the jitter of beacons.
         """
@@ -105,7 +104,6 @@ class BrokerCore:
             busy_hz=config.tick_hz,
             relay_bytes_s=config.relay_bytes_s,
             declared_period=DeclaredPeriod(former.declared_period_ns, now_ns),
-            structures=StructureBroadcasts(identity.hw, session, signing, self.counters.refused),
             media=self.media,
             channels=channels,
             signing=signing,
@@ -126,11 +124,7 @@ class BrokerCore:
         )
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)
-        signs = signing is not None and not signing.is_open
-        self.signatures = OwnSignatures(identity.hw, session, signing) if signing and signs else None
-        self.sources = Sources(signing, protocol.nodes.platform) if signing and signs else None
-        if exchange is not None:
-            self.require_signatures(exchange.signs_beacons, now_ns)
+        self.signatures = None if signing is None else OwnSignatures(identity.hw, session, signing)
         self._schedule = BeaconSchedule(now_ns, chance)
         self._publish_ns = now_ns
         self._tables_changed = False
@@ -242,49 +236,46 @@ class BrokerCore:
         address: Address,
         by_multicast: bool,
         size: int,
-        datagram: SealedDatagram,
+        checked: CheckedDatagram,
         by: ByMedium | None,
         now_ns: int,
     ) -> tuple[bool, list[Action]]:
-        """Takes an authenticated beacon, whose header names its session; whether it is accepted.
+        """Takes a beacon with a valid seal, whose header names its session; whether it is accepted.
 
         `by`: how it came; None: by the only network.
         """
         hw, actions = header.sender_hw, list[Action]()
         assert header.session is not None, "the session is known from the key that opened the datagram"
-        sources, is_signed = self.sources, None
-        is_other = sources is not None and sources.is_other(header, datagram.digest)
-        if self.media is not None and by is not None and not is_other and self.media.is_copy(header, by):
-            return self._on_copy(self.media, header, address, size, now_ns, by), actions
+        if checked.fault is SignatureFault.FALSE:
+            # a node with another key may ask, so that it learns that it is received and refused
+            is_other_key = beacon.signature is not None and self._sessions.present(hw) != header.session
+            actions.append(ReportImpersonation(hw, checked.host, is_other_key))
+            if not is_other_key:
+                self.counters.refused.unsigned += 1
+                self.counters.refused.impersonated += 1
+                self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
+                return False, actions
+        media = self.media if checked.is_genuine else None
+        if media is not None and by is not None and media.is_copy(header, by):
+            return self._on_copy(media, header, address, size, now_ns, by), actions
         is_main = by is None or by.medium.name == MAIN
-        if sources is not None:
-            is_signed = sources.is_signed(header, beacon, datagram)
-        is_proven = bool(is_signed) or sources is None
         outcome = self._sessions.on_datagram(
             hw,
             header.session,
             beacon.checks,
             now_ns,
-            is_proven=is_proven,
+            is_proven=checked.is_genuine,
             by_network=by is None or by.medium.has_connections,
-            is_judged=sources is not None,
         )
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
-            if not outcome.accepted:
-                if is_signed is False:
-                    actions.append(ReportImpersonation(hw, (datagram.host,), is_first=True))
-                self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
-                if is_main and not by_multicast:
-                    self.targets.on_claimant(address, now_ns)
-                return False, actions
-        if sources is not None:
-            verdict = sources.judge(header, beacon, datagram, is_signed, now_ns)
-            self._on_verdict(hw, header.session, verdict, actions)
-            if not verdict.is_taken:
-                self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
-                return False, actions
-            self._sessions.on_taken(hw, now_ns)
+        if not outcome.accepted or not checked.is_genuine:
+            self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
+            if outcome.accepted:
+                self.counters.refused.unproven += 1
+            elif is_main and not by_multicast:
+                self.targets.on_claimant(address, now_ns)
+            return False, actions
         if self.exchange is not None:
             if (hello := beacon.hello) is not None and self.exchange.excludes_name(hw, hello.name):
                 self.counters.refused.revoked += 1
@@ -294,8 +285,7 @@ class BrokerCore:
             self.media.on_beacon(header, by, address, now_ns)
             self.media.on_listings(hw, beacon.media, now_ns)
             address = self.media.address(hw, MAIN) or address
-        proof = sources.proof(header, beacon, datagram) if sources and is_signed else None
-        received = self._protocol.on_beacon(header, beacon, address, now_ns, proof, is_signed=bool(is_signed))
+        received = self._protocol.on_beacon(header, beacon, address, now_ns, checked.proof)
         if received is None:
             self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
             return True, actions
@@ -310,8 +300,8 @@ class BrokerCore:
             self._clock_samples.on_sample(received.clock_sample)
         if received.values:
             actions.append(WriteMirrors(received.values))
-        if received.contradictions:
-            actions.append(ReportContradictions(received.contradictions))
+        if received.unsigned:
+            actions.append(ReportUnsignedValues(received.unsigned))
         if received.structure is not None:
             actions.append(WriteStructure(received.structure))
         if received.first_hello:
@@ -322,30 +312,17 @@ class BrokerCore:
             self._triggered = True
         return True, actions
 
-    def _on_verdict(self, hw: int, session: int, verdict: Verdict, actions: list[Action]) -> None:
-        refused = self.counters.refused
-        if verdict.refusal:
-            setattr(refused, verdict.refusal, getattr(refused, verdict.refusal) + 1)
-        if verdict.ask is not None:
-            self._sessions.ask(hw, session, verdict.ask)
-            self._triggered = self._triggered or not verdict.is_taken
-        if verdict.continues_at is not None:
-            actions.append(ContinueSequence(hw, session, verdict.continues_at))
-        if verdict.forgets:
-            self._protocol.relay_cache.forget_origin(hw)
-        if verdict.is_evidence:
-            refused.impersonated += 1
-            actions.append(ReportImpersonation(hw, verdict.suspects))
+    def check(self, header: Header, beacon: Beacon, clear: bytes, body: bytes, host: str) -> CheckedDatagram:
+        """Checks who made a datagram with a valid seal; without keys that is its sender."""
+        checks = self._protocol.checks
+        if checks is None:
+            return CheckedDatagram(host)
+        return checks.on_datagram(header, beacon, clear, body, host)
 
     def on_impersonation(self, host: str, now_ns: int) -> list[Action]:
         """Another member has sealed a beacon in the name of this node."""
         self.counters.refused.impersonated += 1
-        self._sign_all(now_ns)
-        return [ReportImpersonation(self.identity.hw, (host,))]
-
-    def _sign_all(self, now_ns: int) -> None:
-        if self.signatures is not None and self.signatures.sign_all(now_ns):
-            self._triggered = True
+        return [ReportImpersonation(self.identity.hw, host)]
 
     def _on_copy(
         self, media: MediumTable, header: Header, address: Address, size: int, now_ns: int, by: ByMedium
@@ -368,8 +345,6 @@ class BrokerCore:
             first = not self._duplicate_ns
             self._duplicate_ns = now_ns
             actions.append(ReportDuplicate(self.nodes.platform(hw), hw == self.identity.hw, first))
-        if outcome.sign_all:
-            self._sign_all(now_ns)
         if outcome.soon:
             self._protocol.hellos.schedule()
             self._triggered = True
@@ -412,27 +387,17 @@ class BrokerCore:
     def _on_roster(self, change: RosterChange, actions: list[Action], now_ns: int) -> None:
         assert self.exchange is not None, "without keys there is no roster"
         self._protocol.hellos.set_roster_version(change.roster.version)
-        self.require_signatures(self.exchange.signs_beacons, now_ns + ENFORCED_NS)
         self._triggered = True
         self.add_members((member.platform for member in change.roster.valid()), now_ns)
         gone = {member.platform for member in change.gone}
         for hw in self.nodes.units_of(gone):
             if hw != self.identity.hw:
                 self._sessions.forget(hw)
-                if self.sources is not None:
-                    self.sources.forget(hw)
                 self._on_changes(*self._protocol.forget(hw, now_ns), actions, now_ns)
         if gone:
             self._tables_changed = True
             self._protocol.drop_subscriptions(gone)
             actions.append(KeepMirrors(self._protocol.wants()))
-
-    def require_signatures(self, signs: bool, from_ns: int) -> None:
-        """Sets whether every beacon is signed and each relayed value proven, of others from an instant on."""
-        if self.signatures is not None and self.sources is not None:
-            self.signatures.always = signs
-            self.sources.require(signs, from_ns)
-            self._protocol.require_proofs(signs, from_ns)
 
     # beacons
 
@@ -446,10 +411,9 @@ class BrokerCore:
         try:
             if sessions.meets:
                 protocol.structures.offer()
-            own = self.signatures
-            signature_bytes = own.reserved_bytes(now_ns, must_sign=sessions.must_sign) if own else 0
+            signature_bytes = 0 if self.signatures is None else PART_BYTES
             protocol.reserved_bytes = session_checks.body_bytes(sessions.waiting) + signature_bytes
-            outgoing = protocol.compose(now_ns, is_signed=signature_bytes > 0)
+            outgoing = protocol.compose(now_ns)
         finally:
             self._schedule.set_next(now_ns, self._period_ns())
         if not sessions.waiting:
@@ -457,12 +421,9 @@ class BrokerCore:
         beacon = msgspec.structs.replace(outgoing.beacon, checks=sessions.due(now_ns))
         return msgspec.structs.replace(outgoing, beacon=beacon)
 
-    def on_sent(self, sequence: int, size: int, digest: int, now_ns: int) -> list[Action]:
-        """A beacon was sent, stamped with this instant; `digest`: of the datagram, where beacons are
-        signed."""
+    def on_sent(self, sequence: int, size: int, now_ns: int) -> list[Action]:
+        """A beacon was sent, stamped with this instant."""
         self._protocol.sent(sequence, now_ns, size)
-        if self.signatures is not None:
-            self.signatures.on_sent(sequence, digest)
         return []
 
     # settings of the tree and of operators

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmd.broker.core.boards.claims import Contradiction
+from swarmd.broker.core.admission.signature_checks import UnsignedValue
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.topology.clock_sample import ClockSample
 from swarmd.broker.core.topology.link import LinkChanged
@@ -26,5 +26,5 @@ class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
     """First hello of a new or restarted neighbour: answer soon with an own hello."""
     is_asked: bool
     """It asks for a beacon of this node."""
-    contradictions: list[Contradiction]
-    """Relayed values that the beacons of their origins contradict."""
+    unsigned: list[UnsignedValue]
+    """Relayed values without a valid proof."""

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Collection
 from typing import Final
 
-from swarmd.broker.core.admission.relay_proofs import RelayProofs
-from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, RelayedValue
+from swarmd.broker.core.admission.signature_checks import SignatureChecks, UnsignedValue
+from swarmd.broker.core.beacon.beacon import Beacon, RelayedValue
 from swarmd.broker.core.beacon.value_proof import ValueProof
-from swarmd.broker.core.boards.claims import SETTLED_NS, Contradiction, OriginBeacon, OwnClaims
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.topology.link import LinkState
 from swarmd.broker.core.topology.neighbour import Neighbour
@@ -38,15 +37,16 @@ class ReceivedValues:
         cache: RelayCache,
         counters: Counters,
         find: Callable[[int], Neighbour | None],
-        proofs: RelayProofs | None,
+        checks: SignatureChecks | None,
     ) -> None:
-        """`find`: the neighbour of a hardware id."""
-        self._proofs = proofs
+        """`find`: the neighbour of a hardware id; `checks`: None without keys."""
+        self._checks = checks
         self._own_hw = own_hw
         self._cache = cache
         self._counters = counters
         self._find = find
-        self._own_claims = OwnClaims(own_hw)
+        self.unsigned: list[UnsignedValue] = []
+        """Refused values since they were last taken from here."""
         self._subscriptions: dict[tuple[int, int], _Subscription] = {}
         """Subscriptions by origin and data id."""
 
@@ -79,7 +79,6 @@ class ReceivedValues:
     def take(
         self,
         neighbour: Neighbour,
-        header: Header,
         beacon: Beacon,
         rx_ns: int,
         proof: ValueProof | None = None,
@@ -90,30 +89,24 @@ class ReceivedValues:
         hw, clock_us, cache = neighbour.hw, neighbour.clock_us, self._cache
         wants, find = self._subscriptions, self._find
         if neighbour.hello is not None:
-            is_newest = header.sequence == neighbour.top
-            is_settled = rx_ns - neighbour.since_ns > SETTLED_NS
-            origin = OriginBeacon(header.sequence, neighbour.window if is_newest else 0, is_settled)
             for position, value in enumerate(beacon.values):
-                remote = cache.on_own_value(hw, value, clock_us, origin, rx_ns, proof, position)
+                remote = cache.on_own_value(hw, value, clock_us, rx_ns, proof, position)
                 subscription = wants.get((hw, value.data_id))
                 if subscription is not None:
                     self._count(subscription, len(value.payload), remote)
                     if remote is not None:
                         found.append((subscription.want, remote))
         relays = beacon.relays
-        if self._proofs is not None and self._proofs.is_used:
-            relays = self._proven(self._proofs, hw, relays, rx_ns)
+        if self._checks is not None:
+            relays = self._proven(self._checks, hw, relays, rx_ns)
         for relay in relays:
             origin_hw = relay.origin_hw
             if origin_hw == self._own_hw:
-                if (false := self._own_claims.on_claim(hw, relay, rx_ns)) is not None:
-                    cache.contradictions.append(false)
                 continue
             origin_link = find(origin_hw)
             remote = None
             if origin_link is not None and _is_received(origin_link, rx_ns):
-                clock_now_us = origin_link.clock_us + (rx_ns - origin_link.received_ns) // 1000
-                cache.on_claim(hw, relay, origin_link.top, clock_now_us, rx_ns)
+                cache.on_relayed(hw, relay, rx_ns)
             else:
                 remote = cache.on_value(
                     hw,
@@ -136,30 +129,23 @@ class ReceivedValues:
         return found
 
     def _proven(
-        self, proofs: RelayProofs, hw: int, relays: Collection[RelayedValue], rx_ns: int
+        self, checks: SignatureChecks, hw: int, relays: Collection[RelayedValue], rx_ns: int
     ) -> tuple[RelayedValue, ...]:
-        """The relayed values that need no proof yet, or have a valid one; the others are not taken, and
-        refused where the key of their origin is known."""
+        """The relayed values with a valid proof; the others are not taken, and refused where the key of their
+        origin is known."""
         taken: list[RelayedValue] = []
-        required = proofs.is_required(rx_ns)
         for relay in relays:
-            if not required if relay.proof is None else self._is_true(proofs, relay, rx_ns):
+            if relay.proof is not None and self._is_true(checks, relay, rx_ns):
                 taken.append(relay)
-            elif proofs.is_known(relay.origin_hw):  # else its name is still to come
+            elif checks.is_known(relay.origin_hw):  # else its name is still to come
                 self._counters.refused.unsigned_values += 1
-                false = Contradiction(hw, relay.origin_hw, relay.data_id, relay.hops, is_unsigned=True)
-                self._cache.contradictions.append(false)
+                self.unsigned.append(UnsignedValue(hw, relay.origin_hw, relay.data_id))
         return tuple(taken)
 
-    def _is_true(self, proofs: RelayProofs, relay: RelayedValue, rx_ns: int) -> bool:
-        """Whether its origin sent a value; no proof is verified of what is not used, or of own boards, which
-        are compared."""
+    def _is_true(self, checks: SignatureChecks, relay: RelayedValue, rx_ns: int) -> bool:
+        """Whether its origin sent a value; no proof is verified of what is not used, or of own boards."""
         is_unused = relay.origin_hw == self._own_hw or not self._cache.would_take(relay, rx_ns)
-        return is_unused or proofs.is_valid(relay)
-
-    def on_sent(self, values: Collection[BoardValue], sequence: int, tx_ns: int) -> None:
-        """Takes the own values of a sent beacon: relays may state others."""
-        self._own_claims.on_sent(values, sequence, tx_ns)
+        return is_unused or checks.is_proven(relay)
 
     def _count(self, subscription: _Subscription, size: int, remote: RemoteValue | None) -> None:
         channel = subscription.channel

@@ -4,24 +4,17 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon.beacon import Beacon
-from swarmd.broker.core.beacon.structure_parts import (
-    StructurePart,
-    question_bytes,
-    signed_content,
-    structure_bytes,
-)
+from swarmd.broker.core.beacon.structure_parts import StructurePart, question_bytes, structure_bytes
 from swarmware.model.names import Address, hardware_id
-from swarmware.transport.sodium import verify
-from swarmware.types.net import Refused, StructureBroadcast, TreePlan
+from swarmware.types.net import StructureBroadcast, TreePlan
 
 REPEAT_NS: Final = 600_000_000
 """Time for an answer, before a question is repeated: a node at rest sends a beacon every half second."""
 QUESTIONS_MAX: Final = 100
 """Maximum questions of one beacon: a third of its body."""
 RECEIVED_MAX: Final = 1024
-"""Nodes whose newest structure is remembered, so that it is verified once."""
+"""Nodes whose newest structure is remembered, so that the tree gets it once."""
 
 
 class BeaconStructures(msgspec.Struct, frozen=True, gc=False):
@@ -37,37 +30,29 @@ class BeaconStructures(msgspec.Struct, frozen=True, gc=False):
 
 
 class StructureBroadcasts:
-    """Decides which beacons have the own structure, or questions for those of others; verifies what others
-    send.
+    """Decides which beacons have the own structure, or questions for those of others; takes what others send.
 
     The own structure is sent when it has changed, when a neighbour has asked, and to nodes that meet this one
-    for the first time. A node that receives the question of another one does not ask, too. In a beacon that
-    is signed as a whole a structure has no signature of its own.
+    for the first time. A node that receives the question of another one does not ask, too.
     """
 
-    def __init__(self, own_hw: int, session: int, keys: SigningKeys | None, refused: Refused) -> None:
-        """`keys`: None or open ones: nothing is signed."""
+    def __init__(self, own_hw: int) -> None:
         self._own_hw = own_hw
-        self._session = session
-        self._keys = None if keys is None or keys.is_open else keys
-        self._refused = refused
         self._broadcast: StructureBroadcast | None = None
-        self._signature = b""
-        """Of the own structure, made for the first beacon that is not signed."""
         self._is_due = False
         self._is_offered = False
         """The next beacon makes neighbours of nodes that do not have the structure."""
         self._needs: dict[int, int | None] = {}
         """Nodes whose structure is needed → when a node asked for it last."""
         self._received: dict[int, StructurePart] = {}
-        """Newest structure of a node that was verified, without its signature."""
+        """Newest structure of each node."""
 
     def set_plan(self, plan: TreePlan) -> list[StructureBroadcast]:
         """The tree has another structure, or needs those of other nodes; returns those that were received
         before it needed them."""
         if plan.broadcast != self._broadcast:
             self._is_due = self._broadcast is not None  # at the start neighbours ask
-            self._broadcast, self._signature = plan.broadcast, b""
+            self._broadcast = plan.broadcast
         before = self._needs
         needs = {hardware_id(name.platform, name.unit): str(name) for name in map(Address.parse, plan.needs)}
         self._needs = {hw: before.get(hw) for hw in needs}
@@ -91,15 +76,13 @@ class StructureBroadcasts:
             hw for hw, asked_ns in self._needs.items() if asked_ns is None or now_ns - asked_ns >= REPEAT_NS
         ]
 
-    def compose(
-        self, now_ns: int, room: int, *, has_neighbours: bool, is_signed: bool = False
-    ) -> BeaconStructures:
-        """What the next beacon has of structures, in at most `room` bytes; `is_signed`: as a whole."""
+    def compose(self, now_ns: int, room: int, *, has_neighbours: bool) -> BeaconStructures:
+        """What the next beacon has of structures, in at most `room` bytes."""
         part: StructurePart | None = None
         is_offered, self._is_offered = self._is_offered, False
-        if (self._is_due or is_offered) and self._broadcast is not None:
+        if (self._is_due or is_offered) and (own := self._broadcast) is not None:
             if has_neighbours or is_offered:
-                part = self._own_part(self._broadcast, is_signed=is_signed)
+                part = StructurePart(own.epoch, own.digest, own.base, own.data)
             self._is_due = structure_bytes(part) > room
             if self._is_due:
                 part = None
@@ -111,19 +94,8 @@ class StructureBroadcasts:
         self._needs.update(dict.fromkeys(questions, now_ns))
         return BeaconStructures(part, questions)
 
-    def _own_part(self, broadcast: StructureBroadcast, *, is_signed: bool) -> StructurePart:
-        part = StructurePart(broadcast.epoch, broadcast.digest, broadcast.base, broadcast.data)
-        if self._keys is None or is_signed:
-            return part
-        if not self._signature:
-            self._signature = self._keys.sign(signed_content(self._own_hw, self._session, part))
-        return msgspec.structs.replace(part, signature=self._signature)
-
-    def on_beacon(
-        self, hw: int, name: str, session: int, beacon: Beacon, now_ns: int, *, is_signed: bool = False
-    ) -> StructureBroadcast | None:
-        """A beacon of the node with this name, in this session of its broker; returns its structure, if that
-        is new and genuine. `is_signed`: the whole beacon, by its sender."""
+    def on_beacon(self, hw: int, name: str, beacon: Beacon, now_ns: int) -> StructureBroadcast | None:
+        """A beacon of the node with this name; returns its structure if that is new."""
         for asked in beacon.structure_questions:
             if asked == self._own_hw:
                 self._is_due = True
@@ -132,22 +104,12 @@ class StructureBroadcasts:
         part = beacon.structure
         if part is None:
             return None
-        content = msgspec.structs.replace(part, signature=b"")
         if hw in self._needs:
             self._needs[hw] = now_ns
-        elif self._received.get(hw) == content:
-            return None
-        if not is_signed and not self._is_genuine(hw, Address.parse(name).platform, session, part):
-            self._refused.spoofed += 1
+        elif self._received.get(hw) == part:
             return None
         self._received.pop(hw, None)
         if len(self._received) >= RECEIVED_MAX:
             del self._received[next(iter(self._received))]
-        self._received[hw] = content
+        self._received[hw] = part
         return StructureBroadcast(name, part.epoch, part.digest, part.base, part.data)
-
-    def _is_genuine(self, hw: int, platform: str, session: int, part: StructurePart) -> bool:
-        if self._keys is None:
-            return True
-        public = self._keys.sign_public_of(platform)
-        return public is not None and verify(public, part.signature, signed_content(hw, session, part))

@@ -38,7 +38,7 @@ class PairSeal:
         self.other = other
         self._own_hw = own.hw
         self._seal = _key(shared, own, other).seal
-        self._received = ReceivedSession(other.session, _key(shared, other, own), 0, PAIR_WINDOW)
+        self._received = ReceivedSession(other.session, _key(shared, other, own), PAIR_WINDOW)
 
     def seal(self, sequence: int, clear: bytes, body: bytes) -> bytes:
         """The body encrypted, with a tag over it and the clear header."""
@@ -46,7 +46,10 @@ class PairSeal:
 
     def open(self, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body that the other node sealed, or the reason of its refusal; each datagram is opened once."""
-        return self._received.open(self.other.hw, sequence, clear, box)
+        opened = self._received.open(self.other.hw, sequence, clear, box)
+        if isinstance(opened, Opened):
+            self._received.take(sequence)
+        return opened
 
 
 def _key(shared: bytes, sender: PairEnd, receiver: PairEnd) -> SealKey:

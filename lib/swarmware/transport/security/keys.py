@@ -34,7 +34,7 @@ ROOT_PUBLIC: Final = "root.pub"
 ROSTER: Final = "roster.json"
 FORMER_KEYS: Final = "group.keys"
 GROUP_KEY: Final = "group.key"
-"""The group key, where the roster has none for this node: in folders of former versions."""
+"""The group key, in the folder of the root."""
 _OPEN_GROUP: Final = b"swarmware: open loopback group"
 
 
@@ -87,12 +87,9 @@ class Keys:
         secret = _curve_secret(seed)
         if member.curve_public != curve_public(secret):
             raise Denied(f"{directory / NODE_KEY}: not the key that the roster has for {platform}")
-        if member.group_box:
-            group = _open_group(roster, member, secret)
-            if group is None:
-                raise ConfigError(f"{source}: the group key of {platform} is not sealed to its key")
-        else:
-            group = read_group_key(directory / GROUP_KEY)
+        group = _open_group(roster, member, secret)
+        if group is None:
+            raise ConfigError(f"{source}: the group key of {platform} is not sealed to its key")
         former = _former_keys(directory / FORMER_KEYS, group.epoch)
         return cls(platform, seed, roster, group, root_public=root_public, signed=signed, former=former)
 
@@ -170,8 +167,7 @@ class Keys:
 
     def stored(self) -> "StoredRoster":
         """What `save` writes now, for another thread: these keys may change before it has written."""
-        own = None if self.roster is None else self.roster.find(self.platform)
-        return StoredRoster(self.signed, self.former, own is not None and bool(own.group_box))
+        return StoredRoster(self.signed, self.former)
 
     def _index(self, roster: Roster | None) -> None:
         valid = () if roster is None else roster.valid()
@@ -190,16 +186,12 @@ class StoredRoster(msgspec.Struct, frozen=True):
 
     signed: bytes
     former: tuple[GroupKey, ...]
-    has_group: bool
-    """The roster has the group key for this node, so that its own file is not needed."""
 
     def write(self, directory: Path) -> None:
         """Write the files; a kill in between leaves keys that load. Raises: OSError."""
         if self.former:
             replace_file(directory / FORMER_KEYS, msgspec.json.encode(self.former), mode=0o600)
         replace_file(directory / ROSTER, self.signed, mode=0o644)
-        if self.has_group:
-            (directory / GROUP_KEY).unlink(missing_ok=True)
 
 
 def read_roster(path: Path, root_public: bytes) -> Roster:
@@ -219,8 +211,7 @@ def write_keys(directory: Path, seed: bytes, root_public: bytes, signed: bytes) 
     Raises: OSError.
     """
     directory.mkdir(exist_ok=True)
-    for name in (FORMER_KEYS, GROUP_KEY):  # of a former swarm
-        (directory / name).unlink(missing_ok=True)
+    (directory / FORMER_KEYS).unlink(missing_ok=True)  # of a former swarm
     replace_file(directory / ROOT_PUBLIC, root_public, mode=0o644)
     replace_file(directory / ROSTER, signed, mode=0o644)
     replace_file(directory / NODE_KEY, seed, mode=0o600)

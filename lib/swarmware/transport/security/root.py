@@ -55,11 +55,8 @@ class Root:
         self._group = group
 
     @classmethod
-    def make(
-        cls, directory: Path, swarm: str = "", *, replace: bool = False, sign_beacons: bool = False
-    ) -> "Root":
-        """Make a root and its folder. `replace`: an existing one is overwritten; `sign_beacons`: members sign
-        every beacon.
+    def make(cls, directory: Path, swarm: str = "", *, replace: bool = False) -> "Root":
+        """Make a root and its folder. `replace`: an existing one is overwritten.
 
         Raises: Conflict when there is one, OSError.
         """
@@ -67,7 +64,7 @@ class Root:
             raise Conflict(f"{directory / ROOT_KEY}: there is a root already")
         directory.mkdir(parents=True, exist_ok=True)
         key = SigningKey(os.urandom(SEED_BYTES))
-        first = Roster(0, (), swarm=swarm, sign_beacons=sign_beacons or msgspec.UNSET)
+        first = Roster(0, (), swarm=swarm, sign_beacons=True)
         root = cls(directory, key, first, GroupKey(0, os.urandom(KEY_BYTES)))
         replace_file(directory / ROOT_PUBLIC, key.public, mode=0o644)
         root._save(root.roster)
@@ -148,11 +145,6 @@ class Root:
         """Make a new group key; returns the signed roster."""
         return self._next(list(self.roster.members), list(self.roster.revoked), rotate=True)
 
-    def sign_beacons(self, signs: bool) -> bytes:
-        """Set whether members sign every beacon, or only some; returns the signed roster."""
-        self.roster = msgspec.structs.replace(self.roster, sign_beacons=signs or msgspec.UNSET)
-        return self._next(list(self.roster.members), list(self.roster.revoked), rotate=False)
-
     def _next(self, members: list[RosterMember], revoked: list[int], *, rotate: bool) -> bytes:
         epoch, group = self.roster.key_epoch, self._group
         if rotate or group is None:
@@ -167,8 +159,7 @@ class Root:
             for member in members
         )
         version = self.roster.version + 1
-        signs = self.roster.sign_beacons
-        self._save(Roster(version, sealed, tuple(sorted(gone)), epoch, self.roster.swarm, signs))
+        self._save(Roster(version, sealed, tuple(sorted(gone)), epoch, self.roster.swarm, True))
         return self.signed
 
     def _last_serial(self) -> int:
@@ -189,13 +180,7 @@ def candidate(platform: str, role: str, seed: bytes, root_public: bytes) -> Cand
     return Candidate(platform, role, key.public, proof_of(key, root_digest(root_public), platform))
 
 
-def make_swarm(
-    directory: Path,
-    platforms: Iterable[str] | Mapping[str, str],
-    swarm: str = "",
-    *,
-    sign_beacons: bool = False,
-) -> Roster:
+def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str], swarm: str = "") -> Roster:
     """Makes a swarm: its root, and for each platform a folder that `Keys.load` takes.
 
     A mapping gives each platform its role; the swarm has the name of the folder unless it is given. An
@@ -203,7 +188,7 @@ def make_swarm(
     """
     roles = dict(platforms) if isinstance(platforms, Mapping) else dict.fromkeys(platforms, "node")
     seeds = {check_platform(platform): os.urandom(SEED_BYTES) for platform in roles}
-    root = Root.make(directory, swarm or directory.name, replace=True, sign_beacons=sign_beacons)
+    root = Root.make(directory, swarm or directory.name, replace=True)
     signed = root.admit(
         *(candidate(platform, roles[platform], seed, root.public) for platform, seed in seeds.items())
     )

@@ -10,6 +10,11 @@ from swarmware.model.names import check_platform
 from swarmware.transport.sodium import BOX_BYTES, KEY_BYTES, SigningKey, verify
 
 GROUP_BOX_BYTES: Final = KEY_BYTES + BOX_BYTES
+UNSIGNED_BEACONS: Final = (
+    "a roster of a former version, in which not every beacon is signed; expected new keys:"
+    " `swarmctl keys init --replace --root DIR` at the operator, with a new folder, then `swarmctl keys"
+    " invite` there and `swarmctl keys join --replace` at each other node"
+)
 
 
 class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -25,8 +30,7 @@ class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     serial: int = 0
     """Number of this admission, which no other one has."""
     group_box: bytes = b""
-    """The group key, sealed to `curve_public`; empty for a revoked member, and where no root of this version
-    made the roster."""
+    """The group key, sealed to `curve_public`; empty for a revoked member."""
 
     @property
     def user(self) -> str:
@@ -46,14 +50,9 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Number of the group key, which rises with each rotation."""
     swarm: str = ""
     """Name of the swarm."""
-    sign_beacons: bool | msgspec.UnsetType = msgspec.UNSET
-    """Whether every beacon has a signature, and none without one is taken. Left out where it is not so:
-    former versions take no roster with it."""
-
-    @property
-    def signs_beacons(self) -> bool:
-        """Whether every beacon has a signature."""
-        return self.sign_beacons is True
+    sign_beacons: bool = False
+    """True in each roster: every beacon has a signature. A roster of a former version without it is refused,
+    see `parse_roster`."""
 
     def valid(self) -> tuple[RosterMember, ...]:
         """The members that are not revoked."""
@@ -136,7 +135,7 @@ def split_signed(text: bytes, source: str) -> tuple[bytes, bytes]:
 def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
     """Decode and verify the text of a roster.
 
-    Raises: ConfigError when it is damaged, Denied when the root did not sign it.
+    Raises: ConfigError when it is damaged or of a former version, Denied when the root did not sign it.
     """
     body, signature = split_signed(text, source)
     try:
@@ -149,6 +148,8 @@ def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
         roster = msgspec.json.decode(body, type=Roster)
     except (msgspec.DecodeError, RecursionError, ValueError) as error:
         raise ConfigError(f"{source}: {error}") from error
+    if not roster.sign_beacons:
+        raise ConfigError(f"{source}: {UNSIGNED_BEACONS}")
     serials = set[int]()
     for member in roster.members:
         try:

@@ -81,53 +81,40 @@ class Sealer:
 
 
 class ReceivedSession:
-    """Opens the datagrams of one session of a sender, each once."""
+    """Opens the datagrams of one session of a sender, and refuses those whose numbers were taken."""
 
     __slots__ = ("_open", "_seen", "_top", "_window", "number")
 
-    def __init__(self, number: int, key: SealKey, sequence: int, window: int = REPLAY_WINDOW) -> None:
-        """`sequence`: of a datagram that was opened already; lower ones are taken within the window."""
+    def __init__(self, number: int, key: SealKey, window: int = REPLAY_WINDOW) -> None:
         self.number = number
         self._open = key.open
-        self._top = sequence
-        self._seen = 1
+        self._top = -1
+        self._seen = 0
         self._window = window
 
-    def rekeyed(self, key: SealKey) -> "ReceivedSession":
-        """The same session under another key: it continues behind the newest datagram."""
-        return ReceivedSession(self.number, key, self._top, self._window)
-
-    def peek(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
-        """The body of a datagram whatever its number is, which stays unused; FORGED without a valid seal."""
+    def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
+        """The body, or why it is refused: forged or replayed. Its number stays unused until `take`."""
+        ahead = sequence - self._top
+        if ahead <= 0 and (ahead <= -self._window or self._seen >> -ahead & 1):
+            return Refusal.REPLAYED
         body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
         return Refusal.FORGED if body is None else Opened(body, self.number)
 
-    def resume(self, sequence: int) -> None:
-        """Begins the window again behind this number: it and all before it are used."""
-        self._top, self._seen = sequence, (1 << self._window) - 1
-
-    def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
-        """The body, or why it is refused: forged or replayed."""
-        ahead = sequence - self._top
-        window = self._window
-        if ahead <= 0 and (ahead <= -window or self._seen >> -ahead & 1):
-            return Refusal.REPLAYED
-        body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
-        if body is None:
-            return Refusal.FORGED
+    def take(self, sequence: int) -> None:
+        """Refuses this number from now on: the datagram that was opened with it is genuine."""
+        ahead, window = sequence - self._top, self._window
         if ahead > 0:
             self._seen = (self._seen << ahead | 1) & ((1 << window) - 1) if ahead < window else 1
             self._top = sequence
-        else:
+        elif ahead > -window:
             self._seen |= 1 << -ahead
-        return Opened(body, self.number)
 
 
 class Opener:
-    """Opens datagrams of members: each once, of the last few sessions of each sender.
+    """Opens datagrams of members, of the last few sessions of each sender.
 
-    A valid seal proves that a member made the datagram, not when: the caller determines the present
-    session and sets it by `adopt`.
+    A valid seal proves that a member made the datagram, not which one, and not when: the caller takes the
+    numbers of genuine ones, and sets the present session by `adopt`.
     """
 
     def __init__(self, group: GroupKey) -> None:
@@ -157,24 +144,11 @@ class Opener:
                 return one.open(sender_hw, sequence, clear, box)
         return self._open_first(sender_hw, session, sequence, clear, box)
 
-    def peek(
-        self, epoch: int, sender_hw: int, session: int | None, sequence: int, clear: bytes, box: bytes
-    ) -> Opened | Refusal:
-        """As `open`, of a known session, but whatever the number is, which stays unused."""
-        if epoch != self._group.mark:
-            return Refusal.EPOCH
-        for one in self._senders.get(sender_hw, ()):
-            if session in (None, one.number):
-                opened = one.peek(sender_hw, sequence, clear, box)
-                if opened is not Refusal.FORGED:
-                    return opened
-        return Refusal.FORGED
-
-    def resume(self, sender_hw: int, session: int, sequence: int) -> None:
-        """Begins the replay window of a session again behind this number."""
+    def take(self, sender_hw: int, session: int, sequence: int) -> None:
+        """Refuses this number of a session from now on."""
         for one in self._senders.get(sender_hw, ()):
             if one.number == session:
-                one.resume(sequence)
+                one.take(sequence)
 
     def rekeyed(self, group: GroupKey) -> "Opener":
         """An opener for another group key that knows the same sessions: senders that change the key do not
@@ -183,7 +157,7 @@ class Opener:
         fresh._adopted = dict(self._adopted)
         for sender_hw, known in self._senders.items():
             fresh._senders[sender_hw] = [
-                one.rekeyed(_session_key(group.key, sender_hw, one.number)) for one in known
+                ReceivedSession(one.number, _session_key(group.key, sender_hw, one.number)) for one in known
             ]
         return fresh
 
@@ -208,7 +182,7 @@ class Opener:
                 self._adopted.pop(oldest, None)
             known = self._senders[sender_hw] = []
         first = 1 if known and known[0].number == self._adopted.get(sender_hw) else 0
-        known.insert(first, ReceivedSession(session, key, sequence))
+        known.insert(first, ReceivedSession(session, key))
         del known[SESSIONS_MAX:]
         return Opened(body, session)
 

@@ -140,11 +140,6 @@ class RosterExchange:
         """Version of the own roster."""
         return self._roster.version
 
-    @property
-    def signs_beacons(self) -> bool:
-        """Whether members sign every beacon."""
-        return self._roster.signs_beacons
-
     def former_key(self, mark: int) -> GroupKey | None:
         """The kept former key with this mark: it opens beacons of nodes that missed a rotation."""
         return next((key for key in self._keys.former if key.mark == mark), None)

@@ -47,7 +47,6 @@ class RosterUpdate(msgspec.Struct, frozen=True, array_like=True, tag=3):
     boxes: bytes = b""
     """After a rotation: the `group_box` of each valid member, in their order."""
     signature: bytes = b""
-    sign_beacons: bool = False
 
 
 RosterMessage = RosterOffer | RosterQuestion | RosterUpdate
@@ -91,7 +90,6 @@ def make_update(base: Roster | None, after: Roster, signed: bytes) -> RosterUpda
         if rotated
         else b"",
         signature,
-        after.signs_beacons,
     )
     if _merged_body(base, update) != body:
         return RosterUpdate(0, signed)  # the root encodes it in another way
@@ -130,8 +128,7 @@ def _merged_body(base: Roster, update: RosterUpdate) -> bytes | None:
             msgspec.structs.replace(member, group_box=b"" if member.serial in gone else next(parts))
             for member in members
         ]
-    signs = update.sign_beacons or msgspec.UNSET
-    roster = Roster(update.version, tuple(members), update.revoked, update.key_epoch, update.swarm, signs)
+    roster = Roster(update.version, tuple(members), update.revoked, update.key_epoch, update.swarm, True)
     return msgspec.json.encode(roster)
 
 

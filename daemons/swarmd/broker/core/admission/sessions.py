@@ -44,8 +44,6 @@ class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
     """Prove our session to the sender over a connection."""
     duplicate: bool = False
     """Two computers use the name of this sender at the same time."""
-    sign_all: bool = False
-    """The sender asks for signed beacons."""
 
 
 ACCEPTED: Final = SessionOutcome(accepted=True)
@@ -99,9 +97,6 @@ class Sessions:
         self._answers: dict[int, int] = {}
         self._questions: dict[int, SessionCheck] = {}
         self._proved_ns: dict[int, int] = {}
-        self.must_sign = False
-        """Whether the next beacon has a check that counts only with a signature: an answer to a question, or
-        a request for signatures."""
         self.meets = False
         """Whether the next beacon answers the question of a session that was not accepted when it came."""
 
@@ -119,40 +114,36 @@ class Sessions:
         *,
         is_proven: bool = True,
         by_network: bool = True,
-        is_judged: bool = False,
     ) -> SessionOutcome:
-        """Takes an authenticated datagram, perhaps of another computer with the own name.
+        """Takes a datagram with a valid seal, perhaps of another computer with the own name.
 
-        `is_proven`: the sender itself made it, not another member; otherwise it asks, and answers nothing.
-        `by_network`: its sender can prove itself over a connection. `is_judged`: whether it shows that its
-        session has not ended is not known yet, see `on_taken`.
+        `is_proven`: its sender itself made it; otherwise perhaps another member did: it asks, answers
+        nothing, and does not show that its session has not ended. `by_network`: its sender can prove itself
+        over a connection.
         """
         present = self._present.get(hw)
-        if not checks and present is not None and present.session == session:
-            if not is_judged:
-                present.received_ns = now_ns
+        is_present = present is not None and present.session == session
+        if present is not None and is_present and is_proven:
+            present.received_ns = now_ns
+        if is_present and not checks:
             return ACCEPTED
-        answered = prove = soon = sign_all = False
+        answered = prove = soon = False
         for check in checks:
             if check.hw != self._own_hw or check.digest != self._digest:
                 continue
             if check.kind == CheckKind.ANSWER:
                 answered = is_proven
-            elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE, CheckKind.SIGN):
+            elif check.kind in (CheckKind.QUESTION, CheckKind.PROVE):
                 self._answer(hw, session)
-                soon = self.must_sign = True
-                self.meets = self.meets or present is None or present.session != session
+                soon = True
+                self.meets = self.meets or not is_present
                 prove = prove or check.kind == CheckKind.PROVE
-                sign_all = sign_all or (check.kind == CheckKind.SIGN and is_proven)
         if hw == self._own_hw:
             # another computer with our name; a replay of our former session cannot answer
             self._answer(hw, session)
             return SessionOutcome(False, soon=True, duplicate=answered)
-        if present is not None and present.session == session:
-            if not is_judged:
-                present.received_ns = now_ns
-            prove = prove and self._may_prove(hw, now_ns)
-            return SessionOutcome(True, soon=soon, prove=prove, sign_all=sign_all)
+        if is_present:
+            return SessionOutcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
         claim = self._claim(hw, session, now_ns)
         claim.received_ns = now_ns
         claim.by_network = claim.by_network or by_network
@@ -163,16 +154,6 @@ class Sessions:
         duplicate = self._is_duplicate(present, claim)
         asked = self._ask(hw, claim, present is not None, now_ns)
         return SessionOutcome(False, soon=soon or asked, duplicate=duplicate)
-
-    def on_taken(self, hw: int, now_ns: int) -> None:
-        """A datagram of the accepted session of a node was taken: that session has not ended."""
-        if (present := self._present.get(hw)) is not None:
-            present.received_ns = now_ns
-
-    def ask(self, hw: int, session: int, kind: CheckKind) -> None:
-        """Asks the accepted session of a node: its answer is signed."""
-        self.must_sign = self.must_sign or kind == CheckKind.SIGN
-        self._questions[hw] = SessionCheck(kind, hw, digest(session))
 
     def on_proof(self, hw: int, session: int, now_ns: int) -> None:
         """Takes the proof of a session, over a connection that only the key of the node opens."""
@@ -201,7 +182,7 @@ class Sessions:
         for check in questions:
             del self._questions[check.hw]
         self._forget(now_ns)
-        self.must_sign = self.meets = False
+        self.meets = False
         return (*out, *questions)
 
     @property
@@ -272,9 +253,9 @@ class Sessions:
         kind = CheckKind.PROVE if by_connection else CheckKind.QUESTION
         self._questions[hw] = SessionCheck(kind, hw, digest(claim.session))
         if claim.count == 1:
-            # it will ask the same; a signed answer at once saves its question
+            # it will ask the same; an answer at once saves its question
             self._answer(hw, claim.session)
-            self.must_sign = self.meets = True
+            self.meets = True
         return claim.count <= PROMPT_QUESTIONS
 
     def _forget(self, now_ns: int) -> None:

@@ -31,8 +31,6 @@ class CheckKind(IntEnum):
     """This is your present session: your datagrams are received now."""
     PROVE = 3
     """As QUESTION, with proof over a connection: another session of yours is accepted."""
-    SIGN = 4
-    """As QUESTION: sign every beacon for a minute, as another member seals some in your name."""
 
 
 class SessionCheck(NamedTuple):

@@ -6,22 +6,15 @@ from typing import Final
 
 import msgspec
 
-from swarmware.errors import WireError
-
 _PART: Final = struct.Struct("<BH")
 """Type and length of an extra part of a body."""
 _STRUCTURE: Final = 4
 """Type of the part with the structure of the sender's tree."""
 _QUESTIONS: Final = 5
 """Type of the part with the nodes whose structure the sender needs."""
-_HEAD: Final = struct.Struct("<IQQB")
-"""Epoch, digest, digest of the template, bytes of the signature."""
+_HEAD: Final = struct.Struct("<IQQ")
+"""Epoch, digest, digest of the template."""
 _HARDWARE: Final = struct.Struct("<I")
-_SIGNED: Final = struct.Struct("<IQIQQ")
-_PREFIX: Final = b"swarmware structure signature 1"
-"""Keeps a signature of a structure from being one of anything else that the same key signs."""
-SIGNATURE_BYTES: Final = 64
-"""Of Ed25519; a node without keys sends none."""
 
 
 class StructurePart(msgspec.Struct, frozen=True, gc=False):
@@ -33,18 +26,11 @@ class StructurePart(msgspec.Struct, frozen=True, gc=False):
     """Digest of the template."""
     data: bytes
     """Changes to the template, as `StructureReply.data`."""
-    signature: bytes = b""
-    """Of the sender; empty without keys."""
-
-
-def signed_content(hw: int, session: int, part: StructurePart) -> bytes:
-    """What the sender signs: the structure, itself and the session of its broker."""
-    return _PREFIX + _SIGNED.pack(hw, session, part.epoch, part.digest, part.base) + part.data
 
 
 def structure_bytes(part: StructurePart | None) -> int:
     """Encoded size of a structure."""
-    return 0 if part is None else _PART.size + _HEAD.size + len(part.signature) + len(part.data)
+    return 0 if part is None else _PART.size + _HEAD.size + len(part.data)
 
 
 def question_bytes(count: int) -> int:
@@ -57,8 +43,7 @@ def encode_structure(part: StructurePart) -> bytes:
 
     Raises: struct.error when a number does not fit its field.
     """
-    head = _HEAD.pack(part.epoch, part.digest, part.base, len(part.signature))
-    body = head + part.signature + part.data
+    body = _HEAD.pack(part.epoch, part.digest, part.base) + part.data
     return _PART.pack(_STRUCTURE, len(body)) + body
 
 
@@ -74,7 +59,7 @@ def encode_questions(nodes: Iterable[int]) -> bytes:
 def decode(data: bytes, at: int) -> tuple[StructurePart | None, tuple[int, ...]]:
     """Structure and questions in the extra parts from an offset, whose lengths fit the body.
 
-    Raises: struct.error when a part is cut short, WireError for a signature of another size.
+    Raises: struct.error when a part is cut short.
     """
     structure: StructurePart | None = None
     questions: tuple[int, ...] = ()
@@ -82,16 +67,10 @@ def decode(data: bytes, at: int) -> tuple[StructurePart | None, tuple[int, ...]]
         kind, length = _PART.unpack_from(data, at)
         at += _PART.size
         if kind == _STRUCTURE:
-            structure = _decode_structure(data[at : at + length])
+            body = data[at : at + length]
+            epoch, digest, base = _HEAD.unpack_from(body)
+            structure = StructurePart(epoch, digest, base, body[_HEAD.size :])
         elif kind == _QUESTIONS:
             questions = tuple([hw for (hw,) in _HARDWARE.iter_unpack(data[at : at + length])])
         at += length
     return structure, questions
-
-
-def _decode_structure(body: bytes) -> StructurePart:
-    epoch, digest, base, size = _HEAD.unpack_from(body)
-    end = _HEAD.size + size
-    if size not in (0, SIGNATURE_BYTES) or end > len(body):
-        raise WireError(f"structure of {len(body)} bytes: a signature of {size} bytes does not fit")
-    return StructurePart(epoch, digest, base, body[end:], body[_HEAD.size : end])

@@ -11,12 +11,11 @@ from swarmd.broker.core.beacon.beacon import HOPS_MAX, NEVER_NS, BoardValue, Rel
 from swarmd.broker.core.beacon.beacon_codec import relay_bytes
 from swarmd.broker.core.beacon.proof_parts import PART_HEAD_BYTES, group_bytes
 from swarmd.broker.core.beacon.value_proof import ValueProof
-from swarmd.broker.core.boards.claims import Claim, Claims, Contradiction, OriginBeacon
 
 PERIOD_NS: Final = 130_000_000
 """Mean period in which a value is relayed that its origin sent itself: with three of four beacons at 10 Hz.
-Of 16 moving nodes each sends 2.1 kB/s, and at two hops 95 % of the poses are younger than 0.28 s; of 100
-nodes 3.6 kB/s and 0.26 s (tests/bench/pose_ages.py)."""
+Of 16 moving nodes each sends 4.6 kB/s, and at two hops 95 % of the poses are younger than 0.27 s; of 100
+nodes 7.1 kB/s and 0.29 s (tests/bench/pose_ages.py)."""
 FURTHER_NS: Final = 500_000_000
 """What each further hop from the origin adds to the period."""
 REPEAT_NS: Final = 800_000_000
@@ -49,10 +48,8 @@ class _CachedValue:
     __slots__ = (
         "age_us",
         "changed",
-        "claims",
         "copied_ns",
         "data_id",
-        "direct",
         "holders",
         "hops",
         "origin_hw",
@@ -82,11 +79,8 @@ class _CachedValue:
         self.copied_ns = NEVER_NS
         """When another node, not nearer to the origin, relayed it last."""
         self.holders: set[int] = set()
-        self.direct = False
-        """The origin itself sent it."""
-        self.claims = Claims()
         self.proof: ValueProof | None = None
-        """Valid, of the beacon that brought it; where every beacon is signed."""
+        """Valid, of the beacon that brought it; None without keys."""
         self.position = 0
         """Among the values of that beacon."""
 
@@ -94,66 +88,44 @@ class _CachedValue:
 class RelayCache:
     """Newest value of each board of other nodes; selects the values to be relayed."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, must_prove: bool = False) -> None:
+        """`must_prove`: only values with a proof are relayed, as with keys."""
+        self._must_prove = must_prove
         self._entries: dict[tuple[int, int], _CachedValue] = {}
         self._relayed_ns = NEVER_NS
         self.duplicates = 0
         self.late = 0
         self.was_late = False
         """The last value given to `on_value` was older than the cached one."""
-        self.contradictions: list[Contradiction] = []
-        """Relayed values that were contradicted since they were last taken from here."""
-        self.proven = False
-        """Whether only values with a proof are relayed."""
 
     def on_own_value(
         self,
         origin_hw: int,
         value: BoardValue,
         clock_us: int,
-        beacon: OriginBeacon,
         rx_ns: int,
         proof: ValueProof | None = None,
         position: int = 0,
     ) -> RemoteValue | None:
-        """Takes a value from its origin, whose clock was `clock_us` when it sent it. It replaces any value
-        that came from a relay. None: it is not new. `proof`: of the values of the beacon."""
-        stamp_us, payload = clock_us - value.age_us, value.payload
-        key = origin_hw, value.data_id
-        entry = self._entries.get(key)
-        of_relay = entry is not None and not entry.direct and beacon.received != 0
-        remote = self.on_value(
+        """Takes a value from its origin, whose clock was `clock_us` when it sent it. None: it is not newer.
+        `proof`: of the values of the beacon."""
+        return self.on_value(
             origin_hw,
             origin_hw,
             value.data_id,
-            stamp_us,
+            clock_us - value.age_us,
             value.age_us,
             1,
             value.packed,
-            payload,
+            value.payload,
             rx_ns,
             proof,
             position,
-            replaces=of_relay,
         )
-        entry = self._entries.get(key)
-        if entry is None or not beacon.received:
-            return remote
-        entry.direct = True
-        false, true = entry.claims.on_own(beacon, stamp_us, payload)
-        for claim in true:
-            entry.holders.add(claim.relay_hw)
-            if claim.hops > entry.hops:
-                entry.copied_ns = rx_ns
-        for claim in false:
-            self._contradicted(claim, key)
-        return remote
 
-    def on_claim(self, relay_hw: int, value: RelayedValue, after: int, clock_us: int, rx_ns: int) -> None:
-        """Takes a relayed value whose origin this node receives itself: it is not used, but compared.
-
-        `after`: sequence number of the origin's newest beacon; `clock_us`: its clock now.
-        """
+    def on_relayed(self, relay_hw: int, value: RelayedValue, rx_ns: int) -> None:
+        """Takes a relayed value whose origin this node receives itself: it is not used, but shows who has
+        it."""
         self.was_late = False
         entry = self._entries.get((value.origin_hw, value.data_id))
         if entry is None:
@@ -162,12 +134,6 @@ class RelayCache:
             self._on_repeated(entry, relay_hw, value.stamp_us - entry.stamp_us, value.hops, rx_ns)
             return
         entry.holders.add(relay_hw)  # it has a newer one than this node would relay to it
-        claim = Claim(relay_hw, value.stamp_us, value.hops, value.payload, after)
-        if entry.claims.on_claim(claim, clock_us):
-            self._contradicted(claim, (value.origin_hw, value.data_id))
-
-    def _contradicted(self, claim: Claim, key: tuple[int, int]) -> None:
-        self.contradictions.append(Contradiction(claim.relay_hw, *key, claim.hops))
 
     def on_value(
         self,
@@ -182,21 +148,17 @@ class RelayCache:
         rx_ns: int,
         proof: ValueProof | None = None,
         position: int = 0,
-        *,
-        replaces: bool = False,
     ) -> RemoteValue | None:
         """Takes a value of a beacon, the sender's own (`hops` 1) or relayed by it. None: it is not newer.
 
-        `proof`: a valid one; `replaces`: it is taken unless it is the same, however old it is.
+        `proof`: a valid one.
         """
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             if len(self._entries) >= ENTRY_LIMIT:
                 return None
             entry = self._entries[origin_hw, data_id] = _CachedValue(origin_hw, data_id)
-        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns, proof) and not (
-            replaces and (payload != entry.payload or entry.stamp_us - stamp_us > COARSE_US)
-        ):
+        elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns, proof):
             is_same = payload == entry.payload and abs(stamp_us - entry.stamp_us) <= COARSE_US
             if entry.proof is None and proof is not None and is_same:
                 entry.stamp_us, entry.proof, entry.position = stamp_us, proof, position
@@ -211,7 +173,6 @@ class RelayCache:
         entry.rx_ns = rx_ns
         entry.relayed = False
         entry.holders = {sender_hw, origin_hw}
-        entry.direct = sender_hw == origin_hw
         entry.proof, entry.position = proof, position
         return RemoteValue(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
 
@@ -287,7 +248,7 @@ class RelayCache:
         due.sort(key=_first, reverse=True)
         groups: dict[int, list[RelayedValue]] = {}
         for _, entry in due:
-            proof = entry.proof if self.proven else None
+            proof = entry.proof
             group = groups.get(id(proof), [])
             size = relay_bytes(entry.payload)
             if proof is not None:
@@ -331,7 +292,7 @@ class RelayCache:
     def _is_due(self, entry: _CachedValue, now_ns: int, common: frozenset[int]) -> bool:
         if entry.relayed or entry.origin_hw in common or entry.hops >= HOPS_MAX:
             return False
-        if self.proven and entry.proof is None:
+        if self._must_prove and entry.proof is None:
             return False
         return now_ns - entry.rx_ns <= OLDEST_NS and self._waited(entry, now_ns) >= 1.0
 
