@@ -59,15 +59,19 @@ class Checker:
         key = content_hash(folder.where, folder.hash) if verdict else folder.hash
         return _keep(self._verdicts, key, verdict)
 
+    def known(self, text: str, file: str, binding: Binding) -> MissionDefinition | None:
+        """The mission of one member if it was read before, and is still cached."""
+        found = self._missions.get(_key(text, binding))
+        return found if found is None or found.file == file else msgspec.structs.replace(found, file=file)
+
     async def load(self, text: str, file: str, binding: Binding) -> MissionDefinition:
         """Reads and checks the mission of one member.
 
         Raises: MissionError with all reasons, one a line.
         """
-        key = content_hash("text", text, msgspec.json.encode(binding).decode())
-        known = self._missions.get(key)
+        known = self.known(text, file, binding)
         if known is not None:
-            return known if known.file == file else msgspec.structs.replace(known, file=file)
+            return known
         quick: list[Finding] | None = None
         if len(text) <= QUICK_TEXT:
             reading, quick = check_text(text, file, binding, self.catalogue, Budget(QUICK_BYTES))
@@ -76,7 +80,7 @@ class Checker:
             reading = await asyncio.to_thread(read, text, file, binding, self.catalogue)
         if reading.mission is None:
             raise MissionError("\n".join(str(finding) for finding in reading.findings))
-        return _keep(self._missions, key, reading.mission)
+        return _keep(self._missions, _key(text, binding), reading.mission)
 
     async def check_params(self, folder: Folder, assignment: Assignment) -> None:
         """Checks the text of each role with the parameters of its first member, before an order is sent.
@@ -94,6 +98,10 @@ class Checker:
             return tuple(quick)
         async with self._turn:
             return tuple(await _apart(job, where))
+
+
+def _key(text: str, binding: Binding) -> str:
+    return content_hash("text", text, msgspec.json.encode(binding).decode())
 
 
 def refuse(findings: Findings) -> None:

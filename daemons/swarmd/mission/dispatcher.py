@@ -37,7 +37,7 @@ log = logging.getLogger("swarm.mission")
 ORDER_PATH = "cmd/mission"
 ABORT_PATH = "cmd/abort"
 
-Accept = Callable[[MissionOrder, int, str | None, str], Awaitable[MissionReceipt]]
+Accept = Callable[[MissionOrder, int, str | None, str], MissionReceipt | Awaitable[MissionReceipt]]
 """Accepts an order that arrived at this instant of the own clock, of this platform (None: not
 authenticated) and this user."""
 
@@ -92,7 +92,12 @@ class Dispatcher:
         members = sorted(
             assignment.member_assignments, key=lambda one: one.member.platform == self._module.platform
         )
-        orders = [(one.member.platform, self._order(folder, assignment, one, epoch)) for one in members]
+        rows = encode_rows(folder.manifest.reaction)
+        hashes = {file: content_hash(text) for file, text in folder.texts.items()}
+        orders = [
+            (one.member.platform, self._order(folder, assignment, one, epoch, hashes[one.file], rows))
+            for one in members
+        ]
         with self._module.node.messaging.batch():
             answers = [self._send(order, platform, by) for platform, order in orders]
         receipts = await asyncio.gather(*answers)
@@ -181,9 +186,14 @@ class Dispatcher:
         return [known[name] for name in task.members] if task.members else platforms
 
     def _order(
-        self, folder: Folder, assignment: Assignment, member: MemberAssignment, epoch: int
+        self,
+        folder: Folder,
+        assignment: Assignment,
+        member: MemberAssignment,
+        epoch: int,
+        text_hash: str,
+        rows: str,
     ) -> MissionOrder:
-        text = folder.texts[member.file]
         now_ns = self._module.now_ns()
         return MissionOrder(
             mission=folder.manifest.name,
@@ -191,14 +201,14 @@ class Dispatcher:
             epoch=epoch,
             role=member.member.role,
             file=folder.place(member.file),
-            text=text,
-            text_hash=content_hash(text),
+            text=folder.texts[member.file],
+            text_hash=text_hash,
             members=assignment.members,
             params=member.binding.params,
             issuer=self._module.platform,
             issued_ns=now_ns,
             expires_ns=now_ns + round(self._config.order_expiry_s * 1e9),
-            reactions=encode_rows(folder.manifest.reaction),
+            reactions=rows,
         )
 
     def _send(
@@ -207,9 +217,7 @@ class Dispatcher:
         """Sends the order before it returns; the coroutine waits for the reply."""
         sent_ns = self._module.now_ns()
         if platform == self._module.platform:
-            return self._receipt(
-                order, platform, sent_ns, self._accept(order, sent_ns, None, str(by or platform))
-            )
+            return self._receipt(order, platform, sent_ns, self._own(order, sent_ns, str(by or platform)))
         path, timeout_s = join(platform, ORDER_PATH), self._config.order_timeout_s
         try:
             answer = self._module.request(
@@ -218,6 +226,11 @@ class Dispatcher:
         except SwarmError as error:
             return self._receipt(order, platform, sent_ns, error)
         return self._receipt(order, platform, sent_ns, answer)
+
+    async def _own(self, order: MissionOrder, sent_ns: int, by: str) -> MissionReceipt:
+        """Accepts the order of this platform itself, when the other orders have been sent."""
+        receipt = self._accept(order, sent_ns, None, by)
+        return receipt if isinstance(receipt, MissionReceipt) else await receipt
 
     async def _receipt(
         self,

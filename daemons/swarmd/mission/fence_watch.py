@@ -54,6 +54,8 @@ class FenceWatch:
 
     def refusal(self, mission: MissionDefinition) -> str:
         """Why a mission is refused: its targets that are not within the fence; empty: it is accepted."""
+        if self._config is None:
+            return ""
         found = [
             f"{name}: {reason}"
             for name, place, z_m in targets(mission, self._module.platform)

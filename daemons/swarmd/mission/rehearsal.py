@@ -60,7 +60,7 @@ class Rehearsal:
         except MissionError:
             return  # an order of it will be refused with the reasons
         # resources of other platforms are subscribed only when the mission is ordered
-        self._values.open(path for path in mission.resources() if not path.startswith("/"))
+        self._values.open(path for path in mission.resources if not path.startswith("/"))
         task = MissionTask(files=(MissionFile(file, text),), params=own.binding.params)
         params = own.binding.params
         order = MissionOrder(

@@ -8,16 +8,17 @@ from typing import ClassVar, Final
 
 import msgspec
 
+from swarmd.mission.acceptance import OrderAcceptance
 from swarmd.mission.blocks.plugins import installed
 from swarmd.mission.builtin import built_in, manoeuvre
 from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
-from swarmd.mission.core.admission import OrderAdmission, drained_text
+from swarmd.mission.core.admission import drained_text
 from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.lead import lead_to_ns
-from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, StartBlock, TakeVehicle
+from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock, TakeVehicle
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain
 from swarmd.mission.fence_watch import FenceWatch
@@ -36,7 +37,6 @@ from swarmware.mission.model import MissionDefinition
 from swarmware.mission.outcome import BlockOutcome
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
-from swarmware.model.names import hardware_id
 from swarmware.model.platform_kind import VEHICLES
 from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
@@ -58,7 +58,6 @@ from swarmware.types.mission import (
     MissionAbort,
     MissionList,
     MissionOrder,
-    MissionPhase,
     MissionPlan,
     MissionProgress,
     MissionReceipt,
@@ -101,7 +100,6 @@ class Mission(Service):
         self._kind = node.kind
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
-        self._admission = OrderAdmission(module.platform, self._kind)
         self._drain = Drain(paths.drain_record(node.data_path))
         self._ordered = 0, ""
         """Run of the last order that was accepted, and who sent it."""
@@ -132,7 +130,19 @@ class Mission(Service):
             log="all",
             description="Result of each order to a platform",
         )
-        self._dispatcher = Dispatcher(module, self.config, self._store, self._checker, receipts, self._accept)
+        self._acceptance = OrderAcceptance(
+            module,
+            self._kind,
+            self._checker,
+            self._values,
+            self._drain,
+            self._core,
+            self._check_order,
+            self._take_order,
+        )
+        self._dispatcher = Dispatcher(
+            module, self.config, self._store, self._checker, receipts, self._acceptance.on_order
+        )
         self._others: BoardSet[MissionState] = module.readers("/*/mission/state", MissionState)
         self._member_states = MemberStates(
             self._others, module.clock, lambda: self._core.phase in INACTIVE, self._take_states
@@ -227,35 +237,21 @@ class Mission(Service):
 
     # -- input
 
-    def _on_order(self, order: MissionOrder, meta: Meta) -> Awaitable[MissionReceipt]:
+    def _on_order(self, order: MissionOrder, meta: Meta) -> MissionReceipt | Awaitable[MissionReceipt]:
         received_ns = meta.arrived_ns or self.module.now_ns()
         by = requester(self.module, meta)
-        return self._accept(order, received_ns, requesting_platform(self.module, meta), by)
+        return self._acceptance.on_order(order, received_ns, requesting_platform(self.module, meta), by)
 
-    async def _accept(
-        self, order: MissionOrder, received_ns: int, sender: str | None, by: str
-    ) -> MissionReceipt:
-        if self._has_taken(order):
-            return MissionReceipt(True, received_ns)
-        try:
-            expires_ns = self._expiry(order, received_ns)
-            binding = self._admission.verify(order, received_ns, expires_ns, sender, self._drain.by)
-            self._check_reactions(order.mission)
-            mission = await self._checker.load(order.text, order.file, binding)
-            run = self._admission.run(order, mission)
-            self._check_fence(order.file, run.mission)
-            self._values.open(run.mission.resources())
-            if self._has_taken(order):  # accepted meanwhile by a repeated request
-                return MissionReceipt(True, received_ns)
-            self._ordered = order.epoch, by
-            # the reply is sent first: the ground station waits for it, others get the state with the next
-            # beacon
-            self._driver.defer(self._core.on_order(run, self.module.now_ns()))
-        except SwarmError as error:
-            log.warning("mission %s of %s: refused: %s", order.mission, order.issuer, error)
-            return MissionReceipt(False, received_ns, tuple(str(error).splitlines()))
+    def _check_order(self, order: MissionOrder, mission: MissionDefinition) -> None:
+        self._check_reactions(order.mission)
+        self._check_fence(order.file, mission)
+
+    def _take_order(self, run: Run, by: str) -> None:
+        actions = self._core.on_order(run, self.module.now_ns())
+        self._ordered = run.epoch, by
+        # the reply is sent first: the ground station waits for it, others get the state with the next beacon
+        self._driver.defer(actions)
         asyncio.get_running_loop().call_soon(self._taken, run.epoch)
-        return MissionReceipt(True, received_ns)
 
     def _taken(self, epoch: int) -> None:
         """Evaluates states of this run that other members published before this platform accepted its
@@ -263,18 +259,6 @@ class Mission(Service):
         self._member_states.take_news()
         if platforms := self._census.in_run(epoch):
             self._take_states(platforms)
-
-    def _has_taken(self, order: MissionOrder) -> bool:
-        """Whether the order was accepted before: its reply was lost or late, so it is sent again."""
-        return order.epoch == self._core.epoch and self._core.phase in {
-            MissionPhase.READY,
-            MissionPhase.RUNNING,
-        }
-
-    def _expiry(self, order: MissionOrder, received_ns: int) -> int:
-        local_ns = self.module.remote_clocks.to_local(hardware_id(order.issuer), order.expires_ns)
-        # the issuer's clock is not known yet: the order is assumed to be new
-        return received_ns + order.expires_ns - order.issued_ns if local_ns is None else local_ns
 
     async def _on_task(self, task: MissionTask, meta: Meta) -> TaskAnswer:
         instructed_ns = self._instructed_ns(meta)

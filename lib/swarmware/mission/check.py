@@ -80,7 +80,7 @@ def _conditions(
     mission: MissionDefinition, text: str, file: str, kinds: tuple[PlatformKind, ...], own: str
 ) -> list[Finding]:
     """Findings of the conditions: checks their resources against the templates of the possible platforms."""
-    named = mission.resources() or any(b.type == BlockName.WAIT_FOR_SENSOR for b in mission.blocks.values())
+    named = mission.resources or any(b.type == BlockName.WAIT_FOR_SENSOR for b in mission.blocks.values())
     problems = vocabulary.shipped().check(mission, kinds, own) if named else []
     if not problems:
         return []

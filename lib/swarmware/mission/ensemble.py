@@ -52,7 +52,7 @@ def check_roles(roles: list[EnsembleRole]) -> list[Finding]:
 
 def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
     """Findings about members of these roles that wait for each other without end, or fail at a barrier."""
-    if not any(role.mission.barriers() for role in roles):
+    if not any(role.mission.barriers for role in roles):
         return []
     found = search([_part(role) for role in roles], budget)
     if found is None:
@@ -86,7 +86,7 @@ def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
 def _part(role: EnsembleRole) -> Participant:
     quorums = [
         block.params.quorum
-        for block in role.mission.barriers()
+        for block in role.mission.barriers
         if isinstance(block.params, Barrier) and isinstance(block.params.quorum, int)
     ]
     station = role.kinds == (PlatformKind.GCS,)
@@ -99,7 +99,7 @@ def _part(role: EnsembleRole) -> Participant:
 def _quorums(roles: list[EnsembleRole]) -> list[Finding]:
     found: list[Finding] = []
     for role in roles:
-        for block in role.mission.barriers():
+        for block in role.mission.barriers:
             params = block.params
             if not isinstance(params, Barrier) or not isinstance(params.quorum, int):
                 continue
@@ -118,7 +118,7 @@ def _without_successor(roles: list[EnsembleRole]) -> list[Finding]:
     """Findings of barriers that have no successor for the loss of a member."""
     found: list[Finding] = []
     for role in roles:
-        for block in role.mission.barriers():
+        for block in role.mission.barriers:
             if block.successor(BARRIER_BROKEN) is None and block.successor(TIMED_OUT) is None:
                 message = (
                     f"when barrier {block.id!r} breaks (a member was lost, or failed), this mission fails; "
@@ -145,7 +145,7 @@ def _capabilities(roles: list[EnsembleRole]) -> list[Finding]:
 def _barriers(roles: list[EnsembleRole]) -> list[Finding]:
     meets: dict[str, dict[str, tuple[EnsembleRole, Block, Barrier]]] = {}
     for role in roles:
-        for block in role.mission.barriers():
+        for block in role.mission.barriers:
             if isinstance(block.params, Barrier):
                 meets.setdefault(block.params.id, {}).setdefault(role.name, (role, block, block.params))
     names = [role.name for role in roles]

@@ -114,7 +114,7 @@ def _quorums(parts: list[Participant]) -> bool:
     return any(
         isinstance(block.params, Barrier) and block.params.quorum != "all"
         for part in parts
-        for block in part.mission.barriers()
+        for block in part.mission.barriers
     )
 
 
@@ -170,7 +170,7 @@ class _Ensemble:
         self._failed = False
         self.succeeds = False
         """Whether all members can end without such a failure."""
-        first = next((part for part in parts if part.mission.barriers()), parts[0])
+        first = next((part for part in parts if part.mission.barriers), parts[0])
         self.widest = TooLarge(first.role, tuple(gates_of(first.mission)) or (first.mission.start,))
 
     def explore(self) -> bool:

@@ -1,5 +1,6 @@
 """A loaded mission: blocks with typed parameters, and their successors."""
 
+from functools import cached_property
 from typing import Final
 
 import msgspec
@@ -65,7 +66,7 @@ class Block(msgspec.Struct, frozen=True):
         return self.successor(outcome)
 
 
-class MissionDefinition(msgspec.Struct, frozen=True):
+class MissionDefinition(msgspec.Struct, frozen=True, dict=True):
     """A mission in which all parameters have values."""
 
     file: str
@@ -77,13 +78,16 @@ class MissionDefinition(msgspec.Struct, frozen=True):
     requires: tuple[ConditionExpression, ...] = ()
     """Conditions that are checked before the start and every second."""
 
+    @cached_property
     def resources(self) -> frozenset[str]:
-        """Paths of the resources in its conditions."""
+        """Paths of the resources in its conditions, determined once: an order is accepted while others wait
+        for the processor."""
         conditions = [*self.requires]
         for block in self.blocks.values():
             conditions += [edge.condition for edge in block.edges if edge.condition]
         return frozenset(path for condition in conditions for path in condition.resources())
 
+    @cached_property
     def barriers(self) -> tuple[Block, ...]:
         """The blocks of type Barrier."""
         return tuple(block for block in self.blocks.values() if block.type == BlockName.BARRIER)

@@ -33,7 +33,7 @@ class Participant(msgspec.Struct, frozen=True):
 
 def gates_of(mission: MissionDefinition) -> dict[str, Block]:
     """The barriers of a mission by their place."""
-    return {block.id: block for block in mission.barriers()}
+    return {block.id: block for block in mission.barriers}
 
 
 class RoleSteps:

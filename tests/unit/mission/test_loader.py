@@ -257,7 +257,7 @@ def test_parameters_and_variables_take_their_place_with_their_type() -> None:
     assert (params.leader, params.slot, params.course) == ("ugv1", 4, ((0.0, 0.0), (9.0, 9.0)))
     assert loaded.blocks["b2"].params == catalogue.Barrier(id="survey of ugv1 at uav3")
     assert loaded.requires[0].text == "battery > 4 %"
-    assert loaded.resources() == {"power/battery"}
+    assert loaded.resources == {"power/battery"}
 
 
 def test_a_parameter_of_another_type_than_its_default_is_refused() -> None:
@@ -280,7 +280,7 @@ def test_a_mission_shows_which_resources_its_decisions_look_at() -> None:
         }
     )
     loaded = load(text, "m.json", HERE)
-    assert loaded.resources() == {"power/battery", "nav/pose"}
+    assert loaded.resources == {"power/battery", "nav/pose"}
     assert check_text(text, "m.json", HERE)[1] == []
 
 

@@ -28,7 +28,7 @@ class Run(msgspec.Struct, frozen=True):
     def strict_barriers(self) -> frozenset[str]:
         """Ids of the barriers that name the role of a ground station, which must then be present."""
         stations = {member.role for member in self.members if member.kind == PlatformKind.GCS}
-        params = [block.params for block in self.mission.barriers()]
+        params = [block.params for block in self.mission.barriers]
         return frozenset(p.id for p in params if isinstance(p, Barrier) and stations & set(p.roles))
 
 
