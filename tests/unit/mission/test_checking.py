@@ -205,3 +205,13 @@ async def test_values_of_parameters_are_checked_with_the_text_of_each_role(
         return
     with pytest.raises(MissionError, match=r"height_m|/t/alt"):
         await checker.check_params(folder, assignment)
+
+
+async def test_a_mission_that_was_read_is_known_under_any_file_name() -> None:
+    checker, text = Checker(built_in()), net(s="Start>e", e="End")
+    binding = Binding("uav1", PlatformKind.UAV, "r", "trial", {})
+    assert checker.known(text, "m.json", binding) is None
+    read = await checker.load(text, "m.json", binding)
+    assert checker.known(text, "m.json", binding) is read
+    elsewhere = checker.known(text, "elsewhere/m.json", binding)
+    assert elsewhere is not None and (elsewhere.file, elsewhere.blocks) == ("elsewhere/m.json", read.blocks)
