@@ -114,6 +114,28 @@ async def test_an_urgent_request_and_its_answer_take_a_datagram_each_and_no_conn
 
 
 @on_uvloop
+async def test_packets_of_a_batch_leave_at_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ReliableLinks, "uses_datagrams", lambda *_: True)
+    async with serving_pair(tmp_path) as (pair, taken):
+        station, left = pair["gcs"], list[Use]()
+        put = FrameDatagrams._put
+
+        def watched(datagrams: FrameDatagrams, peer: LinkPeer, datagram: bytes, use: Use) -> bool:
+            left.append(use)
+            return put(datagrams, peer, datagram, use)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(FrameDatagrams, "_put", watched)
+            with station.node.messaging.batch():
+                comes = [asyncio.ensure_future(ask(station, "uav1", text)) for text in ("a", "b")]
+                await asyncio.sleep(0)  # each has made its frame
+                assert not left
+            assert Use.PACKETS in left
+        assert await asyncio.gather(*comes) == ["a taken", "b taken"]
+        assert taken == ["a", "b"]
+
+
+@on_uvloop
 async def test_a_request_that_is_not_urgent_and_its_answer_take_datagrams_where_the_link_is_clean(
     tmp_path: Path, wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -6,7 +6,7 @@ import logging
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 from swarmd.broker.config import MAIN, Config
 from swarmd.broker.core.admission.datagram_limiter import DatagramLimiter, member_ids
@@ -38,6 +38,16 @@ OnPacket = Callable[[bytes, LinkPeer, int], None]
 """Called with the packet of a datagram, the neighbour that sealed it, and its arrival on the own clock."""
 
 log = logging.getLogger("swarm.broker")
+
+
+class _Held(NamedTuple):
+    """A datagram that waits for the end of a batch."""
+
+    peer: LinkPeer
+    frame: Frame | None
+    """The frame in it, or None for a packet of the reliable link, which repeats what is lost."""
+    datagram: bytes
+    use: Use
 
 
 class NeighbourMedia(Protocol):
@@ -98,7 +108,7 @@ class FrameDatagrams:
         self._urgent_paths = DatagramPaths()
         self._other_paths = DatagramPaths(frame_datagram.BURST)
         """Of the frames that are not urgent: their receivers are slow more often, which looks like loss."""
-        self._held: list[tuple[LinkPeer, Frame, bytes]] | None = None
+        self._held: list[_Held] | None = None
         """Datagrams that wait for the end of `batch`; None: they are sent at once."""
         self._limiter = DatagramLimiter(member_ids(keys.roster))
         self._loop = asyncio.get_running_loop()
@@ -131,7 +141,7 @@ class FrameDatagrams:
             return False
         datagram = self._sealed(seal, frame_datagram.FRAME, data)
         if self._held is not None:
-            self._held.append((peer, frame, datagram))
+            self._held.append(_Held(peer, frame, datagram, Use.URGENT))
             return True
         if not self._put(peer, datagram, Use.URGENT):
             return False
@@ -154,8 +164,13 @@ class FrameDatagrams:
     def send_packet(self, peer: LinkPeer, data: bytes) -> None:
         """Sends a packet of the reliable link; one that cannot be sent is lost."""
         seal = self._seal_of(peer) if self._sequence < frame_datagram.SEQUENCE_MAX else None
-        if seal is not None and peer.frame_port:
-            self._put(peer, self._sealed(seal, frame_datagram.PACKET, data), Use.PACKETS)
+        if seal is None or not peer.frame_port:
+            return
+        datagram = self._sealed(seal, frame_datagram.PACKET, data)
+        if self._held is not None:
+            self._held.append(_Held(peer, None, datagram, Use.PACKETS))
+        else:
+            self._put(peer, datagram, Use.PACKETS)
 
     def _sealed(self, seal: PairSeal, content: int, data: bytes) -> bytes:
         self._sequence += 1
@@ -164,7 +179,7 @@ class FrameDatagrams:
 
     @contextmanager
     def batch(self) -> Iterator[None]:
-        """Context manager: queues datagrams and sends them together when it ends.
+        """Context manager: queues datagrams, packets included, and sends them together when it ends.
 
         Each datagram wakes its receiver: on a computer with several nodes the first receiver would take the
         processor before the last datagram is sent. Measured with 16 nodes on two cores: 15 ms between first
@@ -178,12 +193,14 @@ class FrameDatagrams:
             yield
         finally:
             held, self._held = self._held, None
-            failed = [not self._put(peer, datagram, Use.URGENT) for peer, _, datagram in held]
-            for (peer, frame, _), unsent in zip(held, failed, strict=True):
-                if unsent:
-                    self._on_unsent(peer, frame)
+            sent = [self._put(one.peer, one.datagram, one.use) for one in held]
+            for one, is_sent in zip(held, sent, strict=True):
+                if one.frame is None:
+                    continue
+                if is_sent:
+                    self._count(one.peer, one.frame)
                 else:
-                    self._count(peer, frame)
+                    self._on_unsent(one.peer, one.frame)
 
     def _count(self, peer: LinkPeer, frame: Frame) -> None:
         self._paths(frame).on_sent(peer.hw, self._clock.now_ns())
