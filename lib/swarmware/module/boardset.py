@@ -35,6 +35,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         self._readers: dict[str, BoardReader[T]] = {}
         self._folder = str(node.shm_dir)
         self._folder_ns = -1
+        self._ring_changes = -1
         self._listening = False
         self._wakeup = Wakeup()
         self._given: dict[str, int] = {}
@@ -80,7 +81,9 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
             self._wakeup.notify()
 
     def _has_news(self) -> bool:
-        self._refresh()
+        if self._ring_changes != self._node.ring_changes:
+            self._ring_changes = self._node.ring_changes
+            self._refresh()
         given = self._given
         return any(reader.position != given.get(platform, -1) for platform, reader in self._readers.items())
 

@@ -49,6 +49,8 @@ class RingFollower:
         self._node: Node | None = None
         self._on_change: Callable[[], None] | None = None
         self._reported = -1
+        self._looked = -1
+        """Number of changes of the folder of rings at the last search that found no ring."""
         self._open(0 if from_oldest else None)
 
     @property
@@ -156,7 +158,10 @@ class RingFollower:
         """The doorbell has rung, perhaps for this ring."""
         ring = self.ring
         if ring is None:
+            if self._node is None or self._node.ring_changes == self._looked:
+                return
             if self._found() is None:
+                self._looked = self._node.ring_changes
                 return
         elif ring.moved:
             self._reported = -1

@@ -97,6 +97,11 @@ class Node:
         self._users = 0
         self._watchers: dict[Watcher, None] = {}
         self._listens: Counter[Path] = Counter()
+        self._folder = str(self.shm_dir)
+        self._folder_ns = -1
+        self.ring_changes = 0
+        """Number of bells at which the folder of rings had changed: no ring has appeared while it is the
+        same."""
         self._errors: list[str] = []
         """Errors of the last check of this process's files."""
         self.repairs = 0
@@ -215,8 +220,24 @@ class Node:
 
     def _on_bell(self) -> None:
         self.doorbell.drain()
+        self._look_for_rings()
         for watcher in tuple(self._watchers):
             watcher.poll()
+
+    def _look_for_rings(self) -> None:
+        """Look at the folder once for all watchers that wait for rings, instead of at the path of each.
+
+        A mirror, in a folder below, changes the time of this one before its first frame rings.
+        """
+        try:
+            changed_ns = os.stat(self._folder).st_mtime_ns  # noqa: PTH116  # at every bell: no Path object
+        except FileNotFoundError:
+            changed_ns = -1
+        if changed_ns == self._folder_ns:
+            return
+        self.ring_changes += 1
+        # a ring that is made now may leave the time as it is: look again at the next bell
+        self._folder_ns = changed_ns if utc_ns() - changed_ns > GRANULE_NS else -1
 
     @property
     def uptime_s(self) -> float:
