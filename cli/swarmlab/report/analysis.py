@@ -130,6 +130,7 @@ class Analysis:
             bytes_per_notification=sum(received) / notifications if notifications else None,
             command_to_receipt_ms=_percentiles([receipt.command_ms for receipt in receipts]),
             order_to_receipt_ms=_percentiles([receipt.order_ms for receipt in receipts]),
+            last_answer_ms=self._last_answer_ms(),
             receipts=receipts,
             formation_error_m=MeanMax(
                 float(np.mean(per_node)) if per_node else None, max(worst) if worst else None
@@ -164,6 +165,16 @@ class Analysis:
                 order_ms = (received_mono_ns - station.to_mono_ns(order.sent_ns)) / 1e6
                 found.append(Receipt(order.platform, command_ms, order_ms))
         return tuple(found)
+
+    def _last_answer_ms(self) -> float | None:
+        """Delay from the instruction to the last answer, both on the clock of the ground station."""
+        gcs = next(node for node in self._metadata.nodes if node.kind == PlatformKind.GCS)
+        orders = [order for order in self._metadata.orders if order.platform != gcs.platform]
+        if not orders or not all(order.acked_ns for order in orders):
+            return None
+        station = gcs.clock.clock
+        last_mono_ns = station.to_mono_ns(max(order.acked_ns for order in orders))
+        return (last_mono_ns - station.to_mono_ns(self._metadata.instructed_ns)) / 1e6
 
     def _formed_errors(self) -> dict[str, Floats]:
         formed = tracks.within(self._axis, self._formed)

@@ -26,4 +26,5 @@ GOOD = ExperimentReport(
     rss_mb=MeanMax(77, 81),
     pss_mb=MeanMax(34, 35),
     host=HostInfo("Some CPU", 2, "6.1", 0.1, 88.0, 12.0),
+    last_answer_ms=5.6,
 )

@@ -52,6 +52,7 @@ def test_every_figure_of_the_made_up_run_is_found(result: tuple[ExperimentReport
     assert found.command_to_receipt_ms.max == pytest.approx(8.0, abs=1e-3)
     assert found.order_to_receipt_ms.p50 == pytest.approx(2.0, abs=1e-3)
     assert found.order_to_receipt_ms.max == pytest.approx(2.0, abs=1e-3)
+    assert found.last_answer_ms == pytest.approx(10.0, abs=1e-3)
     assert [receipt.platform for receipt in found.receipts] == ["uav1", "ugv1"]
     assert found.host == HostInfo("Some CPU", 2)
     assert found.formation_error_m.mean == pytest.approx(0.25, abs=1e-6)
