@@ -97,7 +97,7 @@ class ExperimentReport(msgspec.Struct, frozen=True, kw_only=True):
     """`rss_mb` with shared pages divided among those who share them (PSS)."""
     last_answer_ms: float | None = None
     """Delay from the instruction until the ground station had the last answer to an order, or None if one was
-    not answered: an order that is stamped earlier and answered later is no faster."""
+    not answered."""
 
 
 class PaperFigures(msgspec.Struct, frozen=True):

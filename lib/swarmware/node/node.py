@@ -225,7 +225,7 @@ class Node:
             watcher.poll()
 
     def _look_for_rings(self) -> None:
-        """Look at the folder once for all watchers that wait for rings, instead of at the path of each.
+        """Check the folder once for all watchers that wait for rings, instead of the path of each.
 
         A mirror, in a folder below, changes the time of this one before its first frame rings.
         """
