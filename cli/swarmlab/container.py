@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from swarmlab.provision.provisioning import LIDAR, STATION, TEMPLATES, VEHICLE
+from swarmlab.provision.node_files import LIDAR, STATION, TEMPLATES, VEHICLE
 from swarmware.errors import ConfigError, SwarmError
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
 from swarmware.transport.security.root import make_swarm

@@ -1,5 +1,6 @@
 """One experiment: starts a swarm, starts a mission, follows it, stops the swarm, computes the report."""
 
+import shlex
 import shutil
 import time
 from collections import Counter
@@ -16,8 +17,9 @@ from swarmctl.terminal.progress import Progress
 from swarmlab.measure import host, software
 from swarmlab.measure.clocks import ClockTruth
 from swarmlab.measure.host import HostInfo
-from swarmlab.provision import command_line, prerequisites, provisioning
-from swarmlab.provision.provisioning import RADIUS_M, LabSpec
+from swarmlab.provision import prerequisites, provisioning
+from swarmlab.provision.node_files import RADIUS_M
+from swarmlab.provision.provisioning import LabSpec
 from swarmlab.report.run_metadata import NodeMetadata, RunMetadata, failure
 from swarmlab.run import lifecycle
 from swarmlab.run.child import exit_description
@@ -30,6 +32,7 @@ from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.mission.manifest import MANIFEST
 from swarmware.model import document, paths
 from swarmware.model.config import load, share_dir
+from swarmware.recorder.address import without_password
 from swarmware.types.mission import MissionFile, MissionPlan, MissionState, MissionTask, TaskAnswer
 
 PLAN: Final = "sys/mission/plan"
@@ -65,11 +68,34 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
     here = host.describe()
     started_utc_ns = time.time_ns()
     running, course = conduct(spec, duration_s, out_dir, out)
-    command = command_line.run_command(spec, duration_s, out_dir)
+    command = run_command(spec, duration_s, out_dir)
     metadata = _metadata(running, spec, course, started_utc_ns, here, command)
     (out_dir / RUN_FILE).write_bytes(msgspec.json.format(msgspec.json.encode(metadata), indent=1))
     _merge_logs(out_dir, spec.experiment, out)
     return report(out_dir, out, strict=strict)
+
+
+def run_command(spec: LabSpec, duration_s: float, out_dir: Path) -> str:
+    """The command of a run with all options that determine it; a password is masked."""
+    words = ["swarmctl", "lab", "run", spec.experiment, "--nodes", str(spec.nodes)]
+    if spec.usv:
+        words += ["--usv", str(spec.usv)]
+    words += ["--net", spec.net, "--seed", str(spec.seed)]
+    if spec.radio:
+        words += ["--radio", spec.radio]
+    if spec.name:
+        words += ["--name", spec.name]
+    if spec.per_daemon is not None:
+        words += ["--per-daemon", spec.per_daemon]
+    if spec.units is not None:
+        words += ["--units", spec.units]
+    for airframe in spec.airframe:
+        words += ["--airframe", airframe]
+    for service in spec.services:
+        words += ["--service", service]
+    if spec.mongodb_uri:
+        words += ["--mongodb", without_password(spec.mongodb_uri)]
+    return shlex.join([*words, "--duration", f"{duration_s:g}", "--out", str(out_dir)])
 
 
 def conduct(spec: LabSpec, duration_s: float, out_dir: Path, out: Output) -> tuple[RunningLab, MissionRun]:

@@ -2,11 +2,13 @@
 
 import ast
 import gc
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).parents[2]
+ROOTS: Final = ("lib", "daemons", "cli")
 
 
 @cache
@@ -32,3 +34,30 @@ def walked(tree: ast.Module) -> tuple[ast.AST, ...]:
 def nodes(path: Path) -> tuple[ast.AST, ...]:
     """All nodes of a file."""
     return walked(parsed(path))
+
+
+@cache
+def files() -> dict[str, Path]:
+    """The file of each module, and of each package its `__init__.py`."""
+    found = {}
+    for root in ROOTS:
+        for path in sorted((ROOT / root).rglob("*.py")):
+            parts = path.relative_to(ROOT / root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@cache
+def imports() -> dict[str, set[str]]:
+    """Modules of this project that each of its modules imports, anywhere in the file."""
+    return {name: set(_imported(path)) for name, path in files().items()}
+
+
+def _imported(path: Path) -> Iterator[str]:
+    for node in nodes(path):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in files())
+        elif isinstance(node, ast.ImportFrom) and node.module in files():
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in files() else node.module

@@ -4,15 +4,11 @@ A room is a file or a folder directly in a package. Imports for type checking al
 count as well: whoever reads a room must know what it imports.
 """
 
-import ast
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Final
 
 import pytest
-from tests.architecture.sources import nodes
+from tests.architecture.sources import files, imports
 
-ROOT: Final = Path(__file__).parents[2]
 CLIMBS: Final = {
     ("swarmware.types.registry", "swarmware.types"): "lists the files of the package, to import them",
     ("swarmd.parent", "swarmd"): "needs the folder of the package, to start its own program",
@@ -20,39 +16,14 @@ CLIMBS: Final = {
 """Imports of a package by a module in it, each with its reason."""
 
 
-def module(folder: Path, path: Path) -> str:
-    """Name of the module or package in a file."""
-    parts = path.relative_to(folder).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-FILES: Final = {
-    module(ROOT / root, path): path
-    for root in ("lib", "daemons", "cli")
-    for path in sorted((ROOT / root).rglob("*.py"))
-}
-PACKAGES: Final = [name for name, path in FILES.items() if path.name == "__init__.py"]
-
-
-def imported(path: Path) -> Iterator[str]:
-    """Modules of this project that a file imports."""
-    for node in nodes(path):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name in FILES)
-        elif isinstance(node, ast.ImportFrom) and node.module in FILES:
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                yield inner if inner in FILES else node.module
-
-
-IMPORTS: Final = {name: set(imported(path)) for name, path in FILES.items()}
+PACKAGES: Final = [name for name, path in files().items() if path.name == "__init__.py"]
 
 
 def rooms(package: str) -> dict[str, set[str]]:
     """The rooms of a package, and the other rooms that each imports."""
     start = f"{package}."
     arrows: dict[str, set[str]] = {}
-    for name, targets in IMPORTS.items():
+    for name, targets in imports().items():
         if name.startswith(start):
             room = name.removeprefix(start).partition(".")[0]
             others = {one.removeprefix(start).partition(".")[0] for one in targets if one.startswith(start)}
@@ -92,7 +63,7 @@ def test_rooms_of_a_package_import_in_one_direction(package: str) -> None:
 def test_no_module_imports_a_package_above_it() -> None:
     found = {
         (name, target)
-        for name, targets in IMPORTS.items()
+        for name, targets in imports().items()
         for target in targets
         if name.startswith(f"{target}.") and target in PACKAGES
     }

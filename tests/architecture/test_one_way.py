@@ -37,7 +37,7 @@ CALLS: Final = {
         {
             "lib/swarmware/transport/shm/ring.py": "the reader itself reopens",
             "lib/swarmware/node/follower.py": "the follower of rings",
-            "cli/swarmctl/commands/doctor/checks.py": "reads once, without a node: it may be the broken part",
+            "cli/swarmctl/commands/doctor/broker_checks.py": "reads once, without the node",
         },
     ),
     "make a ZeroMQ socket": (

@@ -3,13 +3,12 @@
 import ast
 import re
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
-from tests.architecture.sources import parsed
+from tests.architecture.sources import ROOT, ROOTS, files, imports, parsed
 
-ROOT = Path(__file__).parents[2]
-ROOTS = ("lib", "daemons", "cli")
 PACKAGES = sorted(path.parent for root in ROOTS for path in (ROOT / root).rglob("__init__.py"))
 PAGE = (ROOT / "share/doc/architecture.md").read_text("utf-8")
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
@@ -17,8 +16,6 @@ MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
 THIN = {
-    "cli/swarmctl/commands/doctor/outages.py": "outages of links, without the checks of this computer",
-    "cli/swarmctl/commands/file/listing.py": "a list, without the library of transfers",
     "daemons/swarmd/broker/core/boards/video_receivers.py": "of receivers, by what the tree knows",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
@@ -31,7 +28,6 @@ THIN = {
     "lib/swarmware/module/requester.py": "the name of the sender of a request, for records",
     "lib/swarmware/runtime/backoff.py": "the one back-off",
     "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
-    "lib/swarmware/service/garbage.py": "the garbage collector of a process",
     "lib/swarmware/service/reason.py": "the line of an expected error",
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
@@ -39,14 +35,14 @@ THIN = {
     "daemons/swarmd/hal/core/flight/attitude_loop.py": "the attitude loop, the one without an integral",
     "daemons/swarmd/hal/core/flight/gap.py": "the samples of a gap",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",
-    "cli/swarmctl/resources/described_fields.py": "fields of types of modules, imported for a new one",
     "cli/swarmctl/membership/options.py": "options that --help imports, without what the commands do",
     "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
-    "cli/swarmlab/provision/command_line.py": "the command that repeats a run",
     "lib/swarmware/version.py": "the version, below all that records or shows it",
     "lib/swarmware/model/clashes.py": "paths with equal numbers in frames",
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""
+TIDY = ("lib", "cli")
+"""Roots in which a file of fewer lines has several users."""
 
 
 def name(package: Path) -> str:
@@ -96,3 +92,16 @@ def test_a_thin_file_defines_a_class_or_is_a_noun_of_its_own() -> None:
         if not any(isinstance(node, ast.ClassDef) for node in parsed(path).body):
             thin.add(str(path.relative_to(ROOT)))
     assert thin == set(THIN), "merge it with its noun, or name the noun"
+
+
+def test_a_thin_file_has_several_users() -> None:
+    users = Counter(target for targets in imports().values() for target in targets)
+    alone = {
+        str(path.relative_to(ROOT))
+        for name, path in files().items()
+        if path.relative_to(ROOT).parts[0] in TIDY
+        and users[name] == 1
+        and path.name != "__init__.py"
+        and len(path.read_text("utf-8").splitlines()) < THIN_LINES
+    }
+    assert alone == set(), "merge it with the only file that imports it"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from tests.patience import PATIENCE_S
 
-from swarmware.service import garbage
+from swarmware.service import runner
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def thawed() -> Iterator[None]:
 
 @pytest.mark.usefixtures("thawed")
 def test_what_is_made_while_services_are_imported_is_spared_also_when_an_import_fails() -> None:
-    with pytest.raises(ImportError), garbage.frozen():
+    with pytest.raises(ImportError), runner.frozen():
         assert not gc.isenabled()
         raise ImportError
     assert gc.isenabled()
@@ -29,7 +29,7 @@ def test_what_is_made_while_services_are_imported_is_spared_also_when_an_import_
 
 @pytest.mark.usefixtures("thawed")
 async def test_a_settled_process_spares_all_but_its_garbage(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(garbage, "SETTLED_S", 0.0)
+    monkeypatch.setattr(runner, "SETTLED_S", 0.0)
     collected = asyncio.Event()
 
     class Circle:
@@ -40,7 +40,7 @@ async def test_a_settled_process_spares_all_but_its_garbage(monkeypatch: pytest.
             collected.set()
 
     Circle()
-    garbage.freeze_later(asyncio.get_running_loop())
+    runner.freeze_later(asyncio.get_running_loop())
     async with asyncio.timeout(PATIENCE_S):
         await collected.wait()
     await asyncio.sleep(0)

@@ -60,7 +60,7 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 
 @given(VALUES)
 def test_json_and_yaml_say_the_same_with_and_without_control_characters(value: Any) -> None:
-    from swarmctl.terminal.yaml_form import yaml_text
+    from swarmctl.terminal.output import yaml_text
 
     text = json_escaped(msgspec.json.encode(value).decode())
     assert json.loads(text) == value and not HIDDEN.search(text)

@@ -1,6 +1,7 @@
 """Lists resources of the swarm by the pattern of an operator."""
 
 import asyncio
+from collections.abc import Collection
 from typing import Final
 
 import msgspec
@@ -223,9 +224,36 @@ def _remember(session: Session, pattern: str, entries: list[TreeEntry], platform
     known = {name for name in new if registry.installed(name)}
     fields = {name: field_values(registry.find(name)) for name in known}
     if unknown := new - known:
-        from swarmctl.resources.described_fields import described_fields
-
         owners = {str(names.split(entry.path)[0]) for entry in entries if entry.type in unknown}
         fields |= described_fields(session, owners, unknown)
     fields |= {entry.path: {"value": list(entry.choices)} for entry in entries if entry.choices}
     word_cache.save(way, {entry.path: entry.type for entry in entries if entry.type}, fields)
+
+
+def described_fields(
+    session: Session, platforms: Collection[str], types: Collection[str]
+) -> dict[str, dict[str, list[str]]]:
+    """Fields of types that applications of this machine describe in their files, for completion.
+
+    By the name of the type, of platforms on this machine; an invalid description is left out.
+    """
+    # only the first list with a new type of a module needs them
+    from swarmctl.session import labs
+    from swarmware.transport.appfile import table
+    from swarmware.types.described import class_of
+    from swarmware.types.description import TypeDescription
+
+    lab = labs.chosen(session.settings)
+    if lab is None:
+        folders = [session.module.node.config.run_path] if session.here in platforms else []
+    else:
+        folders = [node.run_dir for node in lab.nodes if node.platform in platforms]
+    found: dict[str, dict[str, list[str]]] = {}
+    for entry in (entry for folder in folders for entry in table.scan(folder)):
+        for name in entry.types.keys() & types:
+            try:
+                description = msgspec.json.decode(entry.types[name], type=TypeDescription)
+                found[name] = field_values(class_of(description))
+            except (msgspec.DecodeError, ValueError, RecursionError, SwarmError):
+                continue  # as without a description
+    return found

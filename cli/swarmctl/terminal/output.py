@@ -10,7 +10,7 @@ import msgspec
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmctl.terminal.wrapping import clipped, fitted_text, terminal_columns, terminal_lines, terminal_width
-from swarmware.model.visible import json_escaped, visible, visible_lines
+from swarmware.model.visible import HIDDEN, json_escaped, visible, visible_lines
 from swarmware.types.json_form import json_form
 
 SCHEMA_VERSION: Final = 2
@@ -177,11 +177,27 @@ class Output:
         print(json_line(form), file=self._out, flush=True)
 
     def _yaml(self, form: Any) -> None:
-        from swarmctl.terminal.yaml_form import yaml_text
-
         print(yaml_text(form), end="", file=self._out, flush=True)
 
 
 def json_line(form: dict[str, Any]) -> str:
     """A document on one line."""
     return json_escaped(msgspec.json.encode({"schema_version": SCHEMA_VERSION, **form}).decode())
+
+
+def yaml_text(form: Any) -> str:
+    """One document of YAML: the data of its JSON, without raw control characters."""
+    import yaml  # most commands print no YAML
+
+    class Dumper(yaml.SafeDumper):
+        """Writes texts with control characters between double quotes, where YAML has escape sequences."""
+
+    def write_text(dumper: Dumper, text: str) -> yaml.ScalarNode:
+        # a text of several lines, too: its block could hold the others raw
+        style = '"' if HIDDEN.search(text) else None
+        return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+    Dumper.add_representer(str, write_text)
+    plain = msgspec.json.decode(msgspec.json.encode(form))
+    text: str = yaml.dump(plain, Dumper=Dumper, sort_keys=False, allow_unicode=True, explicit_start=True)
+    return json_escaped(text)

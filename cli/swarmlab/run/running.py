@@ -16,7 +16,7 @@ import msgspec
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabNode, LabState
 from swarmctl.session.processes import NODE_MARK
-from swarmlab.provision import database, provisioning
+from swarmlab.provision import database, node_files, provisioning
 from swarmlab.radio.namespace import ENTER
 from swarmlab.run.child import child_environment, exit_description, tail
 from swarmlab.run.fork_server_child import ForkServerChild, fork_variables
@@ -84,7 +84,7 @@ class RunningLab:
         self.on_restart: Callable[[str, str], None] = lambda _platform, _what: None
         """Called with platform and text when its supervisor restarts its process, and when that is ready."""
         self._needed = _needed(lab, self._note_change)
-        self._shared = [*self._needed, ForkServerChild(lab, provisioning.services(lab), self._note_change)]
+        self._shared = [*self._needed, ForkServerChild(lab, node_files.services(lab), self._note_change)]
         self._children: dict[str, subprocess.Popen[bytes]] = {}
         self._processes: dict[str, WatchedProcess] = {}
         self._sockets: dict[str, NotifySocket] = {}

@@ -10,7 +10,6 @@ import msgspec
 
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.debouncer import Debouncer
-from swarmware.health.reported_condition import ReportedCondition
 from swarmware.model import paths
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -96,6 +95,31 @@ class Check(Generic[D]):
         confirmed, raw = self._debouncer.confirmed, self._debouncer.raw
         seen = raw if raw != confirmed else ""
         return CheckReport(self.registration.check, confirmed, self._stamp_ns, seen, self._freeze_frame)
+
+
+class ReportedCondition:
+    """A condition that a module reports itself when something happens, without periodic sampling."""
+
+    def __init__(self, registration: CheckRegistration, now_ns: int) -> None:
+        self.registration = registration
+        self._state = OK_STATE
+        self._level: Level = "ok"
+        self._detail = ""
+        self._stamp_ns = now_ns
+
+    def set(self, state: str, level: Level, detail: str, now_ns: int) -> bool:
+        """Set the state; True if it or its level changed. A new detail alone waits for the next report."""
+        self._stamp_ns = now_ns
+        self._detail = detail
+        before = (self._state, self._level)
+        self._state, self._level = state, level
+        return before != (state, level)
+
+    def report(self) -> CheckReport:
+        """Report for the monitor."""
+        return CheckReport(
+            self.registration.check, self._state, self._stamp_ns, freeze=self._detail, level=self._level
+        )
 
 
 class HealthMonitor:

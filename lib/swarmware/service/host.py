@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Final, Self
 import msgspec
 
 from swarmware.errors import NotFound, SwarmError
+from swarmware.health.held_condition import HeldCondition
 from swarmware.module.module import Module
 from swarmware.runtime.restart_policy import RestartPolicy
-from swarmware.service.damage_report import DamageReport
 from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.realtime import give_realtime
@@ -25,7 +25,9 @@ from swarmware.types.system import AppState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from swarmware.health.monitor import HealthMonitor
     from swarmware.node.node import Node
+    from swarmware.node.run_files import Damage
     from swarmware.service.service import Service
 
 BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
@@ -33,6 +35,8 @@ BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 SAME_ERRORS: Final = 5
 """Consecutive failures of a service by one error after which its restarts are logged at DEBUG only."""
 
+NAMED: Final = 3
+"""Paths that a fault names; the log has all."""
 REPORTER: Final = "guard"
 """Service that reports conditions of its whole process; the first one, in a process without it."""
 UNSUPERVISED: Final = (
@@ -312,3 +316,31 @@ async def _ended(task: asyncio.Task[None]) -> None:
     if not task.done():
         task.cancel()
     await asyncio.wait([task])
+
+
+class DamageReport:
+    """The condition `files` of one service, which reports for its process."""
+
+    def __init__(self, monitor: HealthMonitor) -> None:
+        self._condition = HeldCondition(
+            monitor, "files", "Files of this process in the run directory and in shared memory are its own"
+        )
+
+    def on_damage(self, damage: Damage) -> None:
+        """Report what was found; files that were made again are a warning for a while."""
+        if damage.errors:
+            self._condition.raise_fault("lost", "error", _shown(damage.errors))
+            return
+        if damage.repaired:
+            text = f"removed while the node ran, and made again: {_shown(damage.repaired)}"
+            self._condition.raise_fault("restored", "warn", text)
+        self._condition.clear()
+
+    def close(self) -> None:
+        """End the report with its service."""
+        self._condition.close()
+
+
+def _shown(lines: tuple[str, ...]) -> str:
+    more = len(lines) - NAMED
+    return "; ".join(lines[:NAMED]) + (f" and {more} more" if more > 0 else "")

@@ -8,7 +8,8 @@ import zmq
 from tests.integration.broker.swarm import Station
 from tests.patience import PATIENCE_S
 
-from swarmctl.commands.doctor.checks import CheckResult, examine
+from swarmctl.commands.doctor.check_result import CheckResult
+from swarmctl.commands.doctor.checks import examine
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.names import data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime

@@ -13,7 +13,7 @@ from tests.integration.broker.swarm import Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmctl.commands.doctor.checks import foreign
+from swarmctl.commands.doctor.broker_checks import foreign
 from swarmctl.commands.doctor.node_findings import LINK_NS
 from swarmd.broker.config import Config
 from swarmd.broker.links.tcp_count import HALF_OPEN_MAX

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from swarmctl.session import labs, processes
-from swarmlab.provision import provisioning
+from swarmlab.provision import node_files
 
 NOBODY = 65534
 NAME = "k2user"
@@ -86,7 +86,7 @@ def test_an_ordinary_user_has_a_lab_and_nothing_is_left_of_it(
         running = processes.marked(mark)
         # each node has a parent; two have all services in one process, forked by the server of the lab, the
         # third has one each and a server of its own
-        assert len(running) == 3 + 2 + len(provisioning.VEHICLE) + 2
+        assert len(running) == 3 + 2 + len(node_files.VEHICLE) + 2
         assert {Path(f"/proc/{process.pid}").stat().st_uid for process in running} == {NOBODY}
         shared = [Path(node.shm_dir) for node in labs.load(Path(mark)).nodes]
         assert {path.stat().st_uid for path in shared} == {NOBODY}

@@ -14,7 +14,7 @@ import pytest
 from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import CachedResource, steps
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.resources.described_fields import described_fields
+from swarmctl.resources.listing import described_fields
 from swarmctl.session.session import Session
 from swarmware import __version__
 from swarmware.transport.appfile.file import AppFile

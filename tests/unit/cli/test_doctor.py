@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.commands.doctor.checks import CheckResult, examine
+from swarmctl.commands.doctor.check_result import CheckResult
+from swarmctl.commands.doctor.checks import examine
 from swarmware.model.acl import FILE
 from swarmware.module.module import Module
 from swarmware.service.effective import effective_config

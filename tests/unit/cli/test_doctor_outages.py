@@ -2,9 +2,9 @@
 
 import pytest
 
-from swarmctl.commands.doctor import checks
+from swarmctl.commands.doctor import joined_checks
+from swarmctl.commands.doctor.joined_checks import check_outages, lost_links, unsteady_links
 from swarmctl.commands.doctor.node_findings import ComputerFaults, NodeFindings
-from swarmctl.commands.doctor.outages import lost_links, unsteady_links
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase
 
 S = 1_000_000_000
@@ -18,8 +18,8 @@ def outage(platform: str, ago_s: float, phase: OutagePhase = OutagePhase.OVER) -
 
 
 def told(monkeypatch: pytest.MonkeyPatch, *outages: LinkOutage) -> list[tuple[str, str]]:
-    monkeypatch.setattr(checks, "utc_ns", lambda: NOW_NS)
-    found = checks._outages(NodeFindings((ComputerFaults(""),), outages=outages))
+    monkeypatch.setattr(joined_checks, "utc_ns", lambda: NOW_NS)
+    found = check_outages(NodeFindings((ComputerFaults(""),), outages=outages))
     return [(one.verdict, one.text) for one in found]
 
 
@@ -44,4 +44,4 @@ def test_one_outage_is_told_and_only_several_are_a_warning(monkeypatch: pytest.M
 
 
 def test_without_a_broker_nothing_is_told() -> None:
-    assert list(checks._outages(NodeFindings((ComputerFaults(""),)))) == []
+    assert list(check_outages(NodeFindings((ComputerFaults(""),)))) == []

@@ -19,7 +19,7 @@ from swarmctl.installation.step import HostStep, StepAction, run
 from swarmctl.main import main as swarmctl
 from swarmctl.session.session import connect
 from swarmctl.terminal.output import Output
-from swarmlab.provision.provisioning import STATION, VEHICLE
+from swarmlab.provision.node_files import STATION, VEHICLE
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound, SwarmError
 from swarmware.model.config import NodeConfig, load
 from swarmware.testing.tmpnode import make_node

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmctl.commands.doctor.checks import foreign, hostile_input, processor
+from swarmctl.commands.doctor.broker_checks import foreign, hostile_input, processor
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.transport.shm.layout import ring_file

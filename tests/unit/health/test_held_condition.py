@@ -9,7 +9,7 @@ from swarmware.health import held_condition
 from swarmware.health.held_condition import HeldCondition
 from swarmware.health.monitor import HealthMonitor
 from swarmware.node.run_files import Damage
-from swarmware.service.damage_report import DamageReport
+from swarmware.service.host import DamageReport
 
 
 class Reported:

@@ -8,8 +8,7 @@ import pytest
 
 from swarmware.errors import InvalidInput, SwarmError
 from swarmware.health.criterion import Above
-from swarmware.health.monitor import ADDRESS, FAILED_STATE, HealthMonitor
-from swarmware.health.reported_condition import ReportedCondition
+from swarmware.health.monitor import ADDRESS, FAILED_STATE, HealthMonitor, ReportedCondition
 from swarmware.model import paths
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module

@@ -8,8 +8,8 @@ import pytest
 
 from swarmlab import experiment
 from swarmlab.command import cmd
+from swarmlab.experiment import run_command
 from swarmlab.measure import software
-from swarmlab.provision.command_line import run_command
 from swarmlab.provision.provisioning import LabSpec
 
 

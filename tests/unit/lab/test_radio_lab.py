@@ -10,8 +10,8 @@ import msgspec
 import pytest
 
 from swarmctl.session import labs, processes
+from swarmlab.experiment import run_command
 from swarmlab.provision import provisioning
-from swarmlab.provision.command_line import run_command
 from swarmlab.provision.database import address_for_nodes
 from swarmlab.provision.provisioning import LabSpec
 from swarmlab.radio import namespace

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from swarmlab.provision import provisioning
-from swarmlab.provision.provisioning import VEHICLE, LabSpec
+from swarmlab.provision.node_files import BASIS, VEHICLE
+from swarmlab.provision.provisioning import LabSpec
 from swarmware.errors import ConfigError
 from swarmware.model import document
 from swarmware.model.config import NodeConfig, load_node
@@ -34,7 +35,7 @@ def test_the_services_of_a_distributed_vehicle_are_those_of_a_whole_one_each_on_
         ]
         halves = {"estimator", "guidance"}
         assert {name for node in units for name in node.services} == {*VEHICLE, *halves} - {"navigator"}
-        own = [set(node.services) - set(provisioning.BASIS) for node in units]
+        own = [set(node.services) - set(BASIS) for node in units]
         assert sum(map(len, own)) == len(set().union(*own))
         assert nodes["ugv1"].services == VEHICLE
         identities = {(Path(node.keys_dir) / "node.key").read_bytes() for node in units}

@@ -11,7 +11,7 @@ from tests.unit.runtime.virtual_loop import VirtualLoop, run
 from swarmware.node.node import TEND_NS, TEND_PHASE_NS
 from swarmware.node.publication import Publication
 from swarmware.runtime.instant import until
-from swarmware.service import garbage, runner
+from swarmware.service import runner
 from swarmware.testing.tmpnode import tmp_node
 
 SECOND = 1_000_000_000
@@ -58,7 +58,7 @@ def test_files_in_shared_memory_are_checked_once_a_second_between_two_heartbeats
 def test_the_watchdog_is_reset_at_multiples_of_half_its_time(
     tmp_path: Path, virtual_clock: list[VirtualLoop], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(garbage, "freeze_later", lambda _: None)  # of this process, which runs on
+    monkeypatch.setattr(runner, "freeze_later", lambda _: None)  # of this process, which runs on
     pings: list[int] = []
 
     async def main(loop: VirtualLoop) -> None:

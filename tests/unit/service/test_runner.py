@@ -16,8 +16,8 @@ import pytest
 
 from swarmware.errors import ConfigError, InvalidInput, NotFound, SwarmError
 from swarmware.model.plugins import EntryPoint
-from swarmware.service import garbage
 from swarmware.service import installed as installed_services
+from swarmware.service import runner
 from swarmware.service.runner import run_services
 from swarmware.service.service import Service
 from swarmware.testing.tmpnode import make_node
@@ -122,7 +122,7 @@ def test_the_service_manager_is_notified_of_the_start_and_the_end(
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "n"))
         monkeypatch.setenv("WATCHDOG_USEC", "4000000")
         # it ends when it is ready, not before
-        monkeypatch.setattr(garbage, "freeze_later", lambda _: os.kill(os.getpid(), signal.SIGTERM))
+        monkeypatch.setattr(runner, "freeze_later", lambda _: os.kill(os.getpid(), signal.SIGTERM))
         monkeypatch.setitem(Probe.acts, "waits", lambda: None)
         assert run_services(node(tmp_path, "waits"), ["probe", "second"]) == 0
         words = [manager.recv(4096).decode().split("\n")[0] for _ in range(3)]

@@ -4,7 +4,8 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.doctor.checks import CheckResult, examine
+from swarmctl.commands.doctor.check_result import CheckResult
+from swarmctl.commands.doctor.checks import examine
 from swarmctl.session.session import local_config_dirs
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column

@@ -1,12 +1,15 @@
 """`swarmctl file`: files to and from nodes."""
 
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.settings import Nodes, settings
+
+if TYPE_CHECKING:
+    from swarmctl.session.session import Session
 
 GIVE_UP_S: Final = 60.0
 _GIVE_UP: Final = click.option(
@@ -70,7 +73,29 @@ def ls(ctx: click.Context) -> None:
 
     Example: swarmctl file ls --node uav1
     """
-    from swarmctl.commands.file.listing import list_files
     from swarmctl.session.each_node import run_each
 
-    run_each(settings(ctx), list_files)
+    run_each(settings(ctx), _list_files)
+
+
+async def _list_files(session: "Session") -> None:
+    """Prints name, size and time of each."""
+    from datetime import UTC, datetime
+
+    from swarmctl.terminal.table import Column
+    from swarmware.types.file import FileListing, FileQuery
+
+    found = await session.ask("sys/files/list", FileQuery(), FileListing)
+    if session.settings.structured:
+        session.out.document(found)
+        return
+    rows = [
+        (
+            one.name,
+            str(one.size_bytes),
+            datetime.fromtimestamp(one.modified_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S"),
+        )
+        for one in found.files
+    ]
+    columns = [Column("NAME"), Column("BYTES", right=True), Column("MODIFIED UTC")]
+    session.out.table(columns, rows, empty=f"{session.platform}: no files; {found.free_bytes} bytes are free")
