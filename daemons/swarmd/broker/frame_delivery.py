@@ -21,7 +21,7 @@ from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 
 if TYPE_CHECKING:
-    from swarmd.broker.links.unit_delay import UnitDelay
+    from swarmd.broker.links.unit_delay import UnitDelays
 
 LATE: Final = "late"
 """Verb of a denial: the command arrived after its lifetime."""
@@ -41,7 +41,7 @@ class FrameDelivery:
         accounts: FrameAccounts,
         access: Access,
         denials: DenialReporter,
-        delay: "UnitDelay | None",
+        delay: "UnitDelays | None",
     ) -> None:
         """`delay`: of frames from other units of this platform; None: they have none."""
         self._keys = keys
@@ -64,7 +64,7 @@ class FrameDelivery:
         """Delivers a frame, or refuses it."""
         sender_hw, identity = arrival.frame.sender_hw, self._core.identity
         if self._delay is not None and self._core.nodes.platform(sender_hw) == identity.platform:
-            self._delay.hold(partial(self._deliver, arrival))
+            self._delay.hold(sender_hw, partial(self._deliver, arrival))
         else:
             self._deliver(arrival)
 

@@ -37,7 +37,7 @@ from swarmware.transport.security.roster import RosterChange
 from swarmware.types.net import LinkTransport
 
 if TYPE_CHECKING:
-    from swarmd.broker.links.unit_delay import UnitDelay
+    from swarmd.broker.links.unit_delay import UnitDelays
 
 FORWARD: Final = "forward"
 """Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
@@ -442,9 +442,9 @@ class FrameGateway:
         self.links.close()
 
 
-def _unit_delay(config: Config) -> "UnitDelay | None":
+def _unit_delay(config: Config) -> "UnitDelays | None":
     if not config.unit_delay_ms:
         return None
-    from swarmd.broker.links.unit_delay import UnitDelay  # of the lab only
+    from swarmd.broker.links.unit_delay import UnitDelays  # of the lab only
 
-    return UnitDelay(*config.unit_delay_ms)
+    return UnitDelays(*config.unit_delay_ms)

@@ -93,6 +93,8 @@ class Tree(Service):
         """Digest of the structure whose settings are published."""
         self._mirrors = Mirrors(node)
         self._taps: dict[str, Tap] = {}
+        self._values: list[TreeItem] = []
+        """Values of watched resources that the core takes next."""
         self._peek = Peek(node.shm_dir)
         self._exchange = TreeExchange(module, self._tree, self._driver, self._boundary, config.answer_s)
         changes: BoardWriter[TreeChange] = module.stream_writer(
@@ -338,9 +340,15 @@ class Tree(Service):
             )
 
     def _on_value(self, item: TreeItem) -> None:
-        with self._boundary(f"value of {item.path}"):
-            # deferred: values of one turn of the event loop are sent together
-            self._driver.defer(self._tree.on_value(item, self.module.now_ns()))
+        if not self._values:
+            # later: the values of one turn of the event loop share a notification and its acknowledgement
+            asyncio.get_running_loop().call_soon(self._take_values)
+        self._values.append(item)
+
+    def _take_values(self) -> None:
+        values, self._values = self._values, []
+        with self._boundary("values of this node"):
+            self._driver.feed(self._tree.on_values(values, self.module.now_ns()))
 
 
 def _templates(folder: Path, files: dict[Path, template.TemplateFile]) -> list[tuple[Resource, ...]]:

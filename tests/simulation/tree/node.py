@@ -175,7 +175,7 @@ class Node:
         item = TreeItem(path, 7, kind, sequence, self._network.now_ns, text.encode())
         self.values[path] = item
         if self.tree is not None and path in self._watched:
-            self.do(partial(self.tree.on_value, item, self._network.now_ns))
+            self.do(partial(self.tree.on_values, [item], self._network.now_ns))
 
     def receive(self, notify: TreeNotify) -> None:
         """A notification came."""
@@ -209,7 +209,7 @@ class Node:
                 self._watched.add(resource.path)
                 value = self.values.get(resource.path)
                 if value is not None and resource.kind is Kind.BOARD:
-                    self.do(partial(tree.on_value, value, self._network.now_ns))
+                    self.do(partial(tree.on_values, [value], self._network.now_ns))
             case WriteMirror(platform, item, epoch):
                 self._write_mirror(platform, item, epoch)
             case Unwatch(path):

@@ -43,7 +43,7 @@ def test_a_second_visit_to_sixteen_nodes_costs_at_most_a_hundred_bytes(
     swarm.run_for(5)
     assert swarm.complete()
     assert swarm.bytes["uav9"] - before <= 100
-    swarm.feed("ugv1", swarm.trees["ugv1"].on_value(TreeItem("app/ugv1", 7, 1, 1, 1, b"x"), swarm.now_ns))
+    swarm.feed("ugv1", swarm.trees["ugv1"].on_values([TreeItem("app/ugv1", 7, 1, 1, 1, b"x")], swarm.now_ns))
     swarm.run_for(1)
     assert (swarm.bytes["uav9"] - before > 100) is bool(patterns), "its subscription holds"
 

@@ -1,5 +1,6 @@
-"""Simulated devices are read less often while the vehicle rests."""
+"""Simulated devices are read less often while the vehicle rests, and each value in its own period."""
 
+import asyncio
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from swarmd.hal.drivers.sim import make
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
-from swarmware.types.vehicle import VehicleState
+from swarmware.types.vehicle import Imu, VehicleState
 
 FAST = ("sim.imu", "sim.sonar")
 
@@ -44,3 +45,20 @@ async def test_devices_are_read_faster_as_soon_as_the_vehicle_may_move(
         assert drivers["sim.battery"].period_s == 1.0
         for driver in drivers.values():
             await driver.close()
+
+
+async def test_a_value_that_is_later_than_its_driver_is_taken_in_the_same_period(tmp_path: Path) -> None:
+    async with tmp_node(tmp_path, platform="uav1") as node, Module("hal", node=node) as module:
+        simulated = module.writer("sim/sensors/imu", Imu)
+        (driver,) = [one for one in make(Config(), Site(PlatformKind.UAV, "")) if one.name == "sim.imu"]
+        assert isinstance(driver, Sensor)
+        await driver.open(module)
+        imu = Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.8, 0.0)
+        simulated.write(imu)
+        assert await driver.read(module.now_ns())
+        assert not await driver.read(module.now_ns()), "each value once"
+        reading = asyncio.create_task(driver.read(module.now_ns()))
+        await asyncio.sleep(0)
+        simulated.write(imu)
+        assert await reading
+        await driver.close()

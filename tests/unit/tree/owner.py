@@ -54,7 +54,7 @@ class Owner:
 
     def write(self, what: TreeItem) -> None:
         self.written_ns[what.path, what.sequence] = self.net.now_ns
-        self._driver.feed(self.uav.core.on_value(what, self.net.now_ns))
+        self._driver.feed(self.uav.core.on_values([what], self.net.now_ns))
 
     def _perform(self, action: Action) -> None:
         if isinstance(action, SendNotify):

@@ -14,12 +14,12 @@ def test_of_boards_that_changed_while_the_subscriber_was_away_the_newest_value_g
     uav = both.trees["uav1"]
     uav.on_gone("gcs", 0)
     for path, sequence in (("power/a", 4), ("power/a", 5), ("power/c", 7), ("power/b", 6)):
-        uav.on_value(value(path, sequence, sequence), 0)
+        uav.on_values([value(path, sequence, sequence)], 0)
     both.meet()
     both.carry()
     assert [item.sequence for item in both.received["gcs"]] == [7, 6, 5]
     for sequence, path in enumerate(("power/b", "power/a", "power/c"), 10):
-        uav.on_value(value(path, sequence, sequence), 0)
+        uav.on_values([value(path, sequence, sequence)], 0)
     both.wait(5)
     late = [item.sequence for item in both.received["gcs"][3:]]
     assert sorted(late) == [10, 11, 12]

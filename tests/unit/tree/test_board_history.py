@@ -244,7 +244,7 @@ def away(both: Pair, seconds: int) -> None:
     for sequence in range(1, 10 * seconds + 1):
         both.now_ns = begin_ns + sequence * S // 10
         uav.on_timer(both.now_ns)
-        uav.on_value(value(sequence, both.now_ns), both.now_ns)
+        uav.on_values([value(sequence, both.now_ns)], both.now_ns)
     assert not any(isinstance(action, SendNotify) for action in uav.drain())
 
 
@@ -315,7 +315,7 @@ def test_nothing_goes_beside_the_newest_value_after_an_outage_that_was_too_short
     begin_ns, lost = both.now_ns, []
     for sequence in range(1, 31):
         both.now_ns = begin_ns + sequence * S // 10
-        uav.on_value(value(sequence, both.now_ns), both.now_ns)
+        uav.on_values([value(sequence, both.now_ns)], both.now_ns)
         lost += [action.notify for action in uav.drain() if isinstance(action, SendNotify)]
     assert [[item.sequence for item in notify.items] for notify in lost] == [[1]]
     assert {notify.lane for notify in lost} == {LaneNumber.BOARDS}

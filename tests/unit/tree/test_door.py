@@ -105,7 +105,7 @@ def feed(tree: Tree, step: object, now_ns: int) -> None:
     """One thing from outside, as it comes: through the decoder, or not at all."""
     match step:
         case TreeItem():
-            tree.on_value(msgspec.structs.replace(step, sequence=1, stamp_ns=1), now_ns)
+            tree.on_values([msgspec.structs.replace(step, sequence=1, stamp_ns=1)], now_ns)
         case tuple():
             path, rate_hz, max_age_s = step
             with contextlib.suppress(ValueError):
@@ -176,7 +176,7 @@ def test_a_subscription_that_is_refused_leaves_the_former_one_as_it_was() -> Non
     uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 5, 60.0, 0, False, ("power/battery",)), None, 0)
     with pytest.raises(InvalidInput):
         uav.on_subscribe_asked(SubscribeRequest("gcs", 1, 6, 60.0, 0, False, ("{",)), None, 0)
-    uav.on_value(value("power/battery", 0.5), 0)
+    uav.on_values([value("power/battery", 0.5)], 0)
     assert any(isinstance(action, SendNotify) for action in uav.drain())
 
 

@@ -45,7 +45,7 @@ def test_a_second_visit_costs_nothing_when_nothing_has_changed(patterns: tuple[s
         both.meet()
         both.carry()
     assert both.log == []
-    both.trees["uav1"].on_value(value("power/battery", 0.5), both.now_ns)
+    both.trees["uav1"].on_values([value("power/battery", 0.5)], both.now_ns)
     both.carry()
     assert len(both.received["gcs"]) == len(patterns)
 
@@ -361,7 +361,7 @@ def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -
     upstream = Pair(core("uav1", templates=((own,), TEMPLATE)), relay)
     upstream.meet()
     upstream.carry()
-    upstream.trees["uav1"].on_value(value("power/battery", 0.5), 0)
+    upstream.trees["uav1"].on_values([value("power/battery", 0.5)], 0)
     upstream.carry()
     assert upstream.received["uav2"], "it holds a value of the other one"
     downstream = Pair(relay, core("gcs", templates=((own,), TEMPLATE)))

@@ -63,7 +63,7 @@ def arrivals(both: Pair, path: str, seconds: int) -> int:
     """Values of a path that arrive at gcs while its owner writes 20 a second."""
     both.received["gcs"].clear()
     for step in range(20 * seconds):
-        both.trees["uav1"].on_value(value(path, float(step), step + 1), both.now_ns)
+        both.trees["uav1"].on_values([value(path, float(step), step + 1)], both.now_ns)
         both.wait(0.05)
     return sum(item.path == path for item in both.received["gcs"])
 

@@ -21,7 +21,7 @@ def got(both: Pair) -> list[float]:
 
 
 def write(both: Pair, number: float, sequence: int) -> None:
-    both.trees["uav1"].on_value(value("power/battery", number, sequence), both.now_ns)
+    both.trees["uav1"].on_values([value("power/battery", number, sequence)], both.now_ns)
     both.carry()
 
 

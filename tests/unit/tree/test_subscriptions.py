@@ -17,7 +17,7 @@ from swarmware.types.tree import BoardLimit, SubscribeReply, SubscribeRequest, T
 
 
 def battery(both: Pair, number: float, sequence: int = 1) -> None:
-    both.trees["uav1"].on_value(value("power/battery", number, sequence), both.now_ns)
+    both.trees["uav1"].on_values([value("power/battery", number, sequence)], both.now_ns)
 
 
 def got(both: Pair) -> list[float]:
@@ -49,7 +49,7 @@ def test_a_far_platform_is_told_when_nothing_of_it_is_wanted_any_more() -> None:
 def test_a_pattern_may_match_nothing_yet() -> None:
     both = pair("/*/plan/*")
     both.trees["uav1"].on_applications([STEP], [], 0)
-    both.trees["uav1"].on_value(value("plan/step", 1.0), 0)
+    both.trees["uav1"].on_values([value("plan/step", 1.0)], 0)
     both.carry()
     assert [item.path for item in both.received["gcs"]] == ["plan/step"]
     replica = both.trees["gcs"].replicas.get("uav1")
@@ -100,7 +100,7 @@ def test_what_was_not_acknowledged_is_sent_again_after_a_pause() -> None:
 def test_what_is_given_up_holds_up_nothing_behind_it() -> None:
     both = pair("/uav1/power/battery", "/uav1/health/faults")
     uav = both.trees["uav1"]
-    uav.on_value(value("health/faults", 1.0, 1, FrameKind.EVENT), both.now_ns)
+    uav.on_values([value("health/faults", 1.0, 1, FrameKind.EVENT)], both.now_ns)
     (first,) = uav.drain()
     both.now_ns += S
     battery(both, 0.9)
@@ -274,7 +274,7 @@ def test_what_happens_while_the_subscriber_is_away_is_told_when_it_is_back() -> 
     uav.on_gone("gcs", 0)
     for sequence in range(1, 4):
         battery(both, sequence / 10, sequence)
-        uav.on_value(value("health/faults", sequence, sequence, FrameKind.EVENT), 0)
+        uav.on_values([value("health/faults", sequence, sequence, FrameKind.EVENT)], 0)
     assert both.carry() == 0
     both.meet()
     both.carry()
@@ -328,8 +328,8 @@ def test_a_notification_has_a_limit_and_the_rest_follows() -> None:
     both.log.clear()
     uav = both.trees["uav1"]
     for sequence in range(1, 201):
-        uav.on_value(
-            TreeItem("health/faults", 7, FrameKind.EVENT, sequence, sequence, b"x" * 1000), both.now_ns
+        uav.on_values(
+            [TreeItem("health/faults", 7, FrameKind.EVENT, sequence, sequence, b"x" * 1000)], both.now_ns
         )
     battery(both, 0.9)
     both.carry()
@@ -346,7 +346,7 @@ def test_a_resource_that_changes_its_type_is_watched_anew() -> None:
     uav = both.trees["uav1"]
     uav.on_applications([STEP], [], 0)
     both.carry()
-    uav.on_value(value("plan/step", 1.0), 0)
+    uav.on_values([value("plan/step", 1.0)], 0)
     both.carry()
     other = Resource(path="plan/step", kind=Kind.EVENT, type="Int", owner="planner")
     uav.on_applications([other], [], 0)
@@ -369,7 +369,7 @@ def test_an_operators_limit_holds_for_notified_boards_and_events_wait_for_their_
     )
     for sequence in range(1, 41):
         battery(both, float(sequence), sequence)
-        uav.on_value(value("health/faults", 0.0, sequence, FrameKind.EVENT), both.now_ns)
+        uav.on_values([value("health/faults", 0.0, sequence, FrameKind.EVENT)], both.now_ns)
         both.wait(0.1)
     taken = [item for item in both.received["gcs"] if item.path == "power/battery"]
     assert [item.sequence for item in taken] == [1, 20, 40], "the newest every two seconds"

@@ -6,6 +6,7 @@ from tests.unit.tree.units import Units
 from swarmd.tree.core.action import (
     PruneMirrors,
     RemoveMirrors,
+    SendNotify,
 )
 from swarmware.model.resource import Kind, Resource
 
@@ -39,9 +40,20 @@ def test_a_unit_gets_the_values_of_another_at_the_path_of_the_platform_also_thos
     assert main.replicas.wants() == []
     assert fc.subscribers.offers() == []
     for sequence in range(1, 4):
-        fc.on_value(value("nav/pose", sequence, sequence), units.now_ns)
+        fc.on_values([value("nav/pose", sequence, sequence)], units.now_ns)
         units.wait(0.05)
     assert units.mirrored["uav1"] == [("uav1", "nav/pose", "fc")] * 3
+
+
+def test_values_of_one_instant_share_a_notification() -> None:
+    main, fc = core("uav1", TEMPLATE), core("uav1.fc", TEMPLATE)
+    units = Units(main, fc)
+    main.on_applications([], ["nav/pose", "power/battery"], 0)
+    fc.on_applications([POSE, BATTERY], [], 0)
+    units.meet()
+    fc.on_values([value("nav/pose", 1.0), value("power/battery", 0.5)], units.now_ns)
+    (sent,) = [action for action in fc.drain() if isinstance(action, SendNotify)]
+    assert [item.path for item in sent.notify.items] == ["nav/pose", "power/battery"]
 
 
 def test_another_platform_subscribes_at_the_unit_that_provides_a_board() -> None:
@@ -65,7 +77,7 @@ def test_resources_that_each_unit_has_are_those_of_main_for_others_and_its_own_i
     units.meet()
     units.wait(1)
     for tree in (main, fc):
-        tree.on_value(value("net/routes", 1.0), units.now_ns)
+        tree.on_values([value("net/routes", 1.0)], units.now_ns)
     units.wait(1)
     assert sorted(units.mirrored["gcs"]) == [
         ("uav1", "net/routes", "main"),
@@ -87,7 +99,7 @@ def test_an_application_that_moves_to_another_unit_takes_its_resource_along() ->
     main.on_applications([], ["nav/pose"], units.now_ns)
     fc.on_applications([POSE], ["nav/pose"], units.now_ns)
     units.wait(2)
-    fc.on_value(value("nav/pose", 1.0), units.now_ns)
+    fc.on_values([value("nav/pose", 1.0)], units.now_ns)
     units.wait(1)
     place = gcs.replicas.units.leaf("uav1", "nav/pose")
     assert place is not None
@@ -104,7 +116,7 @@ def test_a_value_that_arrives_before_main_leaves_the_path_to_its_unit_is_not_los
     for one, other in ((gcs, main), (gcs, fc), (fc, gcs), (main, gcs)):  # main and fc have not met
         one.on_up(str(other.address), other.local.version, True, 0)
     units.carry()
-    fc.on_value(value("power/battery", 1.0), 0)
+    fc.on_values([value("power/battery", 1.0)], 0)
     units.wait(1)
     assert units.mirrored["gcs"] == [("uav1", "power/battery", "fc")]
 

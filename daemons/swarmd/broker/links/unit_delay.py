@@ -6,6 +6,25 @@ from collections import deque
 from collections.abc import Callable
 
 
+class UnitDelays:
+    """Holds frames back, each sender's for its own times: its frames stay in order."""
+
+    def __init__(self, shortest_ms: float, longest_ms: float) -> None:
+        self._limits_ms = (shortest_ms, longest_ms)
+        self._senders: dict[int, UnitDelay] = {}
+
+    def hold(self, sender_hw: int, release: Callable[[], None]) -> None:
+        """Call `release` when the delay of this frame is over."""
+        if sender_hw not in self._senders:
+            self._senders[sender_hw] = UnitDelay(*self._limits_ms)
+        self._senders[sender_hw].hold(release)
+
+    def close(self) -> None:
+        """Drop the frames that are held back."""
+        for delay in self._senders.values():
+            delay.close()
+
+
 class UnitDelay:
     """Holds each frame back for a random time between two limits; their order stays."""
 

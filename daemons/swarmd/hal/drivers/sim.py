@@ -1,5 +1,6 @@
 """Drivers of the simulated sensors, which publish the measurements of service `sim`."""
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import msgspec
@@ -9,6 +10,7 @@ from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Device, Sensor, Site
 from swarmd.hal.drivers.sim_chassis import SimChassis
 from swarmd.hal.imu_source import ImuSource
+from swarmware.errors import NoAnswer
 from swarmware.model import paths
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
@@ -49,6 +51,19 @@ class RestPeriod:
             self._reader = None
 
 
+async def fresh(reader: BoardReader[T], taken: int, period_s: float) -> bool:
+    """Whether there is a value after that with the sequence `taken`; waits for one that is late.
+
+    Else a value of a simulation that runs a millisecond after its driver would be a whole period old.
+    """
+    if reader.value is None:
+        return False
+    if reader.sequence == taken:
+        with suppress(NoAnswer):
+            await reader.changed(timeout_s=period_s / 2)
+    return reader.sequence != taken
+
+
 class SimSensor(Sensor, Generic[T]):
     """Driver of a simulated sensor, which passes values and stamps through."""
 
@@ -78,9 +93,10 @@ class SimSensor(Sensor, Generic[T]):
         if reader is None or writer is None:
             return False
         self.period_s = self._period.period_s
-        value = reader.value
-        if value is None or reader.sequence == self._sequence:
+        if not await fresh(reader, self._sequence, self.period_s):
             return False
+        value = reader.value
+        assert value is not None
         self._sequence = reader.sequence
         writer.write(self.passed(value), reader.local_stamp_ns)
         return True
@@ -136,8 +152,8 @@ class SimSonar(Sensor):
         if reader is None or writer is None:
             return False
         self.period_s = self._period.period_s
-        scan = reader.value
-        if scan is None or reader.sequence == self._sequence or not scan.ranges_m:
+        scan = reader.value if await fresh(reader, self._sequence, self.period_s) else None
+        if scan is None or not scan.ranges_m:
             return False
         self._sequence = reader.sequence
         height_m = self._filter.add(scan.ranges_m[0])

@@ -143,9 +143,9 @@ class SwarmTree:
             self.subscribers.on_structure(now_ns)
         self.replicas.on_subscriptions(now_ns)
 
-    def on_value(self, item: TreeItem, now_ns: int) -> list[Action]:
-        """A value of a resource that is watched."""
-        self.subscribers.on_value(item, now_ns)
+    def on_values(self, items: Iterable[TreeItem], now_ns: int) -> list[Action]:
+        """Values of resources that are watched, in the order in which they were written."""
+        self.subscribers.on_values(items, now_ns)
         return self._take_actions()
 
     def on_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> list[Action]:

@@ -1,7 +1,7 @@
 """Subscriptions of other platforms at this one: leases, feeds, and notifications to each."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 import msgspec
@@ -279,9 +279,9 @@ class Subscribers:
                 one.structure_ns = now_ns + self._intervals.coalesce_ns
             self._flush(one, now_ns)
 
-    def on_value(self, item: TreeItem, now_ns: int) -> None:
-        """A value of a watched resource."""
-        for one in self._watched.on_value(item):
+    def on_values(self, items: Iterable[TreeItem], now_ns: int) -> None:
+        """Values of watched resources: each subscriber gets its own of them in one notification."""
+        for one in {one.platform: one for item in items for one in self._watched.on_value(item)}.values():
             self._flush(one, now_ns)
 
     def on_limits(self, limits: tuple[ChannelLimit, ...], now_ns: int) -> None:
