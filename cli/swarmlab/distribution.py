@@ -1,6 +1,6 @@
 """The experiment `distribution`: a mission with the services of a vehicle on one computer, and on three."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -21,6 +21,7 @@ from swarmware.errors import SwarmError
 from swarmware.model.names import MAIN, Address
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionState
+from swarmware.types.placement import InputDelays
 from swarmware.types.vehicle import Collision
 
 MISSION: Final = "formation"
@@ -32,12 +33,18 @@ GOAL_M: Final = 0.2
 
 That at the same time is not judged: a follower is where its leader is, which no two runs drive equally.
 """
+MEAN_GOAL_MS: Final = 8.0
+"""Mean delay of an input from another computer, from stamp to use, without the mean simulated one (S1.79)."""
+P99_GOAL_MS: Final = 20.0
+"""Its 99th percentile, without the longest simulated delay."""
 COLLISION: Final = "sim/collision"
 STATE: Final = "mission/state"
 REPORT: Final = "distribution.json"
 PICTURE: Final = "distribution.png"
 HARDWARE: Final = "fc"
 """Computer whose log has the true path of a distributed vehicle; that of `main` has its mission."""
+INPUTS: Final = (("sensor/imu", "nav", "nav/imu_delay"), ("nav/pose", HARDWARE, "nav/pose_delay"))
+"""Inputs from another computer, the computers that use them, and the boards with their delays."""
 
 
 class VehicleDifference(msgspec.Struct, frozen=True):
@@ -52,25 +59,48 @@ class VehicleDifference(msgspec.Struct, frozen=True):
     """Collisions in the first and the second run."""
 
 
+class InputDelay(msgspec.Struct, frozen=True):
+    """Delays of one input from another computer, from the stamps of its values to their use."""
+
+    platform: str
+    path: str
+    unit: str
+    """Computer that uses it."""
+    values: int
+    mean_ms: float
+    p99_ms: float
+    worst_ms: float
+
+
 class DistributionReport(msgspec.Struct, frozen=True):
     """Comparison of a mission with the services of a vehicle on one computer and on three."""
 
     delay_ms: tuple[float, float]
+    """Simulated delay between the computers, shortest and longest, the same for all values between."""
     goal_m: float
     vehicles: tuple[VehicleDifference, ...]
     failures: tuple[str, ...] = ()
     """Why a run was not completed."""
+    inputs: tuple[InputDelay, ...] = ()
+    """Delays in the second run, from the command on."""
 
     def misses(self) -> list[str]:
         """Goals that were not reached."""
         out = list(self.failures)
-        for one in self.vehicles:
-            if one.difference is None:
-                out.append(f"{one.platform}: a path is missing")
-            elif len(one.units) > 1 and (worst_m := one.difference.rms_m) > self.goal_m:
-                out.append(f"{one.platform}: {worst_m:.2f} m; expected at most {self.goal_m} m")
-            if any(one.collisions):
-                out.append(f"{one.platform}: {max(one.collisions)} collisions; expected none")
+        for vehicle in self.vehicles:
+            if vehicle.difference is None:
+                out.append(f"{vehicle.platform}: a path is missing")
+            elif len(vehicle.units) > 1 and (worst_m := vehicle.difference.rms_m) > self.goal_m:
+                out.append(f"{vehicle.platform}: {worst_m:.2f} m; expected at most {self.goal_m} m")
+            if any(vehicle.collisions):
+                out.append(f"{vehicle.platform}: {max(vehicle.collisions)} collisions; expected none")
+        simulated_ms = sum(self.delay_ms) / 2, self.delay_ms[1]
+        out += [
+            f"{one.platform}.{one.unit}: {one.path} after {one.mean_ms:.1f} ms, p99 {one.p99_ms:.1f} ms;"
+            f" expected at most {MEAN_GOAL_MS:g} and {P99_GOAL_MS:g} ms beside the simulated delay"
+            for one in self.inputs
+            if one.mean_ms - simulated_ms[0] > MEAN_GOAL_MS or one.p99_ms - simulated_ms[1] > P99_GOAL_MS
+        ]
         return out
 
 
@@ -78,6 +108,8 @@ class _Run(msgspec.Struct, frozen=True):
     flown: dict[str, Flown]
     units: dict[str, tuple[str, ...]]
     collisions: dict[str, int]
+    delays_ms: dict[tuple[str, str, str], list[float]]
+    """Delays by platform, path and computer of each input from another computer."""
     failure: str
 
 
@@ -113,9 +145,10 @@ def main(spec: LabSpec, duration_s: float, out_dir: Path, out: Output, *, strict
             VehicleDifference(platform, second.units[platform], compared[0] if compared else None, hits)
         )
     failures = tuple(run.failure for run in runs if run.failure)
-    report = DistributionReport(DELAY_MS, GOAL_M, tuple(found), failures)
+    inputs = tuple(_delay(*key, delays_ms) for key, delays_ms in second.delays_ms.items())
+    report = DistributionReport(DELAY_MS, GOAL_M, tuple(found), failures, inputs)
     (out_dir / REPORT).write_bytes(msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n")
-    (out_dir / PICTURE).write_bytes(difference_plot.draw(paths, distances))
+    (out_dir / PICTURE).write_bytes(difference_plot.draw(paths, distances, _labelled(second.delays_ms)))
     _show(report, out)
     out.say(f"report: {out_dir / PICTURE}")
     misses = report.misses()
@@ -150,7 +183,9 @@ def _read(running: RunningLab, course: MissionRun, logs: Path) -> _Run:
             paths,
         )
 
-    hardware, mission = recording(HARDWARE, TRUTH, COLLISION), recording(MAIN, STATE)
+    boards = tuple(board for _, _, board in INPUTS)
+    hardware, mission = recording(HARDWARE, TRUTH, COLLISION, *boards), recording(MAIN, STATE)
+    of_unit = {HARDWARE: hardware, "nav": recording("nav", *boards)}
     flown = {
         platform: Flown(
             _after_command(hardware.track(platform)),
@@ -162,7 +197,29 @@ def _read(running: RunningLab, course: MissionRun, logs: Path) -> _Run:
         platform: sum(t_s >= 0 for t_s, _ in hardware.values(platform, COLLISION, Collision))
         for platform in units
     }
-    return _Run(flown, units, collisions, course.failure())
+    delays_ms = {
+        (platform, path, unit): delays
+        for platform in units
+        for path, unit, board in INPUTS
+        if (delays := _delays_ms(of_unit[unit], platform, board))
+    }
+    return _Run(flown, units, collisions, delays_ms, course.failure())
+
+
+def _delays_ms(recording: Recording, platform: str, board: str) -> list[float]:
+    found = recording.values(platform, board, InputDelays)
+    return [delay_ms for t_s, delays in found if t_s >= 0 for delay_ms in delays.delays_ms]
+
+
+def _delay(platform: str, path: str, unit: str, delays_ms: Sequence[float]) -> InputDelay:
+    ordered = sorted(delays_ms)
+    p99_ms = ordered[int(0.99 * (len(ordered) - 1))]
+    mean_ms = sum(ordered) / len(ordered)
+    return InputDelay(platform, path, unit, len(ordered), round(mean_ms, 2), p99_ms, ordered[-1])
+
+
+def _labelled(delays_ms: dict[tuple[str, str, str], list[float]]) -> dict[str, list[float]]:
+    return {f"{path} at {platform}.{unit}": delays for (platform, path, unit), delays in delays_ms.items()}
 
 
 def phases(states: Iterable[tuple[float, MissionState]]) -> dict[str, float]:
@@ -203,3 +260,23 @@ def _show(report: DistributionReport, out: Output) -> None:
         Column("COLLISIONS", right=True),
     ]
     out.table(columns, rows)
+    delays = [
+        (
+            f"{one.platform}.{one.unit}",
+            one.path,
+            one.values,
+            f"{one.mean_ms:.1f}",
+            f"{one.p99_ms:.1f}",
+            f"{one.worst_ms:.1f}",
+        )
+        for one in report.inputs
+    ]
+    columns = [
+        Column("COMPUTER"),
+        Column("INPUT"),
+        Column("VALUES", right=True),
+        Column("MEAN ms", right=True),
+        Column("P99 ms", right=True),
+        Column("WORST ms", right=True),
+    ]
+    out.table(columns, delays)

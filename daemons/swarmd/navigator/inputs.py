@@ -92,9 +92,10 @@ class StateInputs:
 class SensorInputs:
     """Inputs of the estimation: position fixes, inertial samples and height."""
 
-    def __init__(self, m: Module) -> None:
+    def __init__(self, m: Module, within_s: float | None = None) -> None:
+        """`within_s`: delay of a measurement of the inertial unit that the estimation needs."""
         self._gnss = Fresh(m.reader("sensor/gnss", GnssFix))
-        self._imu = Fresh(m.reader("sensor/imu", Imu))
+        self._imu = Fresh(m.reader("sensor/imu", Imu, within_s=within_s))
         self._height = Fresh(m.reader("sensor/height", Float))
 
     @property

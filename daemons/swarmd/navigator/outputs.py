@@ -8,6 +8,7 @@ from swarmware.geometry.geodesy import Origin
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.fence import MapOrigin
+from swarmware.types.placement import InputDelays
 from swarmware.types.vehicle import NavStatus, Pose, Setpoint
 
 LIVE_SETTINGS: Final[Mapping[str, str]] = {
@@ -25,6 +26,17 @@ LIVE_SETTINGS: Final[Mapping[str, str]] = {
 def pose_writer(module: Module, config: Config) -> BoardWriter[Pose]:
     """Creates the writer of the estimated pose."""
     return module.writer("nav/pose", Pose, rate_hz=config.rate_hz, description="Estimated pose and velocity")
+
+
+def delay_writer(module: Module, path: str) -> BoardWriter[InputDelays]:
+    """The writer of the delays of an input from another computer."""
+    return module.writer(
+        path,
+        InputDelays,
+        link="request",
+        log="all",
+        description="Delays of an input from another computer",
+    )
 
 
 def publish_origin(module: Module, origin: Origin) -> None:

@@ -215,10 +215,14 @@ class Client:
 
     # -- boards, events, streams
 
-    def reader(self, path: str, cls: type[T]) -> "BoardReader[T]":
+    def reader(self, path: str, cls: type[T], *, within_s: float | None = None) -> "BoardReader[T]":
         """Open a reader of a board of this platform, or (`/uav3/nav/pose`) of the mirror of another
-        platform's."""
-        return self._track(self._board(self._interest(path), cls))
+        platform's.
+
+        `within_s`: longest delay of its values with which they are of use here; `swarmctl doctor placement`
+        judges by it whether another computer may provide them. None: not stated.
+        """
+        return self._track(self._board(self._interest(path, within_s), cls))
 
     def _board(self, path: str, cls: type[T]) -> "BoardReader[T]":
         from swarmware.module.board import BoardReader  # each reader is imported by who opens one
@@ -277,11 +281,11 @@ class Client:
 
         return self._track(FrameReader(self.node, self._interest(path), every=every, history=history))
 
-    def _interest(self, path: str) -> str:
+    def _interest(self, path: str, within_s: float | None = None) -> str:
         participant = self._member.participant
         local = participant.local(path)
         if local.startswith("/") or not names.has_unit_branch(local):
-            participant.read(local)
+            participant.read(local, within_s)
         return local
 
     # -- messages

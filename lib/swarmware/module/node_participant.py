@@ -62,7 +62,7 @@ class NodeParticipant:
         self._table_version = -1
         self._on_node: dict[int, Resource] = {}
         self._serves: dict[str, Served] = {}
-        self._reads: dict[str, None] = {}
+        self._reads: dict[str, float | None] = {}
         self._types: dict[str, str] = {}
         self._applied: dict[str, Plain] = {}
         self._flush_comes = False
@@ -136,9 +136,12 @@ class NodeParticipant:
             self._numbers.pop(resource.data_id, None)
             self._changed()
 
-    def read(self, path: str) -> None:
-        """Declare that a resource is read here, so that this node subscribes to it where it is provided."""
-        self._reads[path] = None
+    def read(self, path: str, within_s: float | None = None) -> None:
+        """Declare that a resource is read here, so that this node subscribes to it where it is provided.
+
+        `within_s`: longest delay with which it is of use; None: not stated.
+        """
+        self._reads[path] = within_s
         self._changed()
 
     def apply(self, settings: Mapping[str, Plain]) -> None:
@@ -224,6 +227,7 @@ class NodeParticipant:
                 provides=tuple(self._provides.values()),
                 serves=tuple(self._serves.values()),
                 reads=tuple(self._reads),
+                needs={path: need_s for path, need_s in self._reads.items() if need_s is not None},
                 types=self._types,
                 applied=dict(self._applied),
             )

@@ -39,16 +39,16 @@ class RemoteInput(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Computer that provides it."""
     applications: tuple[str, ...]
     """Applications that read it here."""
-    rate_hz: float
-    """Nominal rate; 0: it has none."""
-    max_age_s: float
-    """Age above which its value is stale; 0: none is declared."""
+    within_s: float
+    """Shortest delay that one of them states to need, or else age above which its owner declares a value
+    stale; 0 if neither is stated."""
     values: int = 0
     """Values that arrived while it was measured."""
     payload_bytes: int = 0
     """Their payloads."""
     delay_mean_ms: float | None = None
     """Time from the stamp of a value to its arrival; None: no value, or the clock is unknown."""
+    delay_p95_ms: float | None = None
     delay_worst_ms: float | None = None
 
 
@@ -64,3 +64,18 @@ class UnitPlacement(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Processor time of the whole computer in the window, as a share of one core."""
     applications: tuple[PlacedApplication, ...] = ()
     inputs: tuple[RemoteInput, ...] = ()
+    rates_bit_s: dict[str, float] = {}
+    """Rates of its links to the platform's other computers, as configured or measured; others are unknown."""
+
+
+@register
+class InputDelays(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Delays of an input from another computer in the last second (boards `nav/imu_delay`, `nav/pose_delay`).
+
+    Each is the time from the stamp of a value to its use.
+    """
+
+    mean_ms: float
+    worst_ms: float
+    delays_ms: tuple[float, ...] = ()
+    """One for each value, in their order."""

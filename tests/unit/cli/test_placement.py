@@ -1,13 +1,13 @@
 """Verdicts on the placement of applications, as a table of measurements."""
 
+import msgspec
 import pytest
 
-from swarmctl.commands.doctor.placement_verdict import acceptable_ms, judge
+from swarmctl.commands.doctor.placement_verdict import judge
 from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
 from swarmware.types.vehicle import LineLoad
 
-LINK = 12_500_000.0
-"""100 Mbit/s."""
+LINK = 100e6
 
 
 def app(name: str, cpu_percent: float = 1.0, in_process: int = 1) -> PlacedApplication:
@@ -15,18 +15,24 @@ def app(name: str, cpu_percent: float = 1.0, in_process: int = 1) -> PlacedAppli
 
 
 def pose(
-    worst_ms: float | None = 9.0, *, values: int = 60, size: int = 60, rate_hz: float = 20.0
+    p95_ms: float | None = 9.0,
+    *,
+    values: int = 60,
+    size: int = 60,
+    within_s: float = 0.05,
+    worst_ms: float = 9.0,
 ) -> RemoteInput:
+    late_ms = p95_ms and max(p95_ms, worst_ms)
     return RemoteInput(
         "nav/pose",
         "nav",
         ("guidance",),
-        rate_hz,
-        0.6,
+        within_s,
         values,
         values * size,
-        worst_ms and worst_ms / 2,
-        worst_ms,
+        p95_ms and p95_ms / 2,
+        p95_ms,
+        late_ms,
     )
 
 
@@ -44,19 +50,22 @@ NAV = UnitPlacement("uav1", "nav", 3.0, 2, 30.0, (app("broker"), app("estimator"
 
 
 @pytest.mark.parametrize(
-    ("fc", "link_bytes_s", "verdict", "reason"),
+    ("fc", "rate_bit_s", "verdict", "reason"),
     [
         (unit(pose()), LINK, "separable", "delays at most 9.0 ms"),
-        (unit(pose(51.0)), LINK, "together", "with nav: nav/pose after 51.0 ms, accepted 50.0 ms"),
-        (unit(pose(599.0, rate_hz=0.0)), LINK, "separable", "delays at most 599.0 ms"),
+        (unit(pose(51.0)), LINK, "together", "with nav: nav/pose after 51.0 ms, needed within 50.0 ms"),
+        (unit(pose(49.0, worst_ms=215.0)), LINK, "separable", "delays at most 215.0 ms"),
+        (unit(pose(1017.0, values=3, within_s=0.0)), LINK, "separable", "delays at most 1017.0 ms"),
+        (unit(pose(1017.0, values=3, within_s=3.0)), LINK, "separable", "delays at most 1017.0 ms"),
         (
-            unit(pose(601.0, rate_hz=0.0)),
-            LINK,
+            unit(pose(size=60_000)),
+            16e6,
             "together",
-            "with nav: nav/pose after 601.0 ms, accepted 600.0 ms",
+            "with nav: 9617 kbit/s, at most 50% of 16000 kbit/s",
         ),
-        (unit(pose(size=60_000)), 2e6, "together", "with nav: 1202 kB/s, accepted 1000 kB/s"),
-        (unit(pose(size=40_000)), 2e6, "separable", "delays at most 9.0 ms"),
+        (unit(pose(size=40_000)), 16e6, "separable", "delays at most 9.0 ms"),
+        (unit(pose(size=60_000)), None, "separable", "delays at most 9.0 ms; rate of the link unknown"),
+        (unit(pose(size=60)), 25_000.0, "together", "with nav: 27 kbit/s, at most 50% of 25 kbit/s"),
         (unit(pose(None, values=0)), LINK, "separable", "no value arrived in the window"),
         (
             unit(pose(), apps=(app("broker", 30.0), app("tree", 15.0), app("guidance"))),
@@ -74,9 +83,10 @@ NAV = UnitPlacement("uav1", "nav", 3.0, 2, 30.0, (app("broker"), app("estimator"
     ],
 )
 def test_the_delay_the_link_the_overhead_and_the_capacity_decide(
-    fc: UnitPlacement, link_bytes_s: float, verdict: str, reason: str
+    fc: UnitPlacement, rate_bit_s: float | None, verdict: str, reason: str
 ) -> None:
-    report = judge("uav1", [NAV, fc], link_bytes_s)
+    nav = msgspec.structs.replace(NAV, rates_bit_s={} if rate_bit_s is None else {"fc": rate_bit_s})
+    report = judge("uav1", [nav, fc])
     found = {(one.unit, one.application): (one.verdict, one.reason) for one in report.modules}
     assert found["fc", "guidance"] == (verdict, reason)
     assert found["nav", "estimator"] == ("here", "no input of another computer")
@@ -84,6 +94,12 @@ def test_the_delay_the_link_the_overhead_and_the_capacity_decide(
     elsewhere = {"together", "separate"}
     assert report.objections is any(one.verdict in elsewhere for one in report.modules)
     assert report.objections or verdict not in elsewhere
+
+
+def test_a_stated_rate_takes_the_place_of_the_reported_one() -> None:
+    nav = msgspec.structs.replace(NAV, rates_bit_s={"fc": 25_000.0})
+    assert judge("uav1", [nav, unit(pose())]).objections
+    assert not judge("uav1", [nav, unit(pose())], 1e6).objections
 
 
 def test_of_a_computer_over_capacity_the_heaviest_module_leaves() -> None:
@@ -104,16 +120,6 @@ def test_the_overhead_is_known_where_the_communication_layer_has_its_own_process
     assert apart.communication_percent == 1.5
     (shared,) = judge("uav1", [unit(apps=(app("broker", 9.0, 12), app("tree", 9.0, 12)))], LINK).units
     assert shared.communication_percent is None
-
-
-@pytest.mark.parametrize(
-    ("rate_hz", "max_age_s", "expected_ms"), [(20.0, 0.6, 50.0), (0.0, 0.6, 600.0), (0.0, 0.0, None)]
-)
-def test_a_value_must_arrive_before_the_next_one_is_made(
-    rate_hz: float, max_age_s: float, expected_ms: float | None
-) -> None:
-    one = RemoteInput("a/b", "nav", ("x",), rate_hz, max_age_s)
-    assert acceptable_ms(one) == expected_ms
 
 
 def test_the_bytes_between_two_computers_have_their_headers_and_a_silent_one_is_named() -> None:

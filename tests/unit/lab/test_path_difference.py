@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmlab.distribution import DistributionReport, VehicleDifference, phases
+from swarmlab.distribution import DistributionReport, InputDelay, VehicleDifference, phases
 from swarmlab.measure.path_difference import Flown, PathDifference, difference
 from swarmlab.measure.tracks import VehicleTrack
 from swarmware.types.mission import MissionPhase, MissionState
@@ -85,3 +85,17 @@ def test_a_vehicle_on_one_computer_is_shown_and_not_judged() -> None:
         "lost",
         "uav1: a path is missing",
     ]
+
+
+@pytest.mark.parametrize(
+    ("mean_ms", "p99_ms", "missed"),
+    [
+        (13.0, 28.0, []),
+        (13.1, 20.0, ["uav1.nav: sensor/imu after 13.1 ms, p99 20.0 ms"]),
+        (9.0, 28.1, ["uav1.nav: sensor/imu after 9.0 ms, p99 28.1 ms"]),
+    ],
+)
+def test_a_delay_is_judged_beside_the_simulated_one(mean_ms: float, p99_ms: float, missed: list[str]) -> None:
+    imu = InputDelay("uav1", "sensor/imu", "nav", 100, mean_ms, p99_ms, 40.0)
+    goal = "; expected at most 8 and 20 ms beside the simulated delay"
+    assert DistributionReport((2.0, 8.0), 0.2, (), inputs=(imu,)).misses() == [one + goal for one in missed]

@@ -5,9 +5,6 @@ import click
 from swarmctl.commandline.lazy import Command
 from swarmctl.commandline.settings import settings
 
-LINK_MBIT_S = 100.0
-"""Fast Ethernet, the slowest switch between computers on board."""
-
 
 @click.command(cls=Command)
 @click.argument("subject", type=click.Choice(["placement"]), required=False)
@@ -15,13 +12,12 @@ LINK_MBIT_S = 100.0
 @click.option(
     "--link-mbit-s",
     type=click.FloatRange(min=0.001),
-    default=LINK_MBIT_S,
-    show_default=True,
     metavar="MBIT/S",
-    help="Capacity of the links between the computers of a platform, for `placement`.",
+    help="Rate of the links between the computers of a platform, for `placement`; default: as configured for"
+    " the medium, or measured while it was the limit.",
 )
 @click.pass_context
-def cmd(ctx: click.Context, subject: str | None, fix: bool, link_mbit_s: float) -> None:
+def cmd(ctx: click.Context, subject: str | None, fix: bool, link_mbit_s: float | None) -> None:
     """Check this machine and its node, or the selected nodes, for problems.
 
     The exit code is 0 when healthy, 1 after warnings, 2 after errors. `placement` measures for three seconds

@@ -27,7 +27,7 @@ class Placements(msgspec.Struct, frozen=True):
     platforms: list[PlacementReport]
 
 
-async def show_placement(session: Session, link_mbit_s: float) -> int:
+async def show_placement(session: Session, link_mbit_s: float | None) -> int:
     """Prints the verdicts on the selected platforms, else on all; returns the exit code.
 
     Raises: NoAnswer when no computer of any of them answers.
@@ -39,9 +39,9 @@ async def show_placement(session: Session, link_mbit_s: float) -> int:
     asked = await session.selected()
     for name in asked:
         await session.reach(name)
-    link_bytes_s = link_mbit_s * 1e6 / 8
+    stated_bit_s = None if link_mbit_s is None else link_mbit_s * 1e6
     found = await asyncio.gather(
-        *(_measured(session, name, sorted(units[name], key=_main_first), link_bytes_s) for name in asked)
+        *(_measured(session, name, sorted(units[name], key=_main_first), stated_bit_s) for name in asked)
     )
     reports = [report for report in found if report.units]
     if not reports:
@@ -63,7 +63,7 @@ def _main_first(unit: str) -> tuple[bool, str]:
 
 
 async def _measured(
-    session: Session, platform: str, units: list[str], link_bytes_s: float
+    session: Session, platform: str, units: list[str], stated_bit_s: float | None
 ) -> PlacementReport:
     async def one(unit: str) -> UnitPlacement | None:
         path = names.join(Address(platform, unit).path, "sys/tree/placement")
@@ -82,7 +82,7 @@ async def _measured(
     silent = [unit for unit, answer in zip(units, answers, strict=True) if answer is None]
     lines = boards[platform].lines if platform in boards else ()
     found = [answer for answer in answers if answer is not None]
-    return judge(platform, found, link_bytes_s, silent, lines)
+    return judge(platform, found, stated_bit_s, silent, lines)
 
 
 def _show(session: Session, reports: list[PlacementReport]) -> None:
@@ -116,10 +116,11 @@ def _show(session: Session, reports: list[PlacementReport]) -> None:
             one.unit,
             " ".join(one.applications),
             _ms(one.delay_mean_ms),
+            _ms(one.delay_p95_ms),
             _ms(one.delay_worst_ms),
-            _ms(one.acceptable_ms),
+            _ms(one.needed_ms),
             f"{one.bytes_s:.0f}",
-            "late" if one.late else "ok",
+            "late" if one.late else "ok" if one.needed_ms else "no need stated",
         )
         for report in reports
         for one in report.inputs
@@ -131,12 +132,35 @@ def _show(session: Session, reports: list[PlacementReport]) -> None:
                 Column("FROM"),
                 Column("READ BY", wraps=True),
                 Column("MEAN ms", right=True, drop=1),
-                Column("WORST ms", right=True),
-                Column("ACCEPTED ms", right=True),
+                Column("P95 ms", right=True),
+                Column("WORST ms", right=True, drop=2),
+                Column("NEEDED ms", right=True),
                 Column("B/s", right=True),
                 Column("DELAY"),
             ],
             inputs,
+        )
+    links: list[tuple[Cell, ...]] = [
+        (
+            f"{report.platform}.{link.sender}",
+            f"{report.platform}.{link.receiver}",
+            f"{link.bytes_s * 8 / 1e3:.1f}",
+            f"{link.rate_bit_s / 1e3:.0f}" if link.rate_bit_s else "unknown",
+            "over" if link.exceeded else "ok" if link.rate_bit_s else "not judged",
+        )
+        for report in reports
+        for link in report.links
+    ]
+    if links:
+        out.table(
+            [
+                Column("FROM"),
+                Column("TO"),
+                Column("SENT kbit/s", right=True),
+                Column("RATE kbit/s", right=True),
+                Column("CAPACITY"),
+            ],
+            links,
         )
     lines: list[tuple[Cell, ...]] = [
         (

@@ -36,9 +36,12 @@ class InputVerdict(msgspec.Struct, frozen=True):
     """Computer that provides it."""
     applications: tuple[str, ...]
     delay_mean_ms: float | None
+    delay_p95_ms: float | None
+    """Delay of nineteen values in twenty, by which it is judged: single late values are jitter."""
     delay_worst_ms: float | None
-    acceptable_ms: float | None
-    """Period of the resource, or else its greatest age; null: it declares none, any delay is accepted."""
+    needed_ms: float | None
+    """Longest delay that a reader states to need, or age above which the owner declares a value stale; null
+    if neither is stated, and the delay is not judged."""
     received_hz: float
     bytes_s: float
     late: bool
@@ -51,7 +54,9 @@ class LinkLoad(msgspec.Struct, frozen=True):
     receiver: str
     bytes_s: float
     """With headers."""
-    limit_bytes_s: float
+    rate_bit_s: float | None
+    """Rate of its medium, as stated, configured or measured; null if it is unknown, and not judged."""
+    limit_bytes_s: float | None
     exceeded: bool
 
 
@@ -115,13 +120,13 @@ class PlacementReport(msgspec.Struct, frozen=True):
 def judge(
     platform: str,
     measured: Sequence[UnitPlacement],
-    link_bytes_s: float,
+    stated_bit_s: float | None = None,
     silent: Iterable[str] = (),
     lines: Iterable[LineLoad] = (),
 ) -> PlacementReport:
-    """The verdicts; `link_bytes_s`: capacity of a link between two computers of the platform."""
+    """The verdicts; `stated_bit_s`: rate of the links between the computers, in place of what they report."""
     inputs = [_input(unit, one) for unit in measured for one in unit.inputs]
-    links = list(_links(measured, link_bytes_s))
+    links = list(_links(measured, stated_bit_s))
     units = [_load(unit) for unit in measured]
     modules = [
         verdict
@@ -140,26 +145,15 @@ def _line(line: LineLoad) -> LineVerdict:
     )
 
 
-def acceptable_ms(one: RemoteInput) -> float | None:
-    """Delay that the readers of a resource accept.
-
-    A value must arrive before the next one is made: the implicit deadline of a periodic task.
-    Source: Liu and Layland 1973, "Scheduling algorithms for multiprogramming".
-    """
-    if one.rate_hz > 0:
-        return 1e3 / one.rate_hz
-    return one.max_age_s * 1e3 if one.max_age_s > 0 else None
-
-
 def _input(unit: UnitPlacement, one: RemoteInput) -> InputVerdict:
-    accepted = acceptable_ms(one)
     return InputVerdict(
         one.path,
         one.unit,
         one.applications,
         one.delay_mean_ms,
+        one.delay_p95_ms,
         one.delay_worst_ms,
-        accepted,
+        one.within_s * 1e3 or None,
         round(one.values / unit.window_s, 2),
         round(one.payload_bytes / unit.window_s, 1),
         _late(one),
@@ -167,18 +161,20 @@ def _input(unit: UnitPlacement, one: RemoteInput) -> InputVerdict:
 
 
 def _late(one: RemoteInput) -> bool:
-    accepted = acceptable_ms(one)
-    return accepted is not None and one.delay_worst_ms is not None and one.delay_worst_ms > accepted
+    return one.delay_p95_ms is not None and 0 < one.within_s * 1e3 < one.delay_p95_ms
 
 
-def _links(measured: Sequence[UnitPlacement], link_bytes_s: float) -> Iterator[LinkLoad]:
+def _links(measured: Sequence[UnitPlacement], stated_bit_s: float | None) -> Iterator[LinkLoad]:
+    rates = {unit.unit: unit.rates_bit_s for unit in measured}
     for receiver in measured:
         sent: dict[str, float] = defaultdict(float)
         for one in receiver.inputs:
             sent[one.unit] += (one.payload_bytes + one.values * OVERHEAD_BYTES) / receiver.window_s
-        limit = link_bytes_s * BANDWIDTH_RATIO
         for sender, found in sorted(sent.items()):
-            yield LinkLoad(sender, receiver.unit, round(found, 1), round(limit, 1), found > limit)
+            rate_bit_s = stated_bit_s or rates.get(sender, {}).get(receiver.unit)
+            limit = rate_bit_s / 8 * BANDWIDTH_RATIO if rate_bit_s else None
+            exceeded = limit is not None and found > limit
+            yield LinkLoad(sender, receiver.unit, round(found, 1), rate_bit_s, limit, exceeded)
 
 
 def _load(unit: UnitPlacement) -> UnitLoad:
@@ -228,15 +224,15 @@ def _of_inputs(
     for one in inputs:
         if _late(one):
             return "together", (
-                f"with {one.unit}: {one.path} after {one.delay_worst_ms:.1f} ms,"
-                f" accepted {acceptable_ms(one):.1f} ms"
+                f"with {one.unit}: {one.path} after {one.delay_p95_ms:.1f} ms,"
+                f" needed within {one.within_s * 1e3:.1f} ms"
             )
     senders = {one.unit for one in inputs}
     for link in links:
-        if link.exceeded and link.receiver == unit.unit and link.sender in senders:
+        if link.exceeded and link.receiver == unit.unit and link.sender in senders and link.rate_bit_s:
             return "together", (
-                f"with {link.sender}: {link.bytes_s / 1e3:.0f} kB/s,"
-                f" accepted {link.limit_bytes_s / 1e3:.0f} kB/s"
+                f"with {link.sender}: {link.bytes_s * 8 / 1e3:.0f} kbit/s,"
+                f" at most {BANDWIDTH_RATIO:.0%} of {link.rate_bit_s / 1e3:.0f} kbit/s"
             )
     share = load.communication_percent
     if share is not None and share > COMMUNICATION_RATIO * 100:
@@ -244,7 +240,8 @@ def _of_inputs(
             f"with {', '.join(sorted(senders))}: communication takes {share:.0f} % of {unit.unit},"
             f" accepted {COMMUNICATION_RATIO:.0%}"
         )
-    worst = max((one.delay_worst_ms for one in inputs if one.delay_worst_ms is not None), default=None)
-    if worst is None:
+    worst_ms = max((one.delay_worst_ms for one in inputs if one.delay_worst_ms is not None), default=None)
+    if worst_ms is None:
         return "separable", "no value arrived in the window"
-    return "separable", f"delays at most {worst:.1f} ms"
+    known = all(link.rate_bit_s for link in links if link.receiver == unit.unit and link.sender in senders)
+    return "separable", f"delays at most {worst_ms:.1f} ms" + ("" if known else "; rate of the link unknown")

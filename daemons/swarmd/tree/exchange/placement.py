@@ -1,8 +1,12 @@
 """Measures the placement of the applications of this computer on request: load, and values of the others."""
 
 import asyncio
+import math
 import os
 from collections import Counter
+from typing import TypeVar
+
+import msgspec
 
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.values.input_meter import InputMeter
@@ -11,8 +15,11 @@ from swarmware.model import names, paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.runtime.processor import ProcessorUse
+from swarmware.types.net import MediumUse, Neighbours, Traffic
 from swarmware.types.placement import PlacedApplication, PlacementRequest, RemoteInput, UnitPlacement
 from swarmware.types.system import AppStatus
+
+T = TypeVar("T", bound=msgspec.Struct)
 
 
 class PlacementMeasurement:
@@ -43,16 +50,44 @@ class PlacementMeasurement:
             round(processor.percent() * (os.cpu_count() or 1), 1),
             self._applications(),
             self._inputs(meter),
+            self._rates_bit_s(),
         )
+
+    def _rates_bit_s(self) -> dict[str, float]:
+        """Rates of the links to the platform's other computers, by unit: of the medium that its frames take,
+        as configured, else as measured while the link was the limit; an unknown rate is left out."""
+        own = self._module.node.address
+        neighbours = self._newest("net/neighbours", Neighbours)
+        traffic = self._newest("net/traffic", Traffic)
+        measured = {
+            link.platform: link.capacity_bytes_s * 8
+            for link in (traffic.links if traffic else ())
+            if link.capacity_bytes_s
+        }
+        found: dict[str, float] = {}
+        for one in neighbours.neighbours if neighbours else ():
+            if one.platform != own.platform:
+                continue
+            used = [
+                medium.rate_bit_s for medium in one.media if medium.use in {MediumUse.OUT, MediumUse.BOTH}
+            ]
+            rate_bit_s = (used[0] if used else 0.0) or measured.get(one.platform, 0.0)
+            if rate_bit_s:
+                found[one.unit] = rate_bit_s
+        return found
+
+    def _newest(self, path: str, cls: type[T]) -> T | None:
+        board = self._module.reader(path, cls)
+        value = board.value
+        board.close()
+        return value
 
     def _applications(self) -> tuple[PlacedApplication, ...]:
         table = self._module.node.applications.table
         in_process = Counter(entry.pid for entry in table)
         found = []
         for entry in sorted(table, key=lambda entry: entry.id):
-            board = self._module.reader(paths.status(entry.name), AppStatus)
-            status = board.value
-            board.close()
+            status = self._newest(paths.status(entry.name), AppStatus)
             found.append(
                 PlacedApplication(
                     entry.name,
@@ -68,11 +103,14 @@ class PlacementMeasurement:
         """Resources of the platform that applications read here, and another computer provides."""
         own = self._module.node.address
         readers: dict[str, set[str]] = {}
+        needs: dict[str, float] = {}
         for entry in self._module.node.applications.table:
             for text in entry.reads:
                 platform, local = names.split(text)
                 if platform in {None, own.platform} and "*" not in text:
                     readers.setdefault(local, set()).add(entry.name)
+                    if text in entry.needs:
+                        needs[local] = min(entry.needs[text], needs.get(local, math.inf))
         found = []
         for path, applications in sorted(readers.items()):
             unit = self._tree.replicas.units.provider(own.platform, path)
@@ -85,12 +123,12 @@ class PlacementMeasurement:
                     path,
                     unit.address.unit,
                     tuple(sorted(applications)),
-                    item.resource.rate_hz,
-                    item.resource.max_age_s,
+                    needs.get(path, item.resource.max_age_s),
                     count.values if count else 0,
                     count.payload_bytes if count else 0,
                     count.mean_ms if count else None,
-                    count.worst_ms if count else None,
+                    count.quantile_ms(0.95) if count else None,
+                    count.quantile_ms(1.0) if count else None,
                 )
             )
         return tuple(found)

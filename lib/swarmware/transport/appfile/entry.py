@@ -49,6 +49,8 @@ class AppEntry(msgspec.Struct, frozen=True, kw_only=True):
     serves: tuple[Served, ...] = ()
     reads: tuple[str, ...] = ()
     """Paths and patterns of other platforms' resources that it subscribes to."""
+    needs: dict[str, float] = {}
+    """Longest delay in seconds, from stamp to arrival, with which it can use a resource that it reads."""
     types: dict[str, str] = {}
     """Descriptions of the payload types that it defines itself, by name: JSON of a `TypeDescription`."""
     config: dict[str, Any] = {}

@@ -9,34 +9,30 @@ from swarmware.types.tree import TreeItem
 class InputCount:
     """Values of one resource of one computer in the window."""
 
-    __slots__ = ("delays", "payload_bytes", "total_ns", "values", "worst_ns")
+    __slots__ = ("delays_ns", "payload_bytes", "values")
 
     def __init__(self) -> None:
         self.values = 0
         self.payload_bytes = 0
-        self.delays = 0
-        """Values whose delay is known."""
-        self.total_ns = 0
-        self.worst_ns = 0
+        self.delays_ns: list[int] = []
+        """Those that are known."""
 
     def add(self, size: int, delay_ns: int | None) -> None:
         """A value has arrived; without a delay its clock is unknown."""
         self.values += 1
         self.payload_bytes += size
         if delay_ns is not None:
-            self.delays += 1
-            self.total_ns += delay_ns
-            self.worst_ns = max(self.worst_ns, delay_ns)
+            self.delays_ns.append(delay_ns)
 
     @property
     def mean_ms(self) -> float | None:
         """Mean delay; None: none is known."""
-        return self.total_ns / self.delays / 1e6 if self.delays else None
+        return sum(self.delays_ns) / len(self.delays_ns) / 1e6 if self.delays_ns else None
 
-    @property
-    def worst_ms(self) -> float | None:
-        """Largest delay; None: none is known."""
-        return self.worst_ns / 1e6 if self.delays else None
+    def quantile_ms(self, ratio: float) -> float | None:
+        """Delay that this share of the values did not exceed; None: none is known."""
+        ordered = sorted(self.delays_ns)
+        return ordered[int(ratio * (len(ordered) - 1))] / 1e6 if ordered else None
 
 
 class InputMeter:
