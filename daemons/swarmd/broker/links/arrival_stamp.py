@@ -11,6 +11,8 @@ _SO_TIMESTAMPNS: Final = 35
 _TIMESPEC: Final = struct.Struct("qq")
 ANCILLARY: Final = socket.CMSG_SPACE(_TIMESPEC.size)
 """Room that `recvmsg` needs for a stamp."""
+Ancillary = list[tuple[int, int, bytes]]
+"""Beside a datagram, as `recvmsg` returns it."""
 
 
 def enable(sock: socket.socket) -> None:
@@ -33,7 +35,7 @@ class ArrivalStamps:
         self._mono_ns = time.monotonic_ns()
         self._apart_ns = wall_ns - self._mono_ns
 
-    def mono_ns(self, ancillary: list[tuple[int, int, bytes]]) -> int:
+    def mono_ns(self, ancillary: Ancillary) -> int:
         """CLOCK_MONOTONIC at the arrival of a datagram with this ancillary data."""
         mono_ns = self._mono_ns
         if not ancillary:

@@ -16,7 +16,7 @@ from swarmd.broker.core.media.medium import MAIN_MEDIUM, Address, MediumProfile
 from swarmd.broker.core.media.medium_table import MediumAddress, Use
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.links import arrival_stamp
-from swarmd.broker.links.arrival_stamp import ANCILLARY, ArrivalStamps
+from swarmd.broker.links.arrival_stamp import ANCILLARY, Ancillary, ArrivalStamps
 from swarmd.broker.links.medium import MediumDatagram
 from swarmd.broker.links.pair_seal import PairEnd, PairSeal
 from swarmd.broker.links.zmq_links import LinkPeer
@@ -257,7 +257,6 @@ class FrameDatagrams:
     # receiving
 
     def _on_readable(self) -> None:
-        stamps = ArrivalStamps()
         for _ in range(TURN):
             try:
                 data, ancillary, _, address = self._socket.recvmsg(DATAGRAM_MAX, ANCILLARY)
@@ -266,13 +265,14 @@ class FrameDatagrams:
             except OSError as error:
                 log.debug("receiving frames as datagrams: %s", error)
                 return
-            self._take(MAIN_MEDIUM, data, address, stamps.mono_ns(ancillary))
+            self._take(MAIN_MEDIUM, data, address, ancillary)
 
     def on_arrival(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
         """Takes a datagram that came by a medium beside the main network."""
         self._take(medium, arrival.data, arrival.address, arrival.rx_mono_ns)
 
-    def _take(self, medium: MediumProfile, data: bytes, address: Address, rx_mono_ns: int) -> None:
+    def _take(self, medium: MediumProfile, data: bytes, address: Address, arrival: int | Ancillary) -> None:
+        """`arrival`: on CLOCK_MONOTONIC, or the kernel's stamp, which only packets need."""
         size = medium.counted_bytes(len(data))
         counters, limiter = self._counters, self._limiter
         try:
@@ -313,7 +313,8 @@ class FrameDatagrams:
         if content == frame_datagram.FRAME:
             self._on_frame(opened.body, peer)
         else:
-            self._on_packet(opened.body, peer, self._clock.from_mono_ns(rx_mono_ns))
+            mono_ns = arrival if isinstance(arrival, int) else ArrivalStamps().mono_ns(arrival)
+            self._on_packet(opened.body, peer, self._clock.from_mono_ns(mono_ns))
 
     def close(self) -> None:
         """Closes the socket for frames."""
