@@ -30,6 +30,10 @@ def test_a_rule_is_in_force_at_its_platform_until_it_is_reset(ctl: Ctl) -> None:
     assert set_there == {"schema_version": 2, "platform": "uav2", "rules": [rule]}
     assert ctl("tree ls /uav2/power/battery --json").document["entries"][0]["rule"] == rule
     assert "rule ±0.5 ≥2s" in ctl("tree show /uav2/power").out
+    # the ground station keeps the battery of each vehicle
+    [channel] = ctl("traffic channels /uav2/power/battery --json").document["states"]["channels"]
+    rate = {"source": "tree rule", "max_hz": 0.5, "platform": "uav2", "pattern": "power/*", "link": ""}
+    assert (channel["link"], channel["rate"]) == ("*", rate)
     assert ctl("tree rule '/uav2/power/*' --reset --json").document["rules"] == []
     assert ctl("tree rule '/uav2/power/*' --reset").code == 6
 
