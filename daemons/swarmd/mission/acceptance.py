@@ -2,11 +2,12 @@
 
 import logging
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 
 from swarmd.mission.checking import Checker
 from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.core.executor import MissionExecutor
-from swarmd.mission.core.run import Run
+from swarmd.mission.core.run import Announce, Run
 from swarmd.mission.drain import Drain
 from swarmd.mission.values import Values
 from swarmware.errors import SwarmError
@@ -15,6 +16,7 @@ from swarmware.mission.model import MissionDefinition
 from swarmware.model.names import hardware_id
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
+from swarmware.types import registry
 from swarmware.types.mission import MissionOrder, MissionPhase, MissionReceipt
 
 log = logging.getLogger("swarm.mission")
@@ -91,6 +93,21 @@ class OrderAcceptance:
         except SwarmError as error:
             return _refusal(order, received_ns, error)
         return MissionReceipt(True, received_ns)
+
+    def rehearse(self, order: MissionOrder, mission: MissionDefinition, core: MissionExecutor) -> None:
+        """Run the acceptance of an order without effect, on a core that is discarded.
+
+        The first order then finds its code and tables in the memory of this process.
+        """
+        now_ns = self._module.now_ns()
+        with suppress(SwarmError):  # a requirement may not be met yet
+            binding = self._admission.verify(order, now_ns, self._expiry(order, now_ns), order.issuer)
+            self._checker.known(order.text, order.file, binding)
+            run = self._admission.run(order, mission)
+            self._check(order, mission)
+            for action in core.on_order(run, now_ns):
+                if isinstance(action, Announce):
+                    registry.encode(action.state)
 
     def _has_taken(self, order: MissionOrder) -> bool:
         """Whether the order was accepted before: its reply was lost or late, so it is sent again."""

@@ -1,6 +1,7 @@
 """Reads stored missions in advance, so that an order is accepted without delay."""
 
 import asyncio
+from collections.abc import Callable
 from typing import Final
 
 from swarmd.mission.checking import Checker
@@ -10,11 +11,14 @@ from swarmware.errors import MissionError
 from swarmware.mission.assignment import MemberAssignment, Platform, assign
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import Folder
+from swarmware.mission.model import MissionDefinition, content_hash
 from swarmware.types import registry
 from swarmware.types.mission import Member, MissionFile, MissionOrder, MissionReceipt, MissionTask
 
 SETTLED_S: Final = 2.0
 """Period of the check: parts are read when no platform has joined or left within it."""
+EXPIRES_NS: Final = 1 << 62
+"""Expiry of a rehearsed order, which is accepted at any time and by nobody else."""
 MISSIONS: Final = 16
 """Maximum number of missions read in advance: a quarter of the checker's cache."""
 
@@ -25,11 +29,20 @@ class Rehearsal:
     An order for another ensemble or mission is read when it arrives.
     """
 
-    def __init__(self, platform: str, store: MissionStore, checker: Checker, values: Values) -> None:
+    def __init__(
+        self,
+        platform: str,
+        store: MissionStore,
+        checker: Checker,
+        values: Values,
+        accept: Callable[[MissionOrder, MissionDefinition], None],
+    ) -> None:
+        """`accept`: runs the acceptance of an order without effect."""
         self._platform = platform
         self._store = store
         self._checker = checker
         self._values = values
+        self._accept = accept
         self._seen: frozenset[Platform] = frozenset()
         self._done: frozenset[Platform] = frozenset()
 
@@ -64,8 +77,20 @@ class Rehearsal:
         task = MissionTask(files=(MissionFile(file, text),), params=own.binding.params)
         params = own.binding.params
         order = MissionOrder(
-            folder.manifest.name, folder.hash, 0, own.member.role, file, text, "", members, params, "", 0, 0
+            folder.manifest.name,
+            folder.hash,
+            0,
+            own.member.role,
+            file,
+            text,
+            content_hash(text),
+            members,
+            params,
+            self._platform,
+            0,
+            EXPIRES_NS,
         )
         # builds the decoders, which msgspec does at their first use
         for value in (task, order, MissionReceipt(True, 0)):
             registry.decode(type(value), registry.encode(value))
+        self._accept(order, mission)

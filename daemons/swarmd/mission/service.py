@@ -104,20 +104,13 @@ class Mission(Service):
         self._ordered = 0, ""
         """Run of the last order that was accepted, and who sent it."""
         self._values = Values(module)
-        self._core = MissionExecutor(
-            module.platform,
-            built_in(module.platform, self._kind),
-            self._values,
-            random.random,
-            self.config,
-            self._lead_ns,
-        )
+        self._core = self._new_core()
         self._driver = self.drive(self._core, self._perform)
         vehicle = VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
         self._vehicle = vehicle
         self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
         self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
-        self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values)
+        self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values, self._rehearse)
         self._state: BoardWriter[MissionState] = module.writer(STATE, MissionState)
         progress: BoardWriter[MissionProgress] = module.stream_writer(
             "mission/progress", MissionProgress, kind="event", log="all", description="Steps of the mission"
@@ -245,6 +238,15 @@ class Mission(Service):
     def _check_order(self, order: MissionOrder, mission: MissionDefinition) -> None:
         self._check_reactions(order.mission)
         self._check_fence(order.file, mission)
+
+    def _new_core(self) -> MissionExecutor:
+        missions = built_in(self.module.platform, self._kind)
+        return MissionExecutor(
+            self.module.platform, missions, self._values, random.random, self.config, self._lead_ns
+        )
+
+    def _rehearse(self, order: MissionOrder, mission: MissionDefinition) -> None:
+        self._acceptance.rehearse(order, mission, self._new_core())
 
     def _take_order(self, run: Run, by: str) -> None:
         actions = self._core.on_order(run, self.module.now_ns())

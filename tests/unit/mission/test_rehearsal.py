@@ -9,15 +9,18 @@ from tests.unit.mission.nets import net
 
 from swarmd.mission import checking
 from swarmd.mission.checking import Checker
+from swarmd.mission.core.admission import OrderAdmission
 from swarmd.mission.rehearsal import Rehearsal
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmware.mission.assignment import Platform, assign
 from swarmware.mission.catalogue import built_in
 from swarmware.mission.check import check_text
+from swarmware.mission.model import MissionDefinition
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.mission import MissionOrder
 
 UAV1, UAV2, GCS = (
     Platform("uav1", PlatformKind.UAV),
@@ -50,10 +53,14 @@ def store(root: Path, checker: Checker, **missions: str) -> MissionStore:
     return MissionStore((root / "missions",), checker)
 
 
+def unused(order: MissionOrder, mission: MissionDefinition) -> None:
+    """Stands for the acceptance of orders."""
+
+
 async def test_a_part_is_read_when_the_same_platforms_are_there_twice_and_only_once(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
         checker = Checker(built_in())
-        rehearsal = Rehearsal("uav1", store(tmp_path, checker), checker, Values(m))
+        rehearsal = Rehearsal("uav1", store(tmp_path, checker), checker, Values(m), unused)
         few, all_ = frozenset({UAV1}), frozenset({UAV1, UAV2})
         assert [rehearsal.due(now) for now in (few, all_, all_)] == [False, False, True]
         await rehearsal.play(all_)
@@ -67,7 +74,13 @@ async def test_an_order_of_a_stored_mission_is_answered_from_memory(
         checker, values = Checker(built_in()), Values(m)
         missions = store(tmp_path, checker, broken="{", climb=AIR)
         await missions.list()
-        await Rehearsal("uav2", missions, checker, values).play(frozenset({GCS, UAV1, UAV2}))
+        accepted: list[MissionOrder] = []
+
+        def rehearse(order: MissionOrder, mission: MissionDefinition) -> None:
+            assert mission.blocks["t"].params.altitude_m == 6.5  # type: ignore[attr-defined]  # of a Takeoff
+            accepted.append(order)
+
+        await Rehearsal("uav2", missions, checker, values, rehearse).play(frozenset({GCS, UAV1, UAV2}))
         read: list[str] = []
 
         def seen(text: str, *others: object) -> object:
@@ -76,6 +89,9 @@ async def test_an_order_of_a_stored_mission_is_answered_from_memory(
 
         monkeypatch.setattr(checking, "check_text", seen)
         folder = missions.folder("climb")
+        [order] = accepted
+        binding = OrderAdmission("uav2", PlatformKind.UAV).verify(order, 0, order.expires_ns, "uav2")
+        assert order.text == AIR and checker.known(AIR, "air.json", binding) is not None
         first, second, _ = assign(folder, [GCS, UAV1, UAV2], {}).member_assignments
         mission = await checker.load(AIR, "as the station calls it", second.binding)
         assert (read, mission.file) == ([], "as the station calls it")
