@@ -23,8 +23,9 @@ from swarmctl.main import SECTIONS
 from swarmctl.terminal.table import Column, fitted_table
 
 OWN: Final = "bench-commands"
-NODES: Final = 3
-LIMIT_MS: Final = 150.0
+NODES: Final = 6
+LIMIT_RATIO: Final = 11.0
+"""By the time of a bare Python: 150 ms where that takes 13.6 ms."""
 RUNS: Final = 9
 COMMANDS: Final = (
     "--version",
@@ -33,6 +34,7 @@ COMMANDS: Final = (
     "node ls",
     "node info uav1",
     "app ls -n uav1",
+    "tree ls",
     "tree ls /uav1",
     "tree show /uav1",
     "tree get /uav1/nav/pose",
@@ -119,9 +121,14 @@ class Found(NamedTuple):
     refusal: str
 
     @property
+    def is_missed(self) -> bool:
+        """Whether it takes longer than its limit, in a row that counts."""
+        return self.ms > LIMIT_RATIO * self.python_ms and not self.refusal
+
+    @property
     def verdict(self) -> str:
         """Words for a row that is refused or missed its limit."""
-        return f"REFUSED: {self.refusal}" if self.refusal else "MISSED" if self.ms > LIMIT_MS else ""
+        return f"REFUSED: {self.refusal}" if self.refusal else "MISSED" if self.is_missed else ""
 
 
 def main() -> int:
@@ -141,7 +148,7 @@ def main() -> int:
             found[line] = Found(ms, python_ms, bare.refusal(python_ms))
     if args.json:
         rows_of = {line: row._asdict() for line, row in found.items()}
-        print(json.dumps({"python_ms": bare.best, "limit_ms": LIMIT_MS, "commands": rows_of}, indent=2))
+        print(json.dumps({"python_ms": bare.best, "limit_ratio": LIMIT_RATIO, "commands": rows_of}, indent=2))
     else:
         rows = [("python -c pass", f"{bare.best:.0f}", "1.0", "")]
         rows += [
@@ -152,10 +159,10 @@ def main() -> int:
             Column("command"),
             Column("ms", right=True),
             Column("x bare Python", right=True),
-            Column(f"limit {LIMIT_MS:.0f} ms"),
+            Column(f"limit {LIMIT_RATIO:g} x"),
         )
         print(fitted_table(columns, rows).text)
-    missed = any(row.ms > LIMIT_MS and not row.refusal for row in found.values())
+    missed = any(row.is_missed for row in found.values())
     return 1 if missed else REFUSED if bare.refused else 0
 
 

@@ -29,17 +29,18 @@ async def ask_all(
 
 
 async def read_boards(
-    session: Session, asked: list[str], path: str, cls: type[R]
+    session: Session, asked: list[str], path: str, cls: type[R], *, fresh: bool = False
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
     """The newest value of a board of each platform: from a mirror if there is one, else from its owner.
 
-    A platform without a route has an error: its last values are `last_words`.
+    `fresh`: from its owner at once, as a board that nobody subscribes to has no mirror. A platform without a
+    route has an error: its last values are `last_words`.
     """
 
     async def one(platform: str) -> R | SwarmError:
         try:
             await session.reach(platform)
-            return registry.decode(cls, (await newest(session, names.join(platform, path))).data)
+            return registry.decode(cls, (await newest(session, names.join(platform, path), fresh=fresh)).data)
         except SwarmError as error:
             return error
 

@@ -8,7 +8,6 @@ import msgspec
 
 from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import VALUED, CachedResource
-from swarmctl.session.each_node import ResourceAbsent
 from swarmctl.session.session import Session, config_dir
 from swarmware.errors import NoAnswer, NotFound, SwarmError
 from swarmware.model import names
@@ -170,6 +169,8 @@ async def check_present(session: Session, path: str) -> None:
     """
     full = names.check_path(names.split_field(path)[0])
     if session.joint and await _exact(session, full) is None:
+        from swarmctl.session.each_node import ResourceAbsent  # a command for one node needs none of it
+
         raise ResourceAbsent(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
 
 

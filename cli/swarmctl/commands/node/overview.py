@@ -69,7 +69,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
             read_boards(session, asked, "nav/pose", Pose),
             read_boards(session, asked, "power/battery", BatteryState),
         ),
-        read_boards(session, asked, "control/state", ControlState),
+        read_boards(session, asked, "control/state", ControlState, fresh=True),
         synchronisation(session, asked),
     )
     away = [name for name in asked if name != session.here and name not in ways]

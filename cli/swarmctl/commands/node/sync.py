@@ -64,7 +64,7 @@ def node_sync(stats: TreeStats, replica: TreePlatform | None) -> NodeSync:
 async def synchronisation(session: Session, asked: list[str]) -> dict[str, NodeSync]:
     """Synchronisation of the platforms that answered."""
     (trees, _), replicas = await asyncio.gather(
-        read_boards(session, asked, "tree/stats", TreeStats), _replicas(session)
+        read_boards(session, asked, "tree/stats", TreeStats, fresh=True), _replicas(session)
     )
     return {name: node_sync(stats, replicas.get(name)) for name, stats in trees.items()}
 

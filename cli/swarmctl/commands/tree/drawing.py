@@ -2,11 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 
-from swarmctl.commands.tree.rules import rule_text
 from swarmctl.terminal.quantities import spoken
 from swarmware.model import names
 from swarmware.model.resource import Kind
-from swarmware.types.tree import Quality, TreeEntry
+from swarmware.types.tree import Quality, Rule, TreeEntry
 from swarmware.types.units import unit_suffix
 
 
@@ -47,3 +46,15 @@ def _about(entry: TreeEntry | None, live: bool) -> str:
         age = "" if entry.age_s is None else f" {spoken(max(entry.age_s, 0.0))}"
         return f"  {entry.type}{unit}{hz}{age}{quality}{rule}"
     return f"  {entry.kind} {entry.type}{unit}{rate}{quality}{rule}"
+
+
+def rule_text(rule: Rule | None) -> str | None:
+    """A rule in a line: `±0.5 ≥2s ≤30s`; None: none is set."""
+    if rule is None:
+        return None
+    parts = [
+        f"±{rule.deadband:g}" if rule.deadband else "",
+        f"≥{rule.min_interval_s:g}s" if rule.min_interval_s else "",
+        f"≤{rule.max_interval_s:g}s" if rule.max_interval_s else "",
+    ]
+    return " ".join(filter(None, parts)) or "any change"

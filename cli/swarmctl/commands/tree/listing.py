@@ -1,9 +1,7 @@
 """Resources as a table, and as a tree."""
 
-from swarmctl.commands.tree.drawing import tree
-from swarmctl.commands.tree.rules import rule_text
+from swarmctl.commands.tree.drawing import rule_text, tree
 from swarmctl.resources.listing import at_owners, listing
-from swarmctl.resources.live_view import LiveView
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Column
@@ -59,6 +57,7 @@ async def draw_resources(session: Session, pattern: str) -> None:
 
 async def watch_resources(session: Session, pattern: str, count: int | None) -> None:
     """Draws the resources that match again each second, with ages and rates; for programs a document each."""
+    from swarmctl.resources.live_view import LiveView  # a list that is printed once has no keys
 
     async def draw() -> str:
         session.renew()

@@ -11,7 +11,7 @@ from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind
 from swarmware.types import registry
 from swarmware.types.channel import ChannelLimits, rate_rule
-from swarmware.types.tree import Rule, TreeRule, TreeRules
+from swarmware.types.tree import TreeRule, TreeRules
 
 
 async def set_rule(
@@ -56,18 +56,6 @@ async def set_rule(
     ]
     empty = f"{target}: no rule is set; the rules of each subscriber apply"
     session.out.table(columns, rows, empty=empty)
-
-
-def rule_text(rule: Rule | None) -> str | None:
-    """A rule in a line: `±0.5 ≥2s ≤30s`; None: none is set."""
-    if rule is None:
-        return None
-    parts = [
-        f"±{rule.deadband:g}" if rule.deadband else "",
-        f"≥{rule.min_interval_s:g}s" if rule.min_interval_s else "",
-        f"≤{rule.max_interval_s:g}s" if rule.max_interval_s else "",
-    ]
-    return " ".join(filter(None, parts)) or "any change"
 
 
 def _effect(request: TreeRule) -> str:
