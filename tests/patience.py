@@ -1,7 +1,45 @@
-"""How long a test waits for an event that a quiet computer has at once."""
+"""How a test waits for an event: as long as it takes, and where nothing announces it by repeated looks."""
 
-from typing import Final
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from typing import Final, TypeVar
+
+from swarmware.errors import SwarmError
+
+T = TypeVar("T")
 
 PATIENCE_S: Final = 60.0
 """Of a computer that is busy with other tests. What a test proves never depends on it: it only ends the wait
 for an event that does not come."""
+
+_LOOK_S: Final = 0.002
+_ASK_S: Final = 0.02
+
+
+async def until(find: Callable[[], T], what: str = "the event") -> T:
+    """The first true result; for files, logs and other processes, which announce no change.
+
+    Raises: TimeoutError naming `what`.
+    """
+    end_s = time.monotonic() + PATIENCE_S
+    while not (found := find()):
+        if time.monotonic() > end_s:
+            raise TimeoutError(f"{what}: not within {PATIENCE_S} s")
+        await asyncio.sleep(_LOOK_S)
+    return found
+
+
+async def until_answer(ask: Callable[[], Awaitable[T]], right: Callable[[T], bool] = lambda _: True) -> T:
+    """The first answer that is right; a service that starts, or starts again, may refuse meanwhile.
+
+    Raises: TimeoutError.
+    """
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            try:
+                if right(answer := await ask()):
+                    return answer
+            except SwarmError:
+                pass
+            await asyncio.sleep(_ASK_S)

@@ -16,6 +16,7 @@ from typing import Final
 
 import uvloop
 from tests.integration.tree.pair import Platform, platforms
+from tests.patience import until
 
 FILE_BYTES: Final = 1_000_000
 SERVICES: Final = (("broker", "tree", "files"),)
@@ -58,10 +59,7 @@ def held_share(folder: Path) -> float:
 
 async def until_held(folder: Path, share: float) -> None:
     """Returns when this share of the blocks has arrived."""
-    while True:
-        if held_share(folder) >= share:
-            return
-        await asyncio.sleep(0.01)
+    await until(lambda: held_share(folder) >= share)
 
 
 async def measure(root: Path, percent: int, cut_s: float) -> dict[str, object]:

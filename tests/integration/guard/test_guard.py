@@ -1,7 +1,6 @@
 """A node of real processes under its guard: killed, hung, stopped; nothing left behind."""
 
 import asyncio
-import contextlib
 import fcntl
 import os
 import signal
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests import patience
 from tests.patience import PATIENCE_S
 
 from swarmware.errors import NotFound, SwarmError
@@ -41,10 +41,7 @@ def pids(run_dir: Path) -> dict[str, int]:
 
 async def until(run_dir: Path, wanted: Any) -> dict[str, int]:
     """Applications of the node as soon as `wanted(pid by name)` is true."""
-    async with asyncio.timeout(PATIENCE_S):
-        while not wanted(found := pids(run_dir)):  # noqa: ASYNC110 - other processes decide
-            await asyncio.sleep(0.005)
-    return found
+    return await patience.until(lambda: found if wanted(found := pids(run_dir)) else {})
 
 
 async def back(run_dir: Path, name: str, old: int) -> float:
@@ -73,9 +70,7 @@ async def guarded(root: Path, **services: Any) -> AsyncIterator[Path]:
                 guard = next((entry for entry in everybody if entry.name == "guard"), None)
                 if guard is not None:
                     os.kill(guard.pid, signal.SIGTERM)
-                async with asyncio.timeout(PATIENCE_S):
-                    while any(entry.lives for entry in everybody):  # noqa: ASYNC110 - other processes
-                        await asyncio.sleep(0.01)
+                await patience.until(lambda: not any(entry.lives for entry in everybody))
 
 
 async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restarting(tmp_path: Path) -> None:
@@ -110,11 +105,7 @@ async def service(module: Module, name: str) -> WatchedService:
 
 async def asked(module: Module, path: str, request: Any, reply: Any) -> Any:
     """The answer, as soon as somebody gives one."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            with contextlib.suppress(SwarmError):
-                return await module.request(path, request, reply)
-            await asyncio.sleep(0.05)
+    return await patience.until_answer(lambda: module.request(path, request, reply))
 
 
 async def test_a_service_that_hangs_is_killed_and_back_and_the_fault_is_told(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_answer
 
-from swarmware.errors import InvalidInput, NoAnswer, SwarmError
+from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.health.criterion import Above
 from swarmware.health.monitor import HealthMonitor
 from swarmware.model.resource import Resource
@@ -55,14 +55,11 @@ async def fault(faults: StreamReader[Fault], check: str, phase: Phase) -> Fault:
 
 async def known(module: Module, check: str) -> Any:
     """The monitor's own view of a check, as soon as it has one."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            with contextlib.suppress(SwarmError):
-                report = await module.request("sys/health/state", Empty(), HealthReport, timeout_s=PATIENCE_S)
-                for one in report.checks:
-                    if one.check == check:
-                        return one
-            await asyncio.sleep(0.02)
+    report = await until_answer(
+        lambda: module.request("sys/health/state", Empty(), HealthReport, timeout_s=PATIENCE_S),
+        lambda report: any(one.check == check for one in report.checks),
+    )
+    return next(one for one in report.checks if one.check == check)
 
 
 def watched(module: Module, motor: Motor) -> HealthMonitor:

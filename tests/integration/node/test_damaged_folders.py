@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 from tests.integration.node.operator import VEHICLE, swarmctl
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until, until_answer
 from tests.ports import free_port
 
 from swarmware.errors import Denied
@@ -66,18 +66,15 @@ def clutter(run_dir: Path) -> list[Path]:
 
 
 async def gone(paths: list[Path]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while any(kind_at(path) != "no file" for path in paths):  # noqa: ASYNC110 - other processes
-            await asyncio.sleep(0.01)
+    await until(lambda: all(kind_at(path) == "no file" for path in paths))
 
 
 async def has_fault(m: Module, check: str) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            found = await m.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=PATIENCE_S)
-            if check in {fault.check for fault in found.faults}:
-                return
-            await asyncio.sleep(0.1)  # a fault is confirmed by the next reports
+    """Returns when a fault is confirmed, by the next reports."""
+    await until_answer(
+        lambda: m.request("sys/health/faults", FaultQuery(), FaultList, timeout_s=PATIENCE_S),
+        lambda found: check in {fault.check for fault in found.faults},
+    )
 
 
 async def info(m: Module) -> NodeInfo:
@@ -186,9 +183,7 @@ def test_a_vehicle_whose_run_folder_is_cleaned_obeys_and_says_so(root: Path, pro
             for clean in (apps, files, folder):
                 clean(run_dir)
                 began_s = time.monotonic()
-                async with asyncio.timeout(PATIENCE_S):
-                    while {e.name: e.pid for e in scan(run_dir)} != pids:  # noqa: ASYNC110 - other processes
-                        await asyncio.sleep(0.02)
+                await until(lambda: {e.name: e.pid for e in scan(run_dir)} == pids)
                 print(f"{processes}, {clean.__name__}: back after {time.monotonic() - began_s:.2f} s")
                 await swarmctl(config, "hold", "uav1")
             await swarmctl(config, "land", "uav1", "--timeout", str(PATIENCE_S))

@@ -6,15 +6,14 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import pytest
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until, until_answer
 
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.module.module import Module
@@ -30,16 +29,6 @@ from swarmware.types.health import FaultList, FaultQuery, Phase
 
 T = TypeVar("T")
 SERVICES = ("register", "timesync", "guard", "health")
-
-
-async def until(look: Callable[[], T], what: str) -> T:
-    """The first value that is true; other processes make it so."""
-    end_s = time.monotonic() + PATIENCE_S
-    while not (found := look()):
-        if time.monotonic() > end_s:
-            raise NoAnswer(f"{what}: not within {PATIENCE_S} s")
-        await asyncio.sleep(0.01)
-    return found
 
 
 def daemons(root: Path) -> dict[str, int]:
@@ -153,9 +142,7 @@ async def fault_of_supervision(module: Module) -> str:
 
 
 async def until_phase(module: Module, phases: set[Phase]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while await fault_of_supervision(module) not in phases:  # noqa: ASYNC110 - health answers requests
-            await asyncio.sleep(0.1)
+    await until_answer(lambda: fault_of_supervision(module), lambda phase: phase in phases)
 
 
 @pytest.mark.parametrize("processes", ["one", "per-daemon"])

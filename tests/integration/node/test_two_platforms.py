@@ -93,7 +93,7 @@ def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
             waiting = asyncio.create_task(
                 near.send("/uav2/cmd/goto", Goal(3, GoalKind.GOTO), timeout_s=PATIENCE_S)
             )
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(0)  # it is sent
             assert [(await inbox.next(PATIENCE_S)).seq, (await inbox.next(PATIENCE_S)).seq] == [1, 3]
             assert (await waiting).delivered
 
@@ -110,7 +110,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
             assert set(m.entry.reads) == {"/*/nav/pose", "/uav3/nav/pose"}
 
             waiting = asyncio.create_task(poses.changed(PATIENCE_S))
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0)  # it waits
             data_id = names.data_id("nav/pose", "Pose")
             mirrors = {}
             for platform in ("uav3", "ugv1", "uav1"):

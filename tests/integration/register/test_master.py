@@ -7,7 +7,7 @@ import signal
 import time
 from pathlib import Path
 
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until
 
 from swarmware.errors import SwarmError
 from swarmware.module.module import Module
@@ -37,9 +37,7 @@ async def table_where(module: Module, wanted: object) -> ApplicationTable:
 
 async def another_epoch(module: Module, epoch: int) -> None:
     """Returns within a millisecond of the take-over: the lock file itself is looked at."""
-    async with asyncio.timeout(PATIENCE_S):
-        while module.node.master.holder.epoch == epoch:  # noqa: ASYNC110 - another process sets it
-            await asyncio.sleep(0.001)
+    await until(lambda: module.node.master.holder.epoch != epoch)
 
 
 def is_master(module: Module) -> bool:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 from tests.integration.tree.pair import SERVICES, Platform, on_uvloop, platforms
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_answer
 
-from swarmware.errors import NotFound, SwarmError
+from swarmware.errors import NotFound
 from swarmware.module.module import Module
 from swarmware.module.partners import Partner, Partners
 from swarmware.types.register import Register
@@ -24,14 +24,7 @@ async def known(at: Platform) -> dict[str, set[str]]:
 
 
 async def until_known(at: Platform, what: Callable[[dict[str, set[str]]], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            try:
-                if what(await known(at)):
-                    return
-            except SwarmError:
-                pass  # it starts
-            await asyncio.sleep(0.05)
+    await until_answer(lambda: known(at), what)
 
 
 @on_uvloop

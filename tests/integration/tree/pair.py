@@ -9,10 +9,10 @@ from typing import Any, ParamSpec, TypeVar
 
 import msgspec
 import uvloop
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_answer
 from tests.ports import free_port
 
-from swarmware.errors import NotFound, SwarmError
+from swarmware.errors import NotFound
 from swarmware.model import names
 from swarmware.model.names import platform_of
 from swarmware.module.board import BoardReader
@@ -94,14 +94,7 @@ class Platform:
 
     async def until_listed(self, path: str, what: Callable[[TreeEntry | None], bool]) -> None:
         """Waits until the tree of this node says so of a resource: asks at each of its beats."""
-        async with asyncio.timeout(PATIENCE_S):
-            while True:
-                try:
-                    if what((await self.list(path)).get(path)):
-                        return
-                except SwarmError:
-                    pass  # it starts, or starts again
-                await asyncio.sleep(0.05)
+        await until_answer(lambda: self.list(path), lambda found: what(found.get(path)))
 
 
 def _owner(path: str, verb: str) -> str:

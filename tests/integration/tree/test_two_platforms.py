@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from tests.integration.tree.pair import SERVICES, on_uvloop, platforms, until
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_answer
 
 from swarmware.errors import (
     Conflict,
@@ -17,7 +17,6 @@ from swarmware.errors import (
     NoAnswer,
     NotFound,
     OutOfRange,
-    SwarmError,
     TypeMismatch,
 )
 from swarmware.model.resource import Kind, Resource
@@ -232,13 +231,7 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
         # kept over a restart
         await uav.end("broker", "tree", "register")
         await uav.start("broker", "tree", "register")
-        async with asyncio.timeout(PATIENCE_S):
-            while True:
-                try:
-                    value = await gcs.get(path, fresh=True)
-                    break
-                except SwarmError:
-                    await asyncio.sleep(0.05)
+        value = await until_answer(lambda: gcs.get(path, fresh=True))
         assert (value.version, msgspec.msgpack.decode(value.data)) == (1, [4.0])
         back = await gcs.probe.request(
             "/uav1/sys/tree/undo", TreeUndo(path), TreeSetDone, timeout_s=PATIENCE_S

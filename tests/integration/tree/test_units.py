@@ -4,13 +4,14 @@ import asyncio
 from pathlib import Path
 
 from tests.integration.tree.pair import SERVICES, on_uvloop, platforms, until
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_answer
 
-from swarmware.errors import SwarmError
 from swarmware.model.access import Role
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.module.stream import StreamReader
+from swarmware.module.streamwriter import StreamWriter
 from swarmware.types.placement import PlacementRequest, UnitPlacement
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import Pose
@@ -27,12 +28,17 @@ def answer(request: Text, meta: Meta) -> Text:
 
 async def until_answered(module: Module, path: str) -> str:
     """The answer of a path, as soon as somebody is known to serve it."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            try:
-                return (await module.request(path, Text("hello"), Text, timeout_s=1)).value
-            except SwarmError:
-                await asyncio.sleep(0.05)
+    return (await until_answer(lambda: module.request(path, Text("hello"), Text, timeout_s=1))).value
+
+
+async def subscribed(writer: StreamWriter[Int], reader: StreamReader[Int]) -> None:
+    """Returns when a reader receives what is written: a stream begins where its subscription does."""
+
+    async def first_item() -> Int:
+        writer.write(Int(-1))
+        return await reader.next(0.2)
+
+    await until_answer(first_item)
 
 
 @on_uvloop
@@ -62,11 +68,14 @@ async def test_units_of_a_platform_and_others_reach_each_other_by_path_alone(tmp
         written = fc.probe.stream_writer("plan/steps", Int, kind="event")
         await main.until_listed("/uav1/plan/steps", lambda entry: entry is not None)
         await gcs.until_listed("/uav1/plan/steps", lambda entry: entry is not None)
-        await asyncio.sleep(0.5)
+        for stream in (steps, seen):
+            await subscribed(written, stream)
         for number in range(50):
             written.write(Int(number))
         for stream in (steps, seen):
-            assert [(await stream.next(PATIENCE_S)).value for _ in range(50)] == list(range(50))
+            while (first := (await stream.next(PATIENCE_S)).value) < 0:
+                pass
+            assert [first, *[(await stream.next(PATIENCE_S)).value for _ in range(49)]] == list(range(50))
 
         # requests and messages: to whoever serves the path
         fc.probe.serve("cmd/attitude", Text, answer, reply=Text)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from tests.integration.broker.swarm import Station
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_answer
 
 from swarmd.video.config import Config, VideoSource
 from swarmd.video.service import Video
@@ -47,9 +47,4 @@ async def until(
     station: Station, what: Callable[[tuple[VideoSession, ...]], bool]
 ) -> tuple[VideoSession, ...]:
     """The sessions of a node when they are so; asked for at each beat."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            found = await sessions(station)
-            if what(found):
-                return found
-            await asyncio.sleep(0.05)
+    return await until_answer(lambda: sessions(station), what)

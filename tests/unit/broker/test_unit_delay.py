@@ -3,7 +3,7 @@
 import asyncio
 
 import pytest
-from tests.patience import PATIENCE_S
+from tests.unit.runtime.virtual_loop import VirtualLoop, run
 
 from swarmd.broker.config import Config
 from swarmd.broker.links.unit_delay import UnitDelay
@@ -11,31 +11,31 @@ from swarmware.errors import ConfigError
 from swarmware.model.config import convert
 
 
-async def test_frames_are_delivered_later_and_in_order() -> None:
-    loop, done = asyncio.get_running_loop(), asyncio.Event()
-    delay = UnitDelay(2.0, 8.0)
+def test_frames_are_delivered_later_and_in_order() -> None:
     found: list[int] = []
-    began_s = loop.time()
 
-    def deliver(number: int) -> None:
-        found.append(number)
-        if number == 19:
-            done.set()
+    async def main(loop: VirtualLoop) -> None:
+        delay = UnitDelay(2.0, 8.0)
+        for number in range(20):
+            delay.hold(lambda number=number: found.append(number))  # type: ignore[misc]
+        await asyncio.sleep(0.001)
+        assert found == []
+        await asyncio.sleep(1.0)
+        assert found == list(range(20))
 
-    for number in range(20):
-        delay.hold(lambda number=number: deliver(number))  # type: ignore[misc]
-    assert found == []
-    await asyncio.wait_for(done.wait(), PATIENCE_S)
-    assert found == list(range(20))
-    assert loop.time() - began_s >= 0.002
+    run(main)
 
 
-async def test_frames_that_are_held_back_at_the_end_are_dropped() -> None:
-    delay = UnitDelay(1.0, 1.0)
+def test_frames_that_are_held_back_at_the_end_are_dropped() -> None:
     found: list[int] = []
-    delay.hold(lambda: found.append(1))
-    delay.close()
-    await asyncio.sleep(0.01)
+
+    async def main(loop: VirtualLoop) -> None:
+        delay = UnitDelay(1.0, 1.0)
+        delay.hold(lambda: found.append(1))
+        delay.close()
+        await asyncio.sleep(1.0)
+
+    run(main)
     assert found == []
 
 

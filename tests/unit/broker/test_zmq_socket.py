@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import zmq
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until
 
 from swarmd.broker.links.zmq_socket import TURN, Socket, ZmqSocket, make_context
 
@@ -26,12 +26,6 @@ async def watched(take: Callable[[Socket], None]) -> AsyncIterator[tuple[ZmqSock
     finally:
         socket.close()
         context.destroy(linger=0)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():  # noqa: ASYNC110 - libzmq's thread announces nothing to this test
-            await asyncio.sleep(0.002)
 
 
 async def test_everything_that_came_at_once_is_taken_in_bounded_turns() -> None:

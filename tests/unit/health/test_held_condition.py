@@ -4,9 +4,9 @@ import asyncio
 from typing import Any, cast
 
 import pytest
+from tests.unit.runtime.virtual_loop import VirtualLoop, run
 
-from swarmware.health import held_condition
-from swarmware.health.held_condition import HeldCondition
+from swarmware.health.held_condition import HOLD_S, HeldCondition
 from swarmware.health.monitor import HealthMonitor
 from swarmware.node.run_files import Damage
 from swarmware.service.host import DamageReport
@@ -26,31 +26,35 @@ class Reported:
         return cast(HealthMonitor, self)
 
 
-@pytest.fixture(autouse=True)
-def _short(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(held_condition, "HOLD_S", 0.02)
-
-
-async def test_a_condition_stays_for_a_while_after_it_is_over() -> None:
+def test_a_condition_is_over_after_its_hold_time() -> None:
     reported = Reported()
-    condition = HeldCondition(reported.monitor, "files", "their own")
-    condition.raise_fault("lost", "error", "gone")
-    condition.clear()
-    assert reported.lines == [("lost", "error", "gone")]
-    await asyncio.sleep(0.1)
-    assert reported.lines[1:] == [("ok", "ok", "")]
+
+    async def main(loop: VirtualLoop) -> None:
+        condition = HeldCondition(reported.monitor, "files", "their own")
+        condition.raise_fault("lost", "error", "gone")
+        condition.clear()
+        await asyncio.sleep(HOLD_S - 0.1)
+        assert reported.lines == [("lost", "error", "gone")]
+        await asyncio.sleep(0.2)
+        assert reported.lines[1:] == [("ok", "ok", "")]
+
+    run(main)
 
 
-async def test_a_condition_that_occurs_again_is_not_over_and_a_closed_one_says_nothing() -> None:
+def test_a_condition_that_recurs_or_is_closed_does_not_end() -> None:
     reported = Reported()
-    condition = HeldCondition(reported.monitor, "files", "their own")
-    condition.raise_fault("lost", "error", "gone")
-    condition.clear()
-    condition.raise_fault("lost", "error", "gone again")
-    await asyncio.sleep(0.1)
-    condition.clear()
-    condition.close()
-    await asyncio.sleep(0.1)
+
+    async def main(loop: VirtualLoop) -> None:
+        condition = HeldCondition(reported.monitor, "files", "their own")
+        condition.raise_fault("lost", "error", "gone")
+        condition.clear()
+        condition.raise_fault("lost", "error", "gone again")
+        await asyncio.sleep(2 * HOLD_S)
+        condition.clear()
+        condition.close()
+        await asyncio.sleep(2 * HOLD_S)
+
+    run(main)
     assert [detail for _, _, detail in reported.lines] == ["gone", "gone again"]
 
 
@@ -72,12 +76,16 @@ DAMAGES: list[tuple[Damage, list[tuple[str, str, str]]]] = [
 
 
 @pytest.mark.parametrize(("damage", "expected"), DAMAGES)
-async def test_damage_is_an_error_while_it_lasts_and_a_warning_after_it(
+def test_damage_is_an_error_while_it_lasts_and_a_warning_after_it(
     damage: Damage, expected: list[tuple[str, str, str]]
 ) -> None:
     reported = Reported()
-    report = DamageReport(reported.monitor)
-    report.on_damage(damage)
-    await asyncio.sleep(0.1)
+
+    async def main(loop: VirtualLoop) -> None:
+        report = DamageReport(reported.monitor)
+        report.on_damage(damage)
+        await asyncio.sleep(2 * HOLD_S)
+        report.close()
+
+    run(main)
     assert reported.lines == expected
-    report.close()

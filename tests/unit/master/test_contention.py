@@ -5,11 +5,12 @@ import fcntl
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from tests.patience import until
 
 from swarmware.node.master import role as role_module
 from swarmware.node.master.record import Holder, RecordFile
@@ -37,12 +38,6 @@ def other_process(lock: Path) -> Iterator[subprocess.Popen[bytes]]:
             yield process
         finally:
             process.kill()
-
-
-async def until(what: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20.0):
-        while not what():  # noqa: ASYNC110 - another process dies
-            await asyncio.sleep(0.001)
 
 
 def candidate(folder: Path, log: list[str] | None = None) -> LeaderCandidate:

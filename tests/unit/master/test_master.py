@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until
 
 from swarmware.module.module import Module
 from swarmware.node.master import master
@@ -138,8 +138,6 @@ async def test_what_is_no_application_file_is_named_once_reported_and_removed(
         strange = node.run_dir / "apps/x#1.toml"
         for number in (1, 2):
             os.mkfifo(strange)
-            async with asyncio.timeout(PATIENCE_S):
-                while strange.exists() or len(reported) < 2 * number:  # noqa: ASYNC110 - a file
-                    await asyncio.sleep(0.002)
+            await until(lambda: not strange.exists() and len(reported) >= 2 * number)  # noqa: B023
             assert reported[-2:] == [(f"{strange}: a FIFO; expected a regular file",), ()]
     assert caplog.text.count("a FIFO") == 1

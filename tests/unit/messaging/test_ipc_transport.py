@@ -4,13 +4,13 @@ import asyncio
 import errno
 import socket
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import pytest
 import zmq
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until
 
 from swarmware.errors import InvalidInput
 from swarmware.testing.leaks import no_leaks
@@ -50,12 +50,6 @@ async def processes(folder: Path, *names: str) -> AsyncIterator[list[Process]]:
     finally:
         for one in made:
             one.transport.close()
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not condition():  # noqa: ASYNC110 - of objects that announce nothing
-            await asyncio.sleep(0.002)
 
 
 async def test_messages_and_answers_pass_in_order(tmp_path: Path) -> None:

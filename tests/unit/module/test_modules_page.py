@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import until
 
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.module import Module
@@ -34,13 +35,11 @@ async def test_the_module_of_the_page_follows_its_partners(
         board = register.writer("register/partners", PartnerTable)
         running = asyncio.create_task(code("m.partners()")["main"]())
         try:
-            async with asyncio.timeout(20):
-                for platform in ("uav2", "uav3"):
-                    application = Application("planner", 1, 7, 0)
-                    table = ApplicationTable(platform, "main", 1, 1, 1, "register#1", 0, (application,))
-                    board.write(PartnerTable((PartnerUnit(table, 1, 0),)))
-                    while f"planners: ['{platform}']" not in caplog.messages:  # noqa: ASYNC110 - the page logs it
-                        await asyncio.sleep(0.01)
+            for platform in ("uav2", "uav3"):
+                application = Application("planner", 1, 7, 0)
+                table = ApplicationTable(platform, "main", 1, 1, 1, "register#1", 0, (application,))
+                board.write(PartnerTable((PartnerUnit(table, 1, 0),)))
+                await until(lambda: f"planners: ['{platform}']" in caplog.messages)  # noqa: B023
         finally:
             running.cancel()
             await asyncio.wait([running])

@@ -81,7 +81,7 @@ def test_a_signal_ends_a_program_of_several_modules_in_order_and_means_afterward
                 pass
             try:
                 os.kill(os.getpid(), signal.SIGTERM)
-                await asyncio.sleep(5)
+                await asyncio.Event().wait()
             finally:
                 left.append("planner")
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.patience import PATIENCE_S
+from tests.patience import until
 
 from swarmware.errors import Conflict
 from swarmware.model import paths
@@ -28,12 +28,6 @@ from swarmware.types.scalar import Int
 def _often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_module, "TEND_NS", 10_000_000)
     monkeypatch.setattr(node_module, "TEND_PHASE_NS", 0)
-
-
-async def until(what: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not what():  # noqa: ASYNC110 - files
-            await asyncio.sleep(0.002)
 
 
 def applications(node: Node) -> list[Path]:

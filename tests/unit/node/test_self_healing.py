@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until
 
 from swarmware.errors import OutOfRange
 from swarmware.module.module import Module
@@ -23,12 +23,6 @@ from swarmware.types.scalar import Float
 def _often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_module, "TEND_NS", 10_000_000)
     monkeypatch.setattr(node_module, "TEND_PHASE_NS", 0)
-
-
-async def until(what: Callable[[], bool]) -> None:
-    async with asyncio.timeout(20.0):
-        while not what():  # noqa: ASYNC110 - files and lines of the log
-            await asyncio.sleep(0.002)
 
 
 def remove(path: Path) -> None:

@@ -21,7 +21,7 @@ class _Selector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         if timeout is not None and timeout > 0:
-            self.now_ns += round(timeout * 1000) * MS_NS
+            self.now_ns += max(1, round(timeout * 1000)) * MS_NS
             self.wakes.append(self.now_ns)
         return super().select(0)
 

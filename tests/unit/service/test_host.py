@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import msgspec
 import pytest
+from tests import patience
 from tests.patience import PATIENCE_S
 
 from swarmware.errors import Conflict, NotFound
@@ -56,7 +57,7 @@ class Failing(Service):
     name = "failing"
 
     async def run(self) -> None:
-        await asyncio.sleep(0.001)
+        await asyncio.sleep(0)
         raise Conflict("no luck")
 
 
@@ -107,9 +108,7 @@ async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_d
         status = probe.reader("app/failing/status", AppStatus)
         await host.started()
 
-        async with asyncio.timeout(PATIENCE_S):
-            while len(pauses(caplog)) < 4:  # noqa: ASYNC110 - the host tells nobody but the log
-                await asyncio.sleep(0.001)
+        await patience.until(lambda: len(pauses(caplog)) >= 4)
         assert pauses(caplog)[:4] == [*PAUSES_S, PAUSES_S[-1]]
         assert [r for r in caplog.records if "no luck" in r.getMessage()]
         assert Steady.begun == 1
