@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -13,27 +14,47 @@ import pytest
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState
 from swarmlab.provision import provisioning
+from swarmlab.radio.namespace import check_rights
+from swarmware.errors import Denied
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]
 
 
-@pytest.fixture
-def labs_folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """Folder of labs; short, because sockets live below it. Whatever a test leaves there is ended."""
-    folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
-    monkeypatch.setenv("SWARMCTL_LABS", str(folder))
+@pytest.fixture(scope="session")
+def rights() -> None:
     try:
+        check_rights()
+    except Denied as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture
+def labs_folder() -> Iterator[Path]:
+    with folder_of_labs() as folder:
         yield folder
-    finally:
-        left = labs.labs()
-        for lab in left:
-            provisioning.down(lab)
-        shutil.rmtree(folder)
 
 
 @pytest.fixture
 def ctl(labs_folder: Path) -> Ctl:
+    return command(labs_folder)
+
+
+@contextmanager
+def folder_of_labs() -> Iterator[Path]:
+    """Folder of labs; short, because sockets live below it. Whatever a test leaves there is ended."""
+    folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SWARMCTL_LABS", str(folder))
+        try:
+            yield folder
+        finally:
+            for lab in labs.labs():
+                provisioning.down(lab)
+            shutil.rmtree(folder)
+
+
+def command(labs_folder: Path) -> Ctl:
     """`swarmctl …`, to its end."""
 
     def run(*words: str, code: int | None = 0) -> Done:

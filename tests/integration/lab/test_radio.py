@@ -1,4 +1,4 @@
-"""A lab whose nodes reach each other over a radio: links that are cut, lossy and slow; rights; leftovers."""
+"""A lab whose nodes reach each other over a radio: rights, leftovers, and a radio or node that is killed."""
 
 import asyncio
 import json
@@ -7,169 +7,23 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
+from tests.integration.lab.radio import at, order
 from tests.integration.recorder.mongod import Mongod
 from tests.patience import PATIENCE_S
 
 from swarmctl.session import labs, processes
 from swarmctl.session.labs import LabState
 from swarmctl.session.processes import NODE_MARK
-from swarmlab.radio.namespace import check_rights
-from swarmware.errors import Denied
-from swarmware.module.board import BoardReader
-from swarmware.module.module import Module
-from swarmware.types.net import Neighbours, NeighbourState, Traffic
-from swarmware.types.vehicle import Pose
+from swarmware.types.net import NeighbourState
 
 Done = subprocess.CompletedProcess[str]
 Ctl = Callable[..., Done]
 Gone = Callable[[LabState], None]
 Until = Callable[[str], Awaitable[NeighbourState]]
-
-LOST_S = 2.0
-"""Maximum time until a node notes that a neighbour is lost."""
-TRIES = 3
-"""A busy computer is late now and then, not always."""
-OBSERVED_S = 20.0
-"""Time over which loss is counted: about 200 beacons."""
-OBSERVED = 150
-"""At least so many beacons: those of a busy computer come more slowly."""
-
-
-@pytest.fixture
-def rights() -> None:
-    try:
-        check_rights()
-    except Denied as error:
-        pytest.skip(str(error))
-
-
-@pytest.fixture
-def radio_lab(rights: None, ctl: Ctl) -> LabState:
-    """Three nodes behind a radio that loses nothing itself."""
-    ctl("lab", "up", "formation", "--nodes", "3", "--net", "netns", "--radio", "lan", "--detach")
-    return labs.find()
-
-
-@asynccontextmanager
-async def at(
-    lab: LabState, platform: str
-) -> AsyncIterator[tuple[Module, Callable[[str, str], Awaitable[NeighbourState]]]]:
-    """Joins a node; gives a wait until its neighbour has a state."""
-    async with Module("probe", config_dir=lab.node(platform).config_dir) as module:
-        board = module.reader("net/neighbours", Neighbours)
-
-        async def until(neighbour: str, state: str) -> NeighbourState:
-            async with asyncio.timeout(PATIENCE_S):
-                while True:
-                    for one in (board.value or Neighbours()).neighbours:
-                        if one.platform == neighbour and one.state == state:
-                            return one
-                    await board.changed()
-
-        yield module, until
-
-
-async def order(ctl: Ctl, *words: str) -> None:
-    await asyncio.to_thread(ctl, "lab", *words)
-
-
-async def test_a_cut_link_is_down_within_two_seconds_and_up_again_when_it_is_healed(
-    radio_lab: LabState, ctl: Ctl
-) -> None:
-    async with at(radio_lab, "gcs") as (module, until):
-        for neighbour in ("uav1", "ugv1"):
-            assert (await until(neighbour, "up")).address.startswith("10.83.0.")
-        for words in (("cut", "gcs", "uav1"), ("link", "uav1", "gcs", "--loss", "100")):
-            seen: list[tuple[float, bool]] = []
-            while not seen or seen[-1][0] >= LOST_S or not seen[-1][1]:
-                assert len(seen) < TRIES, (
-                    f"seconds until it is down, and whether the other link stayed: {seen}"
-                )
-                before_ns = module.now_ns()
-                await order(ctl, *words)
-                ordered_ns = module.now_ns()
-                late_s = ((await until("uav1", "down")).since_ns - ordered_ns) / 1e9
-                seen.append((late_s, (await until("ugv1", "up")).since_ns < before_ns))
-                await order(ctl, "heal")
-                await until("uav1", "up")
-
-
-async def test_a_link_that_is_cut_in_one_direction_is_half_open_for_the_node_that_still_receives(
-    radio_lab: LabState, ctl: Ctl
-) -> None:
-    async with at(radio_lab, "gcs") as (_, until):
-        await until("uav1", "up")
-        await order(ctl, "cut", "gcs", "uav1", "--one-way")
-        await until("uav1", "half_open")
-
-
-async def test_a_partition_separates_groups_and_leaves_the_links_inside_them(
-    radio_lab: LabState, ctl: Ctl
-) -> None:
-    async with at(radio_lab, "ugv1") as (_, until):
-        await until("gcs", "up")
-        await order(ctl, "partition", "uav1,ugv1", "gcs")
-        await until("gcs", "down")
-        await until("uav1", "up")
-    found = json.loads(ctl("lab", "link", "gcs", "--json").stdout)["links"]
-    assert {link["state"] for link in found} == {"cut"}
-    assert all(link["cut"] > 0 for link in found if link["receiver"] == "uav1")
-
-
-async def counted(board: BoardReader[Traffic], neighbour: str) -> tuple[int, int]:
-    """Datagrams of a neighbour that the broker received, and those that it found missing."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:  # a value made before the link came up does not list it
-            for link in (await board.changed()).links:
-                if (link.platform, link.transport) == (neighbour, "udp"):
-                    return link.received_frames, link.lost
-
-
-@pytest.mark.slow
-async def test_the_loss_that_the_broker_counts_is_the_loss_of_the_radio_and_the_one_that_was_set(
-    radio_lab: LabState, ctl: Ctl
-) -> None:
-    def of_radio() -> tuple[int, int]:
-        (link,) = json.loads(ctl("lab", "link", "uav1", "gcs", "--one-way", "--json").stdout)["links"]
-        return link["frames"], link["lost"]
-
-    async with at(radio_lab, "gcs") as (module, until):
-        await until("uav1", "up")
-        module.readers("/*/nav/pose", Pose)  # poses are asked for: beacons at full rate
-        traffic = module.reader("net/traffic", Traffic)
-        await order(ctl, "link", "uav1", "gcs", "--loss", "30", "--one-way")
-        before, radio_before = await counted(traffic, "uav1"), await asyncio.to_thread(of_radio)
-        ends_ns = module.now_ns() + round(OBSERVED_S * 1e9)
-        after = before
-        while module.now_ns() < ends_ns or sum(after) - sum(before) < OBSERVED:
-            after = await counted(traffic, "uav1")
-        radio_after = await asyncio.to_thread(of_radio)
-    received, lost = (b - a for a, b in zip(before, after, strict=True))
-    frames, frames_lost = (b - a for a, b in zip(radio_before, radio_after, strict=True))
-    # four standard deviations of so many beacons
-    assert lost / (received + lost) == pytest.approx(0.3, abs=0.15)
-    assert lost / (received + lost) == pytest.approx(frames_lost / (frames + frames_lost), abs=0.1)
-
-
-def test_delay_and_rate_of_a_link_are_seen_by_the_nodes(radio_lab: LabState, ctl: Ctl) -> None:
-    ctl("lab", "link", "uav1", "gcs", "--delay", "80ms", "--rate", "1mbit")
-
-    async def measured() -> None:
-        async with at(radio_lab, "gcs") as (module, until):
-            board = module.reader("net/neighbours", Neighbours)
-            async with asyncio.timeout(PATIENCE_S):
-                while ((await until("uav1", "up")).rtt_ms or 0) < 160:
-                    await board.changed()
-
-    asyncio.run(measured())
-    found = json.loads(ctl("lab", "link", "uav1", "gcs", "--json").stdout)["links"]
-    assert all(link["impairment"]["rate_bit_s"] == 1e6 for link in found)
-    assert all(link["delay_s"] >= 0.08 for link in found)
 
 
 def namespaces() -> set[int]:
@@ -337,15 +191,3 @@ def test_without_capabilities_and_user_namespaces_the_command_is_denied(
     assert done.returncode == 5, done.stderr
     assert "lacks CAP_NET_ADMIN, CAP_SYS_ADMIN, and the kernel gives it no user namespace" in done.stderr
     assert labs.labs() == []
-
-
-@pytest.mark.slow
-def test_the_experiment_completes_over_the_default_radio(
-    rights: None, ctl: Ctl, tmp_path: Path, nothing_remains: Gone
-) -> None:
-    out = tmp_path / "report"
-    done = ctl("lab", "run", "formation", "--nodes", "3", "--net", "netns", "--out", str(out), "--json")
-    report = json.loads(done.stdout)
-    assert report["completed"] is True
-    run = json.loads((out / "run.json").read_text())
-    assert run["net"] == "netns"

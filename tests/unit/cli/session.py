@@ -3,8 +3,7 @@
 import io
 import json
 from collections.abc import Mapping
-from types import SimpleNamespace
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -12,9 +11,8 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NotFound, SwarmError
-from swarmware.model.names import MAIN, Address
 from swarmware.model.resource import Kind
-from swarmware.module.module import Module
+from swarmware.testing.client import FakeClient
 from swarmware.types.mission import OrderReceipt
 from swarmware.types.net import Routes, RouteState
 from swarmware.types.tree import (
@@ -38,11 +36,12 @@ GAIN = "/uav1/config/gain"
 class ScriptedSession(Session):
     """Answers by path, or by path and resource; an error among them is raised. Keeps what was asked."""
 
-    def __init__(self, answers: Mapping[str, Any], **options: Any) -> None:
+    def __init__(
+        self, answers: Mapping[str, Any], client: FakeClient | None = None, /, **options: Any
+    ) -> None:
         self.stdout, self.stderr = io.StringIO(), io.StringIO()
         settings = CliSettings(**options)
-        module = SimpleNamespace(platform="gcs", node=SimpleNamespace(address=Address("gcs", MAIN)))
-        super().__init__(cast("Module", module), settings, Output(settings, self.stdout, self.stderr))
+        super().__init__(client or FakeClient(), settings, Output(settings, self.stdout, self.stderr))
         self.answers = answers
         self.asked: list[str] = []
 

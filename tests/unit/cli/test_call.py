@@ -1,7 +1,6 @@
 """`swarmctl call`: what is sent for which words, and what is printed of the answer."""
 
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import click
 import msgspec
@@ -12,7 +11,7 @@ from swarmctl.commands.call.request import call_resource
 from swarmctl.resources.entering import entered
 from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.resource import Kind
-from swarmware.module.module import Module
+from swarmware.testing.client import FakeClient
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types.described import class_of
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
@@ -30,21 +29,17 @@ class Recording(ScriptedSession):
     """A session that keeps the values of requests, and whose module keeps messages."""
 
     def __init__(self, entry: TreeEntry, answer: Any, outcome: Outcome | None = None, **options: Any) -> None:
-        super().__init__({LIST: TreeListing((entry,)), entry.path: answer}, **options)
+        client = FakeClient()
+        super().__init__({LIST: TreeListing((entry,)), entry.path: answer}, client, **options)
         self.sent: list[msgspec.Struct] = []
-        self.outcome = outcome
-        self.module = cast(Module, SimpleNamespace(send=self._send))
+        self.client = client
+        if outcome is not None:
+            client.outcome = outcome
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **more: Any) -> Any:
         if "sys/tree/" not in path:
             self.sent.append(value)
         return await super().ask(path, value, reply, **more)
-
-    async def _send(self, path: str, value: msgspec.Struct, *, timeout_s: float) -> Outcome:
-        assert (path, timeout_s) == (GOTO, self.settings.timeout_s)
-        self.sent.append(value)
-        assert self.outcome is not None
-        return self.outcome
 
 
 def command(path: str = ARM, kind: str = "ArmRequest", reply: str = "", **more: Any) -> TreeEntry:
@@ -163,7 +158,7 @@ async def test_a_command_without_an_answer_gets_a_message_and_its_outcome_is_pri
     else:
         with pytest.raises(error, match=said):
             await call_resource(session, GOTO, words, yes=False)
-    assert session.sent == [Goal(1, GoalKind.GOTO)]
+    assert session.client.sent == [(GOTO, Goal(1, GoalKind.GOTO))]
 
 
 @pytest.mark.parametrize(

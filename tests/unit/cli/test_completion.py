@@ -5,8 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Literal, cast
+from typing import Literal
 
 import msgspec
 import pytest
@@ -16,7 +15,9 @@ from swarmctl.commandline.completion_cache import CachedResource, steps
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.resources.listing import described_fields
 from swarmctl.session.session import Session
+from swarmctl.terminal.output import Output
 from swarmware import __version__
+from swarmware.testing.client import FakeClient
 from swarmware.transport.appfile.file import AppFile
 from swarmware.types.description import describe
 from swarmware.types.field_values import DEPTH, field_values
@@ -238,11 +239,10 @@ class Rain(msgspec.Struct):
 
 def test_the_fields_of_a_type_of_the_user_are_known_before_a_value_was_read(tmp_path: Path) -> None:
     described = {"Rain": msgspec.json.encode(describe(Rain)).decode(), "Snow": "[", "Hail": "{}"}
-    node = SimpleNamespace(config=SimpleNamespace(run_path=tmp_path))
-    session = cast("Session", SimpleNamespace(
-        here="uav1", settings=CliSettings(config="/etc/swarm"), module=SimpleNamespace(node=node)
-    ))  # fmt: skip
-    file = AppFile(tmp_path, "gauge", endpoint="ipc://x", started_ns=1)
+    settings = CliSettings(config="/etc/swarm")
+    client = FakeClient("uav1", run_dir=str(tmp_path))
+    session = Session(client, settings, Output(settings))
+    file = AppFile(client.node.run_dir, "gauge", endpoint="ipc://x", started_ns=1)
     try:
         file.write(msgspec.structs.replace(file.entry, types=described))
         found = described_fields(session, {"uav1"}, {"Rain", "Snow", "Hail", "Fog"})

@@ -21,7 +21,8 @@ from swarmctl.vehicles import manoeuvre
 from swarmctl.vehicles.observer import VehicleSnapshot, arrived_at, risen_to
 from swarmware.errors import Denied, InvalidInput, NoAnswer, Partial
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.transport.delivery.outcome import Outcome, Status
+from swarmware.testing.client import FakeClient
+from swarmware.transport.delivery.outcome import Outcome
 from swarmware.types.control import ControlState, DriveEvent, DriveMode, DriveRequest
 from swarmware.types.mission import ManoeuvreRequest
 from swarmware.types.vehicle import Pose, Setpoint
@@ -124,38 +125,39 @@ class Board:
         self.value: ControlState | None = None
 
 
-class StickModule(SimpleNamespace):
+class StickModule(FakeClient):
     """A module whose vehicle answers as a test says."""
 
     def __init__(self) -> None:
-        super().__init__(platform="gcs", board=Board(), now=0, sent=[], asked=[], reply=MINE)
-        self.outcome = Outcome(Status.DELIVERED)
+        super().__init__()
+        self.board = Board()
+        self.now = 0
+        self.asked: list[tuple[str, DriveRequest]] = []
+        self.reply: ControlState | Exception = MINE
         self.answering = asyncio.Event()
         self.answering.set()
 
-    def reader(self, path: str, cls: type[msgspec.Struct]) -> Board:
-        return self.board  # type: ignore[no-any-return]
+    def reader(self, path: str, cls: type[msgspec.Struct], **options: Any) -> Any:
+        return self.board
 
     def now_ns(self) -> int:
-        return int(self.now)
+        return self.now
 
-    async def request(self, path: str, value: DriveRequest, reply: Any, **options: Any) -> ControlState:
+    async def request(self, path: str, value: Any, reply: Any, **options: Any) -> Any:
         self.asked.append((path, value))
         if isinstance(self.reply, Exception):
             raise self.reply
-        return self.reply  # type: ignore[no-any-return]
+        return self.reply
 
-    async def send(self, path: str, value: Setpoint, **options: Any) -> Outcome:
-        self.sent.append((path, value))
+    async def send(self, path: str, value: msgspec.Struct, **options: Any) -> Outcome:
+        outcome = await super().send(path, value)
         await self.answering.wait()
-        return self.outcome
+        return self.outcome if outcome else outcome
 
 
 def stick_session() -> tuple[Session, StickModule]:
-    session = ScriptedSession({})
     module = StickModule()
-    session.module = module  # type: ignore[assignment]
-    return session, module
+    return ScriptedSession({}, module), module
 
 
 async def test_the_stick_is_asked_for_used_and_released() -> None:

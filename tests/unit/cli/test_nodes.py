@@ -35,6 +35,7 @@ from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.testing.client import FakeClient
 from swarmware.types.tree import TreeListing
 
 KNOWN = ("gcs", "uav1", "uav2", "uav10", "ugv1")
@@ -205,10 +206,10 @@ def test_every_command_selects_nodes_by_pattern_but_for_those_that_cannot() -> N
         ), words
 
 
-class FakeModule(SimpleNamespace):
-    """A module without a node."""
+class BoardlessClient(FakeClient):
+    """A client of a ground station that no board reaches."""
 
-    def readers(self, path: str, cls: type[msgspec.Struct]) -> dict[str, Any]:
+    def readers(self, pattern: str, cls: type[msgspec.Struct]) -> Any:
         return {}
 
 
@@ -216,9 +217,7 @@ class FewNodes(ScriptedSession):
     """A swarm of two nodes that answers nothing but its list of resources."""
 
     def __init__(self, settings: CliSettings) -> None:
-        super().__init__({}, **settings._asdict())
-        kind = SimpleNamespace(kind=PlatformKind.GCS)
-        self.module = FakeModule(platform="gcs", node=SimpleNamespace(config=kind))  # type: ignore[assignment]
+        super().__init__({}, BoardlessClient(kind=PlatformKind.GCS), **settings._asdict())
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **rest: Any) -> Any:
         if path.endswith("sys/tree/list"):

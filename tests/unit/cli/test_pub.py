@@ -3,8 +3,8 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import click
 import msgspec
@@ -15,9 +15,9 @@ from swarmctl.commands.pub import publishing
 from swarmctl.commands.pub.publishing import ValuesToPublish, publish
 from swarmctl.session.session import NAME
 from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
-from swarmware.model.clock import Clock
 from swarmware.model.resource import Kind, Resource
-from swarmware.module.client import Client
+from swarmware.node.node import Node
+from swarmware.testing.client import FakeClient
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import TreeEntry, TreeListing
@@ -26,11 +26,15 @@ from swarmware.types.vehicle import Goal, GoalKind
 PATH = "/gcs/test/height"
 
 
+SESSIONS: WeakKeyDictionary[Node, "Publishing"] = WeakKeyDictionary()
+"""The session of each node, which keeps what is written there."""
+
+
 @asynccontextmanager
 async def joined(name: str, *, node: Any) -> AsyncIterator[Any]:
     """The module of the command, on the node of its session."""
     assert name == NAME
-    yield node.writing
+    yield SESSIONS[node]
 
 
 @pytest.fixture(autouse=True)
@@ -42,23 +46,26 @@ class Publishing(ScriptedSession):
     """A session on a node that keeps what is written."""
 
     def __init__(self, entry: TreeEntry | None = None, *, busy: bool = False, **options: Any) -> None:
-        super().__init__({LIST: TreeListing(() if entry is None else (entry,))}, **options)
+        super().__init__({LIST: TreeListing(() if entry is None else (entry,))}, FakeClient(), **options)
         self.written: list[msgspec.Struct] = []
         self.resources: list[Resource] = []
         self.busy = busy
         self.wrote = asyncio.Event()
-        table = SimpleNamespace(refresh=lambda probe: None, serving_path=lambda path: None)
-        writing = SimpleNamespace(writer=self._open, stream_writer=self._open)
-        module = SimpleNamespace(node=SimpleNamespace(table=table, writing=writing), clock=Clock())
-        self.module = cast(Client, module)
+        SESSIONS[self.module.node] = self
 
-    def _open(self, resource: Resource, cls: type[msgspec.Struct]) -> Any:
+    def writer(self, resource: Resource, cls: type[msgspec.Struct]) -> "Publishing":
         if self.busy:
             raise Conflict("process 1 writes this ring")
         self.resources.append(resource)
-        return SimpleNamespace(resource=resource, write=self._write)
+        return self
 
-    def _write(self, value: msgspec.Struct) -> None:
+    stream_writer = writer
+
+    @property
+    def resource(self) -> Resource:
+        return self.resources[-1]
+
+    def write(self, value: msgspec.Struct) -> None:
         self.written.append(value)
         self.wrote.set()
 

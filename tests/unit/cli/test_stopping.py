@@ -1,7 +1,6 @@
 """Services that an operator stops and starts: what is refused, what is asked, and that the end is seen."""
 
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import click
 import jsonschema
@@ -15,8 +14,7 @@ from swarmctl.commands.app import stopping
 from swarmctl.commands.app.listing import list_applications
 from swarmctl.terminal import documents
 from swarmware.errors import Denied, NoAnswer, NotFound
-from swarmware.model.names import MAIN, Address
-from swarmware.module.module import Module
+from swarmware.testing.client import FakeClient
 from swarmware.types import registry
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 from swarmware.types.register import Application, ApplicationTable, KnownUnit, Register
@@ -24,6 +22,18 @@ from swarmware.types.tree import TreeValue
 from swarmware.types.vehicle import VehicleState
 
 STATE = f"{GET} /uav1/vehicle/state"
+
+
+class LaterClient(FakeClient):
+    """A client for which 0.1 s pass between two looks at the clock."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.clock_ns = 0
+
+    def now_ns(self) -> int:
+        self.clock_ns += 100_000_000
+        return self.clock_ns
 
 
 class Guarded(ScriptedSession):
@@ -35,15 +45,9 @@ class Guarded(ScriptedSession):
         self.states = dict.fromkeys(("broker", "navigator", "logger"), ServiceState.RUNNING)
         self.supervisor = supervisor
         self.obeys = True
-        self.clock_ns = 0
         data = registry.encode(VehicleState(armed, True))
         state = TreeValue("/uav1/vehicle/state", "VehicleState", data, 1, 1, 1, 0.1, "live")  # type: ignore[arg-type]
-        super().__init__({STATE: state}, node="uav1", **options)
-        self.module = cast("Module", SimpleNamespace(platform="gcs", now_ns=self.later_ns))
-
-    def later_ns(self) -> int:
-        self.clock_ns += 100_000_000
-        return self.clock_ns
+        super().__init__({STATE: state}, LaterClient(), node="uav1", **options)
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **rest: Any) -> Any:
         verb = path.rpartition("sys/guard/")[2]
@@ -129,7 +133,6 @@ async def test_applications_are_listed_from_the_joined_node_while_their_register
     session = Guarded()
     session.states["register"] = ServiceState.STOPPED
     table = ApplicationTable("uav1", "main", 1, 1, 1, "pid 9", 1, (Application("sim", 1, 9, 0),))
-    session.module.node = SimpleNamespace(address=Address("gcs", MAIN))  # type: ignore[misc,assignment]
     session.answers = {
         "/uav1/sys/register/apps": NotFound("/uav1/sys/register/apps: refused at uav1"),
         "/gcs/sys/register/apps": Register((KnownUnit(table, 1, 0.5),)),

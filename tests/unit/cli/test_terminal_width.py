@@ -4,7 +4,6 @@ import io
 import re
 import sys
 from collections.abc import Awaitable, Callable
-from types import SimpleNamespace
 from typing import Any, cast
 
 import click
@@ -33,8 +32,9 @@ from swarmctl.terminal.confirmation import confirm
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column, fitted_table
 from swarmctl.terminal.wrapping import atoms, fitted_text
-from swarmware.model.names import MAIN, Address, check_platform
-from swarmware.module.module import Module
+from swarmware.model.names import check_platform
+from swarmware.testing.client import FakeClient
+from swarmware.testing.virtual import VirtualClock, VirtualTime
 from swarmware.transport.enrolment.inviter import Invitation
 from swarmware.transport.enrolment.token import JoinToken
 from swarmware.types import registry
@@ -116,9 +116,8 @@ class LongSession(Session):
     def __init__(self, **options: Any) -> None:
         self.stdout, self.stderr = Terminal(), Terminal()
         settings = CliSettings(**options)
-        node = SimpleNamespace(address=Address(FIRST, MAIN))
-        module = SimpleNamespace(platform=FIRST, now_ns=lambda: 10**12, node=node)
-        super().__init__(cast("Module", module), settings, Output(settings, self.stdout, self.stderr))
+        client = FakeClient(FIRST, clock=VirtualClock(VirtualTime(10**12)))
+        super().__init__(client, settings, Output(settings, self.stdout, self.stderr))
 
     async def ask(
         self, path: str, value: Any, reply: type[Any], *, about: str = "", timeout_s: float | None = None

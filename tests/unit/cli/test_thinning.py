@@ -1,9 +1,9 @@
 """Why fewer values arrive than their owner writes: what the operator is told."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.resources import limits
 from swarmctl.resources.rate_meter import RateMeter
@@ -16,9 +16,8 @@ async def told(monkeypatch: pytest.MonkeyPatch, kind: Kind, link: str) -> str:
         return None
 
     monkeypatch.setattr(limits, "limit_of", no_limit)
-    session: Any = SimpleNamespace(here="gcs")
     entry = TreeEntry(path="/uav1/map/delta", kind=kind, type="Text", link=link)
-    return await limits.thinning(session, entry, RateMeter(5.0, numbered=True))
+    return await limits.thinning(ScriptedSession({}), entry, RateMeter(5.0, numbered=True))
 
 
 async def test_a_stream_that_its_link_does_not_carry_names_the_counter_of_its_losses(

@@ -1,7 +1,6 @@
 """Rates of channels: from the counters at the beginning and at the end of each period."""
 
 import json
-from types import SimpleNamespace
 from typing import Any, cast
 
 import msgspec
@@ -12,7 +11,7 @@ from swarmctl.commands.traffic import top
 from swarmctl.commands.traffic.command import SORT_KEYS
 from swarmctl.commands.traffic.limited import LimitedChannel, limited
 from swarmware.errors import NotFound
-from swarmware.module.module import Module
+from swarmware.testing.client import FakeClient
 from swarmware.testing.virtual import VirtualClock, VirtualTime
 from swarmware.types.channel import RATE_MAX_HZ, ChannelSettings, ChannelState, ChannelStates
 from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Traffic
@@ -26,11 +25,9 @@ class CountingSession(ScriptedSession):
 
     def __init__(self, began_ns: int, restart_ns: int = 1 << 62) -> None:
         self.restart_ns = restart_ns
-        super().__init__({}, output="jsonl")
         self.time = VirtualTime()
         self.time.run_until(began_ns)
-        module = SimpleNamespace(platform="gcs", clock=VirtualClock(self.time))
-        self.module = cast("Module", module)
+        super().__init__({}, FakeClient(clock=VirtualClock(self.time)), output="jsonl")
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[R], **_: Any) -> R:
         self.time.run_for(0.01)
@@ -124,10 +121,9 @@ class ShownSession(ScriptedSession):
     """A broker with two channels and two links, for a person who reads a table."""
 
     def __init__(self, is_limited: bool = False) -> None:
-        super().__init__({})
         self.is_limited = is_limited
         self.time = VirtualTime()
-        self.module = cast("Module", SimpleNamespace(platform="gcs", clock=VirtualClock(self.time)))
+        super().__init__({}, FakeClient(clock=VirtualClock(self.time)))
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[R], **_: Any) -> R:
         self.time.run_for(1)

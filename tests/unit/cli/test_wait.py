@@ -3,8 +3,7 @@
 import asyncio
 import re
 from collections.abc import AsyncIterator
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import msgspec
 import pytest
@@ -13,10 +12,9 @@ from tests.unit.cli.session import COPY, GET, LIST, ScriptedSession
 from swarmctl.commands.wait.condition_watch import ConditionWatch
 from swarmctl.commands.wait.waiting import wait_until
 from swarmware.errors import InvalidInput, MissionError, NoAnswer, NotFound, SwarmError
-from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.resource import Kind
-from swarmware.module.module import Module
+from swarmware.testing.client import FakeClient
 from swarmware.types import registry
 from swarmware.types.described import class_of
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
@@ -27,7 +25,6 @@ from swarmware.types.vehicle import BatteryState, Pose, VehicleState
 POSE = "/uav1/nav/pose"
 STATE = "/uav1/vehicle/state"
 BATTERY = "/uav1/power/battery"
-HERE = 7
 S_NS = 1_000_000_000
 
 
@@ -143,25 +140,26 @@ def test_fields_of_a_described_type_are_known() -> None:
 # -- the wait
 
 
+class FrameClient(FakeClient):
+    """A client whose readers give the frames of a session's script."""
+
+    def __init__(self, session: "Waiting") -> None:
+        super().__init__()
+        self.session = session
+
+    def frame_reader(self, path: str, *, every: bool = False, history: bool = False) -> Any:
+        return self.session.frames_of_script()
+
+
 class Waiting(ScriptedSession):
     """A session whose readers give the frames of a script; the resource may appear with the first one."""
 
     def __init__(self, entry: TreeEntry | None, present: Any, **options: Any) -> None:
-        super().__init__({}, **options)
+        super().__init__({}, FrameClient(self), **options)
         self.entry = entry
         self.present = present
         self.frames: asyncio.Queue[tuple[msgspec.Struct, TreeEntry | None]] = asyncio.Queue()
         self.reading = asyncio.Event()
-        clock = Clock()
-        self.module = cast(
-            Module,
-            SimpleNamespace(
-                clock=clock,
-                now_ns=clock.now_ns,
-                frame_reader=lambda path, every: self._frames(path),
-                node=SimpleNamespace(hardware=HERE),
-            ),
-        )
 
     async def ask(self, path: str, value: msgspec.Struct, reply: type[Any], **more: Any) -> Any:
         if path in {LIST, "/uav1/sys/tree/list"}:
@@ -176,13 +174,15 @@ class Waiting(ScriptedSession):
     async def in_reach(self, platform: str) -> bool:
         return True
 
-    async def _frames(self, path: str) -> AsyncIterator[Frame]:
+    async def frames_of_script(self) -> AsyncIterator[Frame]:
         while True:
             self.reading.set()
             value, appearing = await self.frames.get()
             self.entry = appearing or self.entry
             data = registry.encode(value)
-            yield Frame(FrameKind.BOARD, 1, HERE, 1, 0, 0, 1, self.module.now_ns(), payload=data)
+            yield Frame(
+                FrameKind.BOARD, 1, self.module.node.hardware, 1, 0, 0, 1, self.module.now_ns(), payload=data
+            )
 
 
 def present(number: float, quality: Quality = Quality.LIVE) -> TreeValue:
