@@ -3,7 +3,8 @@
     python tests/bench/beacons.py [--seconds N] [--json]
 
 One real broker on its own loopback group; the fifteen neighbours are real broker cores in virtual time, all
-in range of each other, each with a pose at 10 Hz and a mission state that changes every second. Bare:
+in range of each other, each with a pose at 10 Hz and a mission state that changes every second. Each beacon
+is signed. Bare:
 `recvmsg` with the kernel's timestamp and one `struct.unpack` of the clear header, of the same datagrams.
 Together: one of three datagrams received in a batch. Hot: one datagram after the other. Cold: the processor's
 caches are overwritten before each, as by the other nodes when sixteen share two cores. A ratio is refused if
@@ -29,9 +30,11 @@ import uvloop
 from rows import REFUSED, Bare
 
 from swarmd.broker.config import Config
+from swarmd.broker.core.admission.own_signatures import OwnSignatures
 from swarmd.broker.core.admission.sessions import Sessions
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode
+from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.topology.topology import Topology
@@ -45,6 +48,7 @@ from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.root import make_swarm
 from swarmware.transport.security.seal import Opened, Opener, Sealer
 from swarmware.types.mission import MissionPhase, MissionState
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan
@@ -102,6 +106,8 @@ class LinkPeer:
         )
         self.protocol.set_plan(TreePlan(1, OFFERS, wants(others)))
         self.sessions = Sessions(self.hw, 1, connections=False)
+        self.protocol.reserved_bytes = PART_BYTES
+        self.signatures = OwnSignatures(self.hw, 1, keys)
         self.sealer = Sealer(keys.group, self.hw, 1)
 
     def compose(self, now_ns: int, turn: int) -> tuple[Header, Beacon, bytes]:
@@ -125,7 +131,8 @@ class LinkPeer:
             1 if outgoing.with_session else None,
         )
         clear = codec.encode_header(header)
-        data = clear + self.sealer.seal(header.sequence, clear, codec.encode(beacon))
+        body = self.signatures.signed(clear, codec.encode(beacon), beacon.values, now_ns // 1000)
+        data = clear + self.sealer.seal(header.sequence, clear, body)
         protocol.sent(header.sequence, now_ns, len(data))
         return header, beacon, data
 
@@ -150,13 +157,13 @@ class Costs(NamedTuple):
 class Cell:
     """The broker and its neighbours."""
 
-    def __init__(self, broker: BrokerShell, clock: Instant, config: Config) -> None:
+    def __init__(self, broker: BrokerShell, clock: Instant, config: Config, keys: dict[str, Keys]) -> None:
+        """`keys`: of each member."""
         self.broker = broker
         self.clock = clock
-        names = [f"uav{index + 1}" for index in range(NEIGHBOURS)]
-        keys = Keys.open(ME)
-        self.peers = [LinkPeer(name, [*(o for o in names if o != name), ME], keys) for name in names]
-        self.opener = Opener(keys.group)
+        names = [name for name in keys if name != ME]
+        self.peers = [LinkPeer(name, [*(o for o in names if o != name), ME], keys[name]) for name in names]
+        self.opener = Opener(keys[ME].group)
         self.me = hardware_id(ME)
         broker._driver.feed(broker._core.on_plan(TreePlan(1, OFFERS, wants(names)), clock.at_ns))
         self.udp = broker._transport._udp
@@ -291,7 +298,9 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         free.bind((LOOPBACK, 0))
         port = free.getsockname()[1]
     config = Config(multicast_group=GROUP, multicast_interface=LOOPBACK, udp_port=port, bind_address=LOOPBACK)
-    node = Node.attach(make_node(folder, ME))
+    names, keys_dir = [ME, *(f"uav{index + 1}" for index in range(NEIGHBOURS))], folder / "keys"
+    make_swarm(keys_dir, names)
+    node = Node.attach(make_node(folder, ME, keys_dir=str(keys_dir / ME)))
     clock = node.clock = Instant()
     async with AsyncExitStack() as stack:
         stack.callback(node.close)
@@ -303,7 +312,7 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         core._publish_ns = 1 << 62  # tables are not what is measured
         broker = BrokerShell(service, config, keys, core, former_session)
         broker._driver._arm = lambda: None  # type: ignore[method-assign]  # this program steps it
-        cell = Cell(broker, clock, config)
+        cell = Cell(broker, clock, config, {name: Keys.load(keys_dir / name, name) for name in names})
         cell.run(WARM_BEACONS, cold=False)
         gc.collect()
         gc.disable()
