@@ -18,7 +18,7 @@ from swarmware.types.mission import Member, MissionFile, MissionOrder, MissionRe
 SETTLED_S: Final = 2.0
 """Period of the check: parts are read when no platform has joined or left within it."""
 EXPIRES_NS: Final = 1 << 62
-"""Expiry of a rehearsed order, which is accepted at any time and by nobody else."""
+"""Expiry of a rehearsed order, which is never sent."""
 MISSIONS: Final = 16
 """Maximum number of missions read in advance: a quarter of the checker's cache."""
 
