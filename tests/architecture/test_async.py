@@ -4,7 +4,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from tests.architecture.sources import nodes, parsed, walked
+from tests.architecture.sources import parsed, walked
 
 ROOT = Path(__file__).parents[2]
 WAITING = {
@@ -93,21 +93,3 @@ class Other:
     tree = ast.parse(text)
     assert {name for _, name in idle(tree, bases_of([tree]))} == {"read", "outer"}
     assert {line for line, name in idle(tree, bases_of([tree])) if name == "read"} == {6}
-
-
-OPENING = {"writer", "stream_writer", "reader", "readers", "stream_reader", "inbox", "serve", "register"}
-"""Methods whose results may still be awaited by user code for one release."""
-
-
-def test_our_own_code_awaits_nothing_that_is_open_at_once() -> None:
-    found = [
-        f"{path.relative_to(ROOT)}:{node.lineno} {ast.unparse(node)}"
-        for folder in ("lib", "daemons", "cli", "share", "tests")
-        for path in sorted((ROOT / folder).rglob("*.py"))
-        for node in nodes(path)
-        if isinstance(node, ast.Await)
-        and isinstance(node.value, ast.Call)
-        and isinstance(node.value.func, ast.Attribute)
-        and node.value.func.attr in OPENING
-    ]
-    assert not found, "\n".join(found)

@@ -21,6 +21,7 @@ OWN: Final = {
     "swarmctl",
     "swarmlab",
     "tests",
+    "fanout",
     "lab",
     "links",
     "rows",
@@ -29,8 +30,8 @@ OWN: Final = {
     "reference_pages",
     "struct_tables",
 }
-"""`lab`, `links` and `rows` are modules of the benchmarks, `my_name` that of each scaffold; `mission_pages`
-and the last two belong to the generator of the documents."""
+"""`fanout`, `lab`, `links` and `rows` are modules of the benchmarks, `my_name` is the one of each scaffold;
+`mission_pages` and the last two belong to the generator of the documents."""
 IMPORTED_AS: Final = {
     "python-can": {"can"},
     "eclipse-zenoh": {"zenoh"},
@@ -46,6 +47,7 @@ IMPORTED_AS: Final = {
 }
 """Distributions whose modules have other names."""
 COMMANDS: Final = {
+    "coverage": "coverage run",
     "hatchling": "hatchling",
     "import-linter": "lint-imports",
     "mypy": "mypy",

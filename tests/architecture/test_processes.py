@@ -1,4 +1,4 @@
-"""One way to name a process: signals go through a handle, and /proc has one reader per question."""
+"""/proc has one reader per question."""
 
 import ast
 from pathlib import Path
@@ -7,9 +7,6 @@ from typing import Final
 from tests.architecture.sources import parsed, walked
 
 ROOT: Final = Path(__file__).parents[2]
-BY_NUMBER: Final = {"kill", "killpg", "pidfd_open", "pidfd_send_signal"}
-"""Of `os` and `signal`: what names a process by a number that the kernel gives again."""
-HANDLE: Final = "lib/swarmware/runtime/pidfd.py"
 PROC: Final = {
     "lib/swarmware/runtime/start_ticks.py": "field 22 of /proc/PID/stat: psutil gives wall clock times",
     "lib/swarmware/service/realtime.py": "the capabilities of this process, which psutil does not have",
@@ -35,21 +32,6 @@ def sources() -> list[tuple[str, ast.Module]]:
         for folder in ("lib", "daemons", "cli")
         for path in sorted((ROOT / folder).rglob("*.py"))
     ]
-
-
-def test_a_process_is_signalled_by_its_handle_only() -> None:
-    found = [
-        f"{path}:{node.lineno} {ast.unparse(node.func)}; expected a ProcessHandle"
-        for path, tree in sources()
-        if path != HANDLE
-        for node in walked(tree)
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Attribute)
-        and isinstance(node.func.value, ast.Name)
-        and node.func.value.id in {"os", "signal"}
-        and node.func.attr in BY_NUMBER
-    ]
-    assert not found, "\n".join(found)
 
 
 def test_proc_is_read_where_psutil_does_not_serve() -> None:

@@ -12,7 +12,9 @@ from tests.architecture.sources import nodes
 from swarmware.model import template
 from swarmware.model.access import Access, Role, Sender, Verb
 from swarmware.model.acl import load_acl
+from swarmware.model.reserved import APPLICATIONS, is_reserved_path
 from swarmware.model.resource import Kind
+from swarmware.service.installed import installed
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [file for part in ("daemons", "lib", "cli") for file in sorted((ROOT / part).rglob("*.py"))]
@@ -148,6 +150,13 @@ def test_the_rights_of_every_served_address_are_stated() -> None:
     served = {path for file in SOURCES for path in _served(file)} | set(_commands())
     assert len(served) > 30
     assert served == set(SERVED)
+
+
+def test_the_names_of_daemons_and_their_branches_are_reserved() -> None:
+    daemons = {name for name, point in installed().items() if point.value.startswith("swarmd.")}
+    assert daemons == APPLICATIONS
+    served = {path for file in SOURCES if "daemons" in file.parts for path in _served(file)}
+    assert [path for path in sorted(served) if "/" in path and not is_reserved_path(path)] == []
 
 
 @pytest.mark.parametrize("rules", ["default", "shipped"])

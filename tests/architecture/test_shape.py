@@ -43,11 +43,6 @@ def test_no_file_imports_a_test_file() -> None:
     assert [name(path) for path in SOURCES if importing.search(path.read_text("utf-8"))] == []
 
 
-def test_a_package_says_what_may_live_there() -> None:
-    packages = [path for path in SOURCES if path.name == "__init__.py"]
-    assert [name(path) for path in packages if not path.read_text("utf-8").lstrip().startswith('"""')] == []
-
-
 def test_the_shipped_node_file_equals_the_defaults() -> None:
     shipped = tomllib.loads((ROOT / "etc/swarm/node.toml").read_text())
     assert shipped == plain(NodeConfig())
@@ -69,13 +64,6 @@ def test_every_key_of_a_shipped_file_is_explained(service: str) -> None:
 
 def test_every_shipped_file_belongs_to_a_service() -> None:
     assert {path.stem for path in (ROOT / "etc/swarm/services").glob("*.toml")} == set(SERVICES)
-
-
-def test_every_daemon_has_a_core_and_a_shell() -> None:
-    for service in SERVICES:
-        folder = ROOT / "daemons/swarmd" / service
-        assert (folder / "service.py").exists(), service
-        assert (folder / "core.py").exists() or (folder / "core").is_dir(), service
 
 
 def plain(value: Any) -> Any:
