@@ -2,12 +2,12 @@
 
 import pytest
 
-from swarmd.broker.config import Carries
+from swarmd.broker.config import Carries, Config, NetworkMedium, SerialMedium
 from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon.medium_parts import LISTING_BYTES, MediumListing
 from swarmd.broker.core.media.medium import COST_MAX, MAIN_MEDIUM, MediumProfile
 from swarmd.broker.core.media.medium_link import MediumLink
-from swarmd.broker.core.media.medium_table import LISTING_NS, ByMedium, MediumTable, Use
+from swarmd.broker.core.media.medium_table import FORGET_NS, LISTING_NS, ByMedium, MediumTable, Use, media_of
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 10
@@ -262,3 +262,53 @@ def test_a_small_table_is_listed_once_in_a_period() -> None:
         ends.hear(RADIO, SECOND_RADIO, hw=hw)
     sizes = [len(ends.table.listings(number * PERIOD, 25 * LISTING_BYTES)) for number in range(8)]
     assert sizes == [25, 15, 0, 0, 25, 15, 0, 0]
+
+
+def test_a_beacon_over_a_payload_link_is_always_a_copy() -> None:
+    ends = Ends(RADIO, VIDEO)
+    header = Header(0, OTHER, 5, 0, 1)
+    assert ends.table.is_copy(header, ByMedium(VIDEO, 1))
+    assert not ends.table.is_copy(header, ByMedium(RADIO, 5))
+    ends.table.on_beacon(header, ByMedium(RADIO, 5), ("host", 7), 0)
+    assert ends.table.is_copy(header, ByMedium(RADIO, 5))
+
+
+def test_the_medium_of_arriving_packets_is_noted() -> None:
+    ends = Ends(RADIO, SECOND_RADIO)
+    ends.run(2.0, RADIO, SECOND_RADIO, radio=1.0, radio2=1.0)
+    ends.table.on_frames(OTHER, RADIO.number, ends.now_ns)
+    ends.table.on_frames(THIRD, RADIO.number, ends.now_ns)
+    noted = {link.medium.name for link in ends.table.links(OTHER) if link.frames_ns == ends.now_ns}
+    assert noted == {"radio"}
+
+
+def test_a_neighbour_that_is_silent_on_all_media_is_forgotten() -> None:
+    ends = Ends(RADIO)
+    ends.run(2.0, RADIO, radio=1.0)
+    assert ends.table.address(OTHER, "radio") == ("host", 7)
+    assert ends.table.address(OTHER, "modem") is None
+    ends.now_ns += FORGET_NS + SECOND
+    ends.table.advance(ends.now_ns)
+    assert ends.table.links(OTHER) == []
+    assert ends.table.address(OTHER, "radio") is None
+    assert ends.table.ways(OTHER, Use.URGENT, ends.now_ns) == []
+    ends.listed(radio=1.0)
+    assert ends.table.links(OTHER) == [], "a listing alone makes no neighbour"
+
+
+def test_the_rate_of_the_chosen_medium_adds_to_the_cost() -> None:
+    ends = Ends(MODEM)
+    assert ends.table.penalty(OTHER) == 0, "unknown"
+    ends.run(2.0, MODEM, modem=1.0)
+    assert ends.table.penalty(OTHER) == MODEM.rate_penalty > 0
+
+
+def test_a_configuration_with_further_media_makes_a_table() -> None:
+    assert media_of(OWN, Config(), lambda _: PERIOD) is None
+    config = Config(
+        network=(NetworkMedium(name="wide", interface="wlan1"),),
+        serial=(SerialMedium(name="modem", device="/dev/ttyUSB0"),),
+    )
+    table = media_of(OWN, config, lambda _: PERIOD)
+    assert table is not None
+    assert {medium.name for medium in table.media.values()} == {MAIN_MEDIUM.name, "wide", "modem"}
