@@ -301,3 +301,18 @@ def test_a_frame_whose_lifetime_ends_while_it_waits_for_the_answer_is_refused_an
     late = uav1.take(gcs.end.signed(reply, UAV2), 101 * SECOND)
     assert late.arrivals == ()
     assert uav1.refused.replayed == 1
+
+
+def test_without_keys_frames_are_neither_signed_nor_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Member, "is_open", True)
+    gcs, uav1 = Member("gcs"), Member("uav1")
+    frame = gcs.message(UAV1, SECOND)
+    assert split(frame.extension).signature is None
+    [arrival] = uav1.end.on_frame(decode(encode(frame)), None, True, SECOND).arrivals
+    assert arrival.path == ()
+
+
+def test_a_question_of_other_bytes_is_counted_as_malformed(gcs: Member, uav1: Member) -> None:
+    question = Frame(FrameKind.HELLO, 0, gcs.hw, 0, UAV1, 0, 1, SECOND, payload=b"?")
+    assert uav1.take(gcs.end.signed(question, UAV2), SECOND) == Incoming()
+    assert uav1.refused.malformed == 1

@@ -22,13 +22,8 @@ class Cell:
         self.peer = Peer(self.neighbours)
         bring_up(self.neighbours, self.peer, SECOND)
 
-    def announce(self, tcp_port: int = 9000, frame_port: int = 9001) -> None:
-        ports = {"tcp_port": tcp_port, "frame_port": frame_port}
-        hello = Hello(
-            1, 0, tree_version=1, mission=0, kind=PlatformCode.UAV, name="uav2", curve_public=b"key", **ports
-        )
-            1, 0, 1, 1, tcp_port, PlatformCode.UAV, "uav2", b"key", 100, 2000, frame_port=frame_port
-        )
+    def announce(self, tcp_port: int = 9000) -> None:
+        hello = Hello(1, 0, tcp_port, 1, 0, PlatformCode.UAV, "uav2", b"key", frame_port=9001)
         self.neighbours.on_hello(self.peer.neighbour, Header(0, UAV2, self.peer.sequence, 0), hello)
 
 

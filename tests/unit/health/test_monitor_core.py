@@ -436,3 +436,24 @@ def test_a_guard_that_hangs_is_reported_once_and_stated() -> None:
     assert core.state().guard == "hung"
     core.on_died("guard#1", 7 * SECOND)
     assert core.state().guard == "absent"
+
+
+def test_a_cleared_death_forgets_the_application_and_its_resources() -> None:
+    core = monitor()
+    present(core, POSE)
+    beat(core, 1, 0)
+    core.on_died("hal#1", SECOND)
+    assert [check for check, *_ in told(core)] == ["app/hal"]
+    assert [age.path for age in core.ages()] == ["nav/pose"], "still expected"
+    assert [fault.check for fault in cleared(core, "app/*", 2 * SECOND)] == ["app/hal"]
+    assert core.apps.get("hal#1") is None
+    assert list(core.ages()) == []
+
+
+def test_an_application_that_never_beat_is_forgotten_at_its_death() -> None:
+    core = monitor()
+    present(core, POSE)
+    core.on_died("hal#1", SECOND)
+    assert core.apps.get("hal#1") is None
+    core.on_left("hal#1", 2 * SECOND)
+    assert told(core) == []
