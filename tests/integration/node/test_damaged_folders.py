@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integration.node.operator import VEHICLE, swarmctl
+from tests.integration.node.commands import VEHICLE, swarmctl
 from tests.patience import PATIENCE_S, until, until_answer
 from tests.ports import free_port
 

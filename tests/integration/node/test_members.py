@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from tests.integration.node import member
-from tests.integration.node.operator import VEHICLE, swarmctl
+from tests.integration.node.commands import VEHICLE, swarmctl
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
