@@ -33,7 +33,7 @@ async def read_boards(
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
     """The newest value of a board of each platform: from a mirror if there is one, else from its owner.
 
-    `fresh`: from its owner at once, as a board that nobody subscribes to has no mirror. A platform without a
+    `fresh`: from its owner at once, as a board without a subscriber has no mirror. A platform without a
     route has an error: its last values are `last_words`.
     """
 
