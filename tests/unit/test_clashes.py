@@ -4,7 +4,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
-from tests.numbers import equal_numbers
+from tests.equal_numbers import equal_numbers
 from tests.unit.tree.pair import core
 from tests.unit.tree.units import Units
 

@@ -22,13 +22,13 @@ from swarmware.types.vehicle import BatteryState, Collision, Pose, VehicleState
 
 MANOEUVRE = "sys/mission/manoeuvre"
 CAPACITY_WH = 8.0
-"""Hovering draws 180 W: 0.6 % of the charge a second."""
+"""Hovering draws 180 W: 0.6 % of the charge a second; it is low at 30 %, some seconds after the arrival."""
 RESERVE_RATIO = 0.05
 
 
 @pytest.mark.parametrize(
     ("away_m", "start_ratio", "action"),
-    [(5.0, 0.45, "return"), (45.0, 0.6, "land")],
+    [(5.0, 0.39, "return"), (45.0, 0.5, "land")],
 )
 def test_a_vehicle_whose_battery_runs_down_lands_with_reserve(
     tmp_path: Path, away_m: float, start_ratio: float, action: str

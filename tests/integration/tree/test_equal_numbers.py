@@ -4,8 +4,8 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from tests.equal_numbers import equal_numbers
 from tests.integration.tree.pair import on_uvloop, platforms
-from tests.numbers import equal_numbers
 from tests.patience import PATIENCE_S
 
 from swarmware.errors import Conflict
