@@ -6,7 +6,7 @@ from pathlib import Path
 from reference_pages import Key, head, keys, row
 
 from swarmware.geometry.formation import SHAPES, place
-from swarmware.mission import condition
+from swarmware.mission import condition, condition_parser
 from swarmware.mission.binding import VARIABLES
 from swarmware.mission.block_reader import TIMEOUT_LIMIT_S, TIMEOUT_MIN_MS
 from swarmware.mission.catalogue import BLOCKS, BlockType
@@ -128,7 +128,7 @@ def _no_errors(block: BlockType) -> str:
 
 def _conditions() -> str:
     symbols = [row(f"`{symbol}`", COMPARISONS[symbol]) for symbol in condition.COMPARISONS]
-    short = [row(f"`{name}`", f"`{'.'.join(field)}`") for name, field in condition.SHORT_NAMES.items()]
+    short = [row(f"`{name}`", f"`{'.'.join(field)}`") for name, field in condition_parser.SHORT_NAMES.items()]
     return (
         "\n## Conditions\n\nIn `requires` and in the cases of a Decision. An operand is a number (`80 %` is "
         "0.8), a `'text'`, `true`, `false`, `<resource>.<field>`, or `age(<resource>)` in seconds; `and`, "
@@ -143,9 +143,10 @@ def _conditions() -> str:
         + "\n"
         + head("short name", "resource and field")
         + "".join(short)
-        + f"\nAt most {condition.LENGTH_LIMIT} characters, nested at most {condition.DEPTH_LIMIT} deep. A "
-        "condition on a resource without a value is unknown: a Decision ends with the error "
-        "`unknown_value`.\n"
+        + f"\nAt most {condition_parser.LENGTH_LIMIT} characters, nested at most "
+        f"{condition_parser.DEPTH_LIMIT} deep. "
+        "A condition on a resource without a value is unknown: "
+        "a Decision ends with the error `unknown_value`.\n"
     )
 
 

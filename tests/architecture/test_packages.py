@@ -42,7 +42,29 @@ THIN = {
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""
 TIDY = ("lib", "cli")
-"""Roots in which a file of fewer lines has several users."""
+"""Roots in which a file of fewer lines has several users, and a longer one than this a reason."""
+LONG_LINES = 350
+LONG = {
+    "cli/swarmctl/commands/fleet/agent.py": "the one program that runs on a host: orders, record, process",
+    "cli/swarmctl/commands/tree/command.py": "the options and help texts of a dozen commands",
+    "lib/swarmware/mission/catalogue.py": "the table of built-in blocks, with the parameters of each",
+    "lib/swarmware/mission/meetings.py": "one search over the states of all participants",
+    "lib/swarmware/mission/reduction.py": "one reduction, whose rules share the net that they rewrite",
+    "lib/swarmware/module/client.py": "what a module or a command can do at a node, each a few lines",
+    "lib/swarmware/node/node.py": "the attachment of a process: what it holds is opened and closed here",
+    "lib/swarmware/recorder/mongo.py": "the one file that imports pymongo",
+    "lib/swarmware/recorder/segment.py": "writer and reader of one format, which change together",
+    "lib/swarmware/transport/messaging/endpoint.py": "the endpoint that joins router and sockets",
+    "lib/swarmware/transport/messaging/ipc_transport.py": "connections by ZMTP, with their buffers",
+    "lib/swarmware/transport/messaging/router.py": "one state machine: every kind of frame, with its answer",
+    "lib/swarmware/transport/shm/ring.py": "writer and reader of one memory layout, which change together",
+    "lib/swarmware/types/channel.py": "the types of one area, which one page documents",
+    "lib/swarmware/types/mission.py": "the types of one area, which one page documents",
+    "lib/swarmware/types/net.py": "the types of one area, which one page documents",
+    "lib/swarmware/types/tree.py": "the types of one area, which one page documents",
+    "lib/swarmware/types/vehicle.py": "the types of one area, which one page documents",
+}
+"""Files of more lines that are not split, and the reason for each."""
 
 
 def name(package: Path) -> str:
@@ -105,3 +127,12 @@ def test_a_thin_file_has_several_users() -> None:
         and len(path.read_text("utf-8").splitlines()) < THIN_LINES
     }
     assert alone == set(), "merge it with the only file that imports it"
+
+
+def test_a_long_file_is_one_noun_with_a_reason() -> None:
+    found = {
+        str(path.relative_to(ROOT))
+        for path in sources()
+        if path.relative_to(ROOT).parts[0] in TIDY and len(path.read_text("utf-8").splitlines()) > LONG_LINES
+    }
+    assert found == set(LONG), "split it by its nouns, or give a reason here"

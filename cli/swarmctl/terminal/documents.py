@@ -61,7 +61,7 @@ DOCUMENTS: Final = {
     "traffic needs": "swarmctl.commands.traffic.needs:LinkNeeds",
     "traffic set": "swarmware.types.channel:ChannelLimits",
     "traffic undo": "swarmware.types.channel:ChannelLimits",
-    "traffic top": "swarmctl.commands.traffic.top:TrafficRates",
+    "traffic top": "swarmctl.commands.traffic.rates:TrafficRates",
     "video start": "swarmware.types.video:VideoSession",
     "video ls": "swarmware.types.video:VideoSessions",
     "video rate": "swarmware.types.video:VideoSession",

@@ -5,9 +5,7 @@ from collections.abc import Awaitable, Callable, Mapping
 
 from swarmctl.session.session import Session
 from swarmctl.vehicles.observer import (
-    BUILT_IN,
     CommandResult,
-    Done,
     ManoeuvreProgress,
     VehicleObserver,
     VehicleResult,
@@ -15,6 +13,7 @@ from swarmctl.vehicles.observer import (
     raise_failures,
 )
 from swarmctl.vehicles.selection import choose, mission_states, stations_left
+from swarmctl.vehicles.snapshot import BUILT_IN, Done
 from swarmware.errors import SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind

@@ -14,7 +14,7 @@ from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import SwarmError
 from swarmware.mission import vocabulary
-from swarmware.mission.condition import parse
+from swarmware.mission.condition_parser import parse
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.runtime.instant import until

@@ -11,7 +11,7 @@ import msgspec.inspect
 
 from swarmware.errors import MissionError
 from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Nothing, Params
-from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape

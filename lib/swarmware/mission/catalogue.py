@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from swarmware.errors import InvalidInput, MissionError
-from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
 

@@ -11,7 +11,7 @@ from swarmware.mission.binding import Binding, Unbound, substitute
 from swarmware.mission.block_reader import BlockReader, nearest
 from swarmware.mission.catalogue import BlockName, Catalogue, built_in
 from swarmware.mission.condition import ConditionExpression
-from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.file_keys import MISSION_KEYS
 from swarmware.mission.finding import Finding
 from swarmware.mission.model import LINK_LOSS, ON_FAILURE, Block, MissionDefinition

@@ -7,7 +7,7 @@ from typing import Any, Final
 import msgspec
 
 from swarmware.mission import vocabulary
-from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.finding import Finding, Severity
 from swarmware.mission.folder import Folder
 from swarmware.mission.manifest import MANIFEST, ROLE_REFERENCE, RoleSpec, parameter_places

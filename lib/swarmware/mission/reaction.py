@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from swarmware.errors import InvalidInput
-from swarmware.mission.condition import parse
+from swarmware.mission.condition_parser import parse
 
 Action = Literal["warn", "hold", "return", "land", "emergency-land"]
 """Action of a reaction; all but `warn` are built-in missions."""

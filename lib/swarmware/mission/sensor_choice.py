@@ -3,7 +3,7 @@
 import msgspec
 
 from swarmware.mission.catalogue import SENSOR_VALUE, WaitForSensor
-from swarmware.mission.condition import parse as parse_condition
+from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.model.names import Pattern
 

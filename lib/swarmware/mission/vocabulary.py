@@ -22,8 +22,8 @@ from swarmware.mission.condition import (
     Node,
     Not,
     Operand,
-    parse,
 )
+from swarmware.mission.condition_parser import parse
 from swarmware.mission.field_path import steps
 from swarmware.mission.field_type import (
     NUMBER,

@@ -1,8 +1,6 @@
 """Observed states of a vehicle."""
 
-from swarmctl.vehicles.observer import (
-    VehicleSnapshot,
-)
+from swarmctl.vehicles.snapshot import VehicleSnapshot
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
 from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState

@@ -18,7 +18,7 @@ from swarmctl.commands.manoeuvre.command import Place
 from swarmctl.main import cli
 from swarmctl.session.session import Session
 from swarmctl.vehicles import manoeuvre
-from swarmctl.vehicles.observer import VehicleSnapshot, arrived_at, risen_to
+from swarmctl.vehicles.snapshot import VehicleSnapshot, arrived_at, risen_to
 from swarmware.errors import Denied, InvalidInput, NoAnswer, Partial
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.client import FakeClient

@@ -10,6 +10,7 @@ from tests.unit.cli.session import R, ScriptedSession
 from swarmctl.commands.traffic import top
 from swarmctl.commands.traffic.command import SORT_KEYS
 from swarmctl.commands.traffic.limited import LimitedChannel, limited
+from swarmctl.commands.traffic.rates import ChannelRates, LinkRates, rates
 from swarmware.errors import NotFound
 from swarmware.testing.client import FakeClient
 from swarmware.testing.virtual import VirtualClock, VirtualTime
@@ -109,12 +110,12 @@ AFTER = reading(
 
 
 def test_a_link_and_a_channel_have_all_their_rates() -> None:
-    found = top.rates("uav1", BEFORE, AFTER)
+    found = rates("uav1", BEFORE, AFTER)
     assert found.channels == [
-        top.ChannelRates("cmd/goto", 10, 11, 1100, 2, 200, 1, 3, 4, 400, delivered_hz=9),
+        ChannelRates("cmd/goto", 10, 11, 1100, 2, 200, 1, 3, 4, 400, delivered_hz=9),
     ]
-    assert found.links == [top.LinkRates("uav2", "udp", 12, 20, 2000, 5, 500, 250, 1, 10, 2, 3, 700)]
-    assert top.rates("uav1", AFTER, msgspec.structs.replace(AFTER, at_ns=3 * S)).channels == []
+    assert found.links == [LinkRates("uav2", "udp", 12, 20, 2000, 5, 500, 250, 1, 10, 2, 3, 700)]
+    assert rates("uav1", AFTER, msgspec.structs.replace(AFTER, at_ns=3 * S)).channels == []
 
 
 class ShownSession(ScriptedSession):

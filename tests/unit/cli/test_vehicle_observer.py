@@ -6,17 +6,9 @@ import msgspec
 import pytest
 from tests.unit.cli.sights import HOLDING, UP, sight
 
-from swarmctl.vehicles.observer import (
-    BUILT_IN,
-    EndedResult,
-    ManoeuvreProgress,
-    VehicleResult,
-    VehicleSnapshot,
-    arrived_at,
-    raise_failures,
-    risen_to,
-)
+from swarmctl.vehicles.observer import EndedResult, ManoeuvreProgress, VehicleResult, raise_failures
 from swarmctl.vehicles.selection import stations_left
+from swarmctl.vehicles.snapshot import BUILT_IN, VehicleSnapshot, arrived_at, risen_to
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState

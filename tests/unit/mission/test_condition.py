@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.errors import MissionError
-from swarmware.mission.condition import parse
+from swarmware.mission.condition_parser import parse
 from swarmware.mission.field_path import Scalar, scalar_of
 
 

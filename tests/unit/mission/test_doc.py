@@ -11,7 +11,7 @@ import pytest
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import BLOCKS, BlockType
 from swarmware.mission.check import check_text
-from swarmware.mission.condition import parse
+from swarmware.mission.condition_parser import parse
 from swarmware.mission.file_keys import BLOCK_KEYS
 from swarmware.mission.plausible import CEILING_M, DEPTH_M, NEAR_RATIO, REACH_M
 from swarmware.mission.schema import mission_schema

@@ -9,8 +9,9 @@ import click
 from swarmctl.session.session import Session
 from swarmctl.terminal.confirmation import confirm
 from swarmctl.vehicles.manoeuvre import request
-from swarmctl.vehicles.observer import VehicleObserver, arrived_at, risen_to
+from swarmctl.vehicles.observer import VehicleObserver
 from swarmctl.vehicles.selection import choose
+from swarmctl.vehicles.snapshot import arrived_at, risen_to
 from swarmware.errors import InvalidInput, NoAnswer
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import ManoeuvreRequest

@@ -1,4 +1,4 @@
-"""Rates of the links and channels of brokers, from their counters, redrawn once a period."""
+"""The view of the rates of links and channels, redrawn once a period."""
 
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
@@ -8,14 +8,15 @@ from typing import Final
 import msgspec
 
 from swarmctl.commandline.nodes import is_selection
-from swarmctl.commands.traffic.limited import COLUMNS, LimitedChannel, limited, row
+from swarmctl.commands.traffic.limited import COLUMNS, limited, row
+from swarmctl.commands.traffic.rates import ChannelRates, LinkRates, TrafficRates, rates
 from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmware.errors import Partial, SwarmError
 from swarmware.runtime.instant import until
 from swarmware.types.channel import ChannelStates, ListChannels
-from swarmware.types.net import UNACCEPTED, ChannelTraffic, LinkTraffic, Traffic
+from swarmware.types.net import UNACCEPTED, Traffic
 from swarmware.types.rpc import Empty
 
 
@@ -40,58 +41,6 @@ class TrafficTable(StrEnum):
     CHANNELS = "channels"
     LIMITED = "limited"
     """Channels by notification whose rate has a limit now; not shown where there is none."""
-
-
-class ChannelRates(msgspec.Struct, frozen=True):
-    """Rates of one channel."""
-
-    channel: str
-    offered_hz: float
-    sent_hz: float
-    sent_bytes_s: float
-    received_hz: float
-    received_bytes_s: float
-    dropped_hz: float
-    held_back_hz: float
-    repeated_hz: float
-    repeated_bytes_s: float
-    delivered_hz: float
-    """Of frames whose receiver answered; boards have no answer."""
-
-
-class LinkRates(msgspec.Struct, frozen=True):
-    """Rates of one link."""
-
-    platform: str
-    transport: str
-    offered_hz: float
-    sent_hz: float
-    """udp: of datagrams, beacons included."""
-    sent_bytes_s: float
-    received_hz: float
-    received_bytes_s: float
-    repeated_bytes_s: float
-    dropped_hz: float
-    delivered_hz: float
-    """Of frames that the neighbour acknowledged, in datagrams."""
-    lost_hz: float
-    """Datagrams of the neighbour that did not arrive."""
-    waiting_frames: int
-    """At the end of the period."""
-    waiting_bytes: int
-
-
-class TrafficRates(msgspec.Struct, frozen=True):
-    """Rates of a platform's channels and links in one period."""
-
-    platform: str
-    at_ns: int
-    sent_bytes_s: float
-    """On the wire, of all channels."""
-    received_bytes_s: float
-    channels: list[ChannelRates]
-    links: list[LinkRates]
-    limited: list[LimitedChannel] = []
 
 
 _CHANNEL_KEYS: Final = {
@@ -317,79 +266,3 @@ def _rate(rate_hz: float) -> str:
 
 def _kbit_s(bytes_s: float) -> str:
     return f"{bytes_s * 8 / 1000:.1f}"
-
-
-def rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
-    """Rates between two readings of the counters, of what has moved; the order is that of the counters.
-
-    After a restart of the broker in between, rates since that restart: its counters began again.
-    """
-    if now.since_ns != before.since_ns:
-        before = msgspec.structs.replace(
-            before, at_ns=now.since_ns, sent_bytes=0, received_bytes=0, channels=(), links=()
-        )
-    span_s = (now.at_ns - before.at_ns) / 1e9
-    channels = {one.channel: one for one in before.channels}
-    links = {(one.platform, one.transport): one for one in before.links}
-    moved = [(one, _deltas(one, channels.get(one.channel), _CHANNEL_FIELDS, span_s)) for one in now.channels]
-    carried = [
-        (one, _deltas(one, links.get((one.platform, one.transport)), _LINK_FIELDS, span_s))
-        for one in now.links
-    ]
-    return TrafficRates(
-        platform,
-        now.at_ns,
-        (now.sent_bytes - before.sent_bytes) / span_s,
-        (now.received_bytes - before.received_bytes) / span_s,
-        [ChannelRates(one.channel, **deltas) for one, deltas in moved if any(deltas.values())],
-        [
-            LinkRates(
-                one.platform,
-                one.transport,
-                **deltas,
-                waiting_frames=one.waiting_frames,
-                waiting_bytes=one.waiting_bytes,
-            )
-            for one, deltas in carried
-            if any(deltas.values()) or one.waiting_frames
-        ],
-    )
-
-
-_CHANNEL_FIELDS: Final = {
-    "offered_hz": "offered_frames",
-    "sent_hz": "sent_frames",
-    "sent_bytes_s": "sent_bytes",
-    "received_hz": "received_frames",
-    "received_bytes_s": "received_bytes",
-    "dropped_hz": "dropped",
-    "held_back_hz": "held_back",
-    "repeated_hz": "repeated_frames",
-    "repeated_bytes_s": "repeated_bytes",
-    "delivered_hz": "delivered_frames",
-}
-"""Counter of each rate of a channel."""
-_LINK_FIELDS: Final = {
-    "offered_hz": "offered_frames",
-    "sent_hz": "sent_frames",
-    "sent_bytes_s": "sent_bytes",
-    "received_hz": "received_frames",
-    "received_bytes_s": "received_bytes",
-    "repeated_bytes_s": "repeated_bytes",
-    "dropped_hz": "dropped",
-    "delivered_hz": "delivered_frames",
-    "lost_hz": "lost",
-}
-"""Counter of each rate of a link."""
-
-
-def _deltas(
-    now: ChannelTraffic | LinkTraffic,
-    before: ChannelTraffic | LinkTraffic | None,
-    fields: dict[str, str],
-    span_s: float,
-) -> dict[str, float]:
-    return {
-        rate: (getattr(now, counter) - (getattr(before, counter) if before else 0)) / span_s
-        for rate, counter in fields.items()
-    }

@@ -6,7 +6,7 @@ import msgspec
 
 from swarmctl.resources.values import brief
 from swarmware.errors import InvalidInput
-from swarmware.mission import condition
+from swarmware.mission import condition_parser
 from swarmware.mission.condition import ConditionOperand
 from swarmware.mission.field_path import Scalar, scalar_of
 from swarmware.mission.vocabulary import Vocabulary
@@ -38,7 +38,7 @@ class ConditionWatch:
     def __init__(self, path: str, text: str) -> None:
         """`path`: global, of the resource whose fields have no path in the condition."""
         self._platform = names.split(path)[0] or ""
-        self._expression = condition.parse(text, own=path)
+        self._expression = condition_parser.parse(text, own=path)
         self.paths = {path, *map(self._full, self._expression.resources())}
         """Global paths of all its resources."""
         self._vocabulary: dict[str, Resource] = {}

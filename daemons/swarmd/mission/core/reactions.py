@@ -6,7 +6,8 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import Conflict
-from swarmware.mission.condition import ConditionExpression, Lookup, parse
+from swarmware.mission.condition import ConditionExpression, Lookup
+from swarmware.mission.condition_parser import parse
 from swarmware.mission.model import CONTINUE
 from swarmware.mission.reaction import LINK_LOSS, STRENGTH, WARN, ReactionRow
 from swarmware.types.mission import MissionPhase
