@@ -14,7 +14,7 @@ from swarmd.health.core.reports import RegisteredCheck, RegisteredChecks
 from swarmd.health.core.rules import AgeRule, LimitRule
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,
@@ -104,7 +104,7 @@ class MonitorCore:
         self._grace_ns = round(config.grace_s * 1e9)
         self._period_ns = round(1e9 / config.look_hz)
         self._next_read_ns: int | None = None
-        self._delay = OwnDelay()
+        self._delay = LoopDelay()
         self._next_values_ns = 0
         self._ages: dict[str, AgeRule] = {}
         self._rules: dict[str, LimitRule] = {}

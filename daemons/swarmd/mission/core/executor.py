@@ -37,7 +37,7 @@ from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.mission.reaction import STRENGTH, ReactionRow
 from swarmware.runtime.core import AT_ONCE
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
@@ -82,7 +82,7 @@ class MissionExecutor:
         self._chance = chance
         self._config = config
         self._announcer = Announcer()
-        self._delay = OwnDelay()
+        self._delay = LoopDelay()
         self._lead = lead
         self._tokens = count(1)
         self._phase = MissionPhase.IDLE

@@ -53,7 +53,7 @@ class FlightTiming(msgspec.Struct, frozen=True):
     """Time for which the actuators hold their last outputs without new ones, before the motors stop."""
 
 
-class FormerFlight(msgspec.Struct, frozen=True):
+class FlightHandover(msgspec.Struct, frozen=True):
     """State of a flight at the end of the previous process, from which the next process continues it."""
 
     imu: Imu
@@ -128,15 +128,15 @@ class FlightCore:
         """The control law, a cascade of control loops."""
         return self._controller
 
-    def on_former(self, former: FormerFlight) -> None:
+    def on_handover(self, handover: FlightHandover) -> None:
         """Continues the flight of a process that has ended; the next sample ends a gap."""
-        imu = former.imu
+        imu = handover.imu
         rates = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s)
         self._attitude.begin((imu.roll_rad or 0.0, imu.pitch_rad or 0.0, imu.yaw_rad or 0.0), rates)
-        self._motion.begin(former.height_m, former.velocity_m_s)
-        self._sample, self.imu_ns = imu, former.stamp_ns
+        self._motion.begin(handover.height_m, handover.velocity_m_s)
+        self._sample, self.imu_ns = imu, handover.stamp_ns
         self._armed, self._landed = True, False
-        self.watch.on_former(former.stamp_ns)
+        self.watch.on_handover(handover.stamp_ns)
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
         """Takes a set-point: velocity forward, left and up, and yaw rate."""

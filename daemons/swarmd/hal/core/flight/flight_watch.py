@@ -95,7 +95,7 @@ class FlightWatch:
         )
         return True
 
-    def on_former(self, stamp_ns: int) -> None:
+    def on_handover(self, stamp_ns: int) -> None:
         """Takes that the vehicle already was in flight at this instant, under the previous process."""
         self._airborne_ns = stamp_ns
 
