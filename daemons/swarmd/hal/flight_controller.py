@@ -123,6 +123,7 @@ class FlightController(Chassis):
         readable."""
         state = self.state
         if state is not None and state.armed and not state.landed:
+            # durable boards stay in shared memory after their writer has closed
             for writer in (self._state, self._mean):
                 if writer is not None:
                     writer.durable = True
@@ -151,6 +152,8 @@ class FlightController(Chassis):
         self._publish_imu(now_ns)
         if self._flight.lost and not self._core.killing:
             log.error("driver %s: the motors are stopped: %s", self.name, self._flight.lost)
+            # a flight that cannot be continued ends here, before the motors start again in an unknown
+            # attitude
             self.carry_order(self._core.on_order(ChassisAction.KILL, now_ns))
         return True
 

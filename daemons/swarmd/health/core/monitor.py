@@ -139,6 +139,7 @@ class MonitorCore:
                 self.platforms.restore_lost(fault.check.removeprefix(PLATFORM_PREFIX))
             elif fault.state == DIED and fault.phase is Phase.CONFIRMED:
                 self.apps.restore(fault.check, now_ns)
+        # modules need this time to register their checks again
         self._restored_until_ns = now_ns + self._grace_ns
         return self._take_actions()
 
@@ -260,6 +261,7 @@ class MonitorCore:
         path = resource.path
         if any(pattern.matches(path) for pattern in self._ignore):
             return
+        # an existing rule keeps its state when an application file changes
         if path not in self._ages and AgeRule.applies(resource):
             critical = resource.critical or path in self._critical
             self._ages[path] = AgeRule(resource, grace_until_ns, critical=critical)
@@ -422,6 +424,7 @@ class MonitorCore:
         )
 
     def _validity(self, confirmed: list[Fault]) -> dict[str, bool]:
+        # a fresh value beyond its limits is not valid either
         suspect = {self._rules[fault.check].path for fault in confirmed if fault.check in self._rules}
         paths = set(self._expected) | {path for path in self._ages if self._is_sensor(path)}
         return {

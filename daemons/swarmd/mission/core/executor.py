@@ -297,7 +297,7 @@ class MissionExecutor:
         """Others are not silent while this core is not called."""
         late_ns = self._delay.on_turn(self.deadline_ns(), now_ns)
         if late_ns and self._barriers is not None:
-            self._barriers.on_own_delay(late_ns)
+            self._barriers.on_loop_delay(late_ns)
 
     def _settle(self, now_ns: int) -> list[Action]:
         """Completes the event: processes the queue until it is empty and no wait at a barrier ends."""

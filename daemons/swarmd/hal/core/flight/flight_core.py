@@ -158,6 +158,7 @@ class FlightCore:
 
     def on_imu(self, imu: Imu, stamp_ns: int) -> None:
         """Takes a sample of the inertial unit."""
+        # the board is read more often than the unit measures
         if stamp_ns <= self.imu_ns:
             return
         gap_s = (stamp_ns - self.imu_ns) / 1e9
@@ -178,6 +179,7 @@ class FlightCore:
         timing = self._timing
         count = math.ceil(gap_s / timing.period_s)
         for number in range(1, count + 1):
+            # integrated in steps of the control period, as if the samples had arrived
             sample = between(before, imu, number * gap_s / count, gap_s, timing.held_s)
             self._integrate(sample, gap_s / count, trusted=False)
         self._motion.on_gap(gap_s)
@@ -189,6 +191,7 @@ class FlightCore:
     def _integrate(self, imu: Imu, dt_s: float, *, trusted: bool) -> None:
         """Integrates one sample; `trusted`: the accelerometer may correct the vertical."""
         landed = self._landed
+        # on the ground nothing accelerates the vehicle, whatever was commanded last
         accelerates_m_s2 = 0.0 if landed else self._controller.acceleration_m_s2
         turn = _NONE
         if self._controller.follows_nose and not landed:
@@ -235,6 +238,7 @@ class FlightCore:
 
     def step(self, now_ns: int) -> ActuatorOutputs | None:
         """Outputs for the newest sample, or None if they were computed before or the sample is too old."""
+        # each sample gets one step; without a new one the actuators hold their outputs
         if not self._fresh or self.is_blind(now_ns):
             return None
         self._fresh = False
