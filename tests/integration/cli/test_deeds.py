@@ -134,7 +134,7 @@ def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
             delay = ctl("tree delay /uav1/sensor/weather --window 0.5 --json").document["delays"][0]
             assert delay["bound_s"] > 0
             entry = ctl("tree ls /uav1/sensor/weather --json").document["entries"][0]
-            assert 20 < entry["measured_hz"] < 150
+            assert entry["measured_hz"] > 20, "of the last values, which may come in a burst"
         finally:
             module.terminate()
 
