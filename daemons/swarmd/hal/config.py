@@ -81,7 +81,7 @@ class ReplayDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     packets_hz: Annotated[float, msgspec.Meta(gt=0, le=100_000)] = 753.0
     """Rate of the packets; a VLP-16 in strongest-return mode sends 753 to 754 a second."""
     path: str = "sensor/lidar"
-    """Stream of the packets."""
+    """Stream on which the packets are published."""
     wake_hz: Rate = 20.0
     """Rate of the wake-ups at which due packets are written; each packet has its own stamp."""
     slots: Annotated[int, msgspec.Meta(ge=16, le=100_000)] = 512
@@ -113,35 +113,35 @@ class NmeaDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """Driver `nmea`: a satellite receiver on a serial line, NMEA 0183 and UBX."""
 
     device: str = "/dev/ttyUSB0"
-    """Device file of the line."""
+    """Device file of the serial line."""
     baud: int = 38_400
     """Bit rate of the line; 9600 carries fewer than five fixes a second."""
     rate_hz: Rate = 10.0
     """Expected rate of fixes; each fix is published when it arrives."""
     path: str = "sensor/gnss"
-    """Board of the fixes."""
+    """Board on which the fixes are published."""
 
 
 class VectorNavDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Driver `vectornav`: an inertial unit of VectorNav on a serial line."""
 
     device: str = "/dev/ttyUSB1"
-    """Device file of the line."""
+    """Device file of the serial line."""
     baud: int = 115_200
-    """Rate of the line."""
+    """Bit rate of the serial line."""
     rate_hz: Rate = 100.0
     """Output rate that is set in the unit; each measurement is published when it arrives."""
     path: str = "sensor/imu"
-    """Board of the measurements."""
+    """Board on which the measurements are published."""
 
 
 class SonarDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Driver `sonar`: a MaxBotix sonar on a serial line, directed to the ground."""
 
     device: str = "/dev/ttyS1"
-    """Device file of the line."""
+    """Device file of the serial line."""
     baud: int = 9600
-    """Rate of the line."""
+    """Bit rate of the serial line."""
     unit: SonarUnit = SonarUnit.MM
     """Unit of the readings: inch (LV models), cm (XL), mm (HRXL)."""
     rate_hz: Rate = 10.0
@@ -153,7 +153,7 @@ class SonarDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     window: Annotated[int, msgspec.Meta(ge=1, le=99)] = 5
     """Window of the median filter, in readings."""
     path: str = "sensor/height"
-    """Board of the height."""
+    """Board on which the height above the ground is published."""
 
 
 class PilotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -174,11 +174,11 @@ class PilotSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     dead_band_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.05
     """Deflection of a stick that counts as its centre."""
     speed_m_s: StickLimit = 3.0
-    """Speed at full deflection."""
+    """Horizontal speed at full deflection of the stick."""
     climb_m_s: StickLimit = 1.5
-    """Climb rate at full deflection."""
+    """Climb rate at full deflection of the stick."""
     turn_rad_s: StickLimit = 1.0
-    """Yaw rate at full deflection."""
+    """Yaw rate at full deflection of the stick."""
 
 
 class CrsfDriver(PilotSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -201,9 +201,9 @@ class SerialChassisDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     """Driver `serial_chassis`: a chassis on a serial line."""
 
     device: str = "/dev/ttyACM0"
-    """Device file of the line."""
+    """Device file of the serial line."""
     baud: int = 115_200
-    """Rate of the line."""
+    """Bit rate of the serial line."""
 
 
 class AnalogueChannel(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -212,22 +212,22 @@ class AnalogueChannel(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
     """Number of the input at the converter."""
     path: str
-    """Board of its values."""
+    """Board on which the values of the input are published."""
     per_volt: float = 1.0
     """Value that one volt at the input stands for, such as 10 behind a divider of 1:10."""
     unit: str = "V"
-    """Unit of the value."""
+    """Unit of the published value."""
 
 
 class AdcDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Driver `adc`: analogue inputs by the industrial I/O of Linux."""
 
     device: str = "/sys/bus/iio/devices/iio:device0"
-    """Folder of the converter."""
+    """Folder of the converter in sysfs."""
     rate_hz: Rate = 10.0
     """Rate at which all channels are read."""
     channels: tuple[AnalogueChannel, ...] = ()
-    """Inputs that are published."""
+    """Inputs of the converter that are published."""
 
 
 class CameraDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -248,7 +248,7 @@ class CameraDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     quality: Annotated[int, msgspec.Meta(ge=1, le=100)] = 80
     """Quality of images that this driver compresses to JPEG."""
     path: str = "sensor/camera"
-    """Stream of the images."""
+    """Stream on which the images are published."""
 
 
 class Bmp280Driver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -261,11 +261,11 @@ class Bmp280Driver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     address: Annotated[int, msgspec.Meta(ge=0x08, le=0x77)] = 0x76
     """Address on I2C, 0x76, or 0x77 if the pin SDO is high."""
     speed_hz: SpiSpeed = 1_000_000
-    """Clock frequency on SPI."""
+    """Clock frequency of the bus on SPI."""
     rate_hz: Annotated[float, msgspec.Meta(gt=0, le=23)] = 10.0
     """Rate of readings; the chip measures 23 times a second."""
     path: str = "sensor/barometer"
-    """Board of the measurements."""
+    """Board on which the measurements are published."""
 
 
 class InvensenseDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -280,18 +280,18 @@ class InvensenseDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     speed_hz: SpiSpeed = 1_000_000
     """Clock frequency on SPI; the registers of the oldest of these chips allow at most 1 MHz."""
     rate_hz: Rate = 100.0
-    """Rate of readings."""
+    """Rate at which the chip is read."""
     axes: tuple[Axis, Axis, Axis] = ("x", "y", "z")
     """Axes of the chip that point forward, left and up, with `-` for an axis in the opposite direction."""
     path: str = "sensor/imu"
-    """Board of the measurements."""
+    """Board on which the measurements are published."""
 
 
 class ServoOutput(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One output of pulses, for a servo or a motor controller."""
 
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
-    """Number of the channel of the chip."""
+    """Number of the PWM channel at the chip."""
     path: str
     """Board of the set-points, -1 to 1."""
     center_us: PulseWidth = 1500.0
@@ -308,20 +308,20 @@ class ServoDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Driver `servo`: pulse outputs by the PWM of Linux."""
 
     device: str = "/sys/class/pwm/pwmchip0"
-    """Folder of the chip."""
+    """Folder of the PWM chip in sysfs."""
     rate_hz: Annotated[float, msgspec.Meta(ge=10, le=400)] = 50.0
     """Pulses per second of all outputs; analogue servos accept 50."""
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
     """Age of a set-point above which its output goes to the safe width."""
     outputs: tuple[ServoOutput, ...] = ()
-    """Outputs of the driver."""
+    """Outputs that the driver serves."""
 
 
 class MotorPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One motor controller that is set by the width of pulses."""
 
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
-    """Number of the channel of the chip."""
+    """Number of the PWM channel at the chip."""
     stop_us: PulseWidth = 1000.0
     """Pulse width at which the motor is stopped."""
     full_us: PulseWidth = 2000.0
@@ -336,7 +336,7 @@ class ServoPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     """One servo of an airframe, with its pulse widths."""
 
     channel: Annotated[int, msgspec.Meta(ge=0, le=255)]
-    """Number of the channel of the chip."""
+    """Number of the PWM channel at the chip."""
     center_us: PulseWidth = 1500.0
     """Pulse width at the centre of the servo."""
     range_us: Annotated[float, msgspec.Meta(ge=-1500, le=1500)] = 500.0
@@ -355,13 +355,13 @@ class PwmFlightDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """
 
     device: str = "/sys/class/pwm/pwmchip0"
-    """Folder of the chip."""
+    """Folder of the PWM chip in sysfs."""
     pulses_hz: Annotated[float, msgspec.Meta(ge=10, le=490)] = 400.0
     """Pulses per second of all outputs: 400 for motor controllers, 50 for analogue servos."""
     imu: str = "sensor/imu_raw"
     """Board of the inertial unit's samples, whose mean is published in `sensor/imu`."""
     imu_hz: Rate = 20.0
-    """Rate of `sensor/imu`."""
+    """Rate at which `sensor/imu` is published."""
     motors: tuple[MotorPulse, ...] = ()
     """Motors in the order of the airframe."""
     servos: tuple[ServoPulse, ...] = ()
@@ -397,7 +397,7 @@ class VescDriver(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     watchdog_s: Annotated[float, msgspec.Meta(ge=0.1, le=60)] = 0.5
     """Age of a set-point above which its motor gets no current."""
     motors: tuple[VescMotor, ...] = ()
-    """Motors of the driver."""
+    """Motors that the driver serves."""
 
 
 class RecognitionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

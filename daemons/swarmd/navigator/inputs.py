@@ -82,7 +82,7 @@ class StateInputs:
         self._control = Fresh(m.reader("control/state", ControlState))
 
     def feed(self, core: TakesState) -> None:
-        """Passes new values on."""
+        """Passes new values on to the core."""
         if (vehicle := self._vehicle.take()) is not None:
             core.on_vehicle(vehicle)
         if (control := self._control.take()) is not None:
@@ -104,7 +104,7 @@ class SensorInputs:
         return self._imu.reader
 
     def feed(self, core: TakesSensors, now_ns: int) -> None:
-        """Passes new values on."""
+        """Passes new values on to the core."""
         if (fix := self._gnss.take()) is not None:
             core.on_gnss(fix, self._gnss.stamp_ns(now_ns))
         if (imu := self._imu.take()) is not None:

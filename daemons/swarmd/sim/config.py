@@ -30,9 +30,9 @@ class GroundLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     radius_m: Positive = 0.35
     """Radius of the circle around the vehicle."""
     power_w: Power = 15.0
-    """Power at rest."""
+    """Electric power of a vehicle at rest, in W."""
     power_per_m_s_w: Power = 40.0
-    """Additional power per m/s."""
+    """Electric power in addition to the power at rest, in W per m/s of speed."""
 
 
 class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -57,9 +57,9 @@ class SurfaceLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     radius_m: Positive = 0.45
     """Radius of the circle around the vessel."""
     power_w: Power = 12.0
-    """Power at rest."""
+    """Electric power of a vehicle at rest, in W."""
     power_per_m3_s3_w: Power = 20.0
-    """Additional power per (m/s)³."""
+    """Electric power in addition to the power at rest, in W per (m/s)³ of speed."""
 
 
 class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -84,16 +84,16 @@ class MultirotorLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     hard_landing_m_s: Positive = 1.5
     """Vertical speed at touch-down above which a landing is a collision."""
     power_w: Power = 180.0
-    """Power in hover."""
+    """Electric power in hover, in W."""
     power_per_m_s_w: Power = 12.0
-    """Additional power per m/s."""
+    """Electric power in addition to the power in hover, in W per m/s of speed."""
 
 
 class SensorsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rates and errors of the sensors; the defaults describe an RTK receiver and a MEMS inertial unit."""
 
     gnss_hz: Rate = 10.0
-    """Rate of fixes."""
+    """Rate of the satellite fixes."""
     gnss_sigma_m: Sigma = 0.02
     """White noise of the horizontal position; the noise of the height is 1.5 times as large."""
     gnss_bias_sigma_m: Sigma = 0.03

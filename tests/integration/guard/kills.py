@@ -1,4 +1,5 @@
-"""Kills daemons of a node together, or damages what they share, again and again; seconds until it is whole.
+"""Kills daemons of a node together, or damages their shared files, repeatedly; measures the time until it is
+whole.
 
 `python -m tests.integration.guard.kills --count 200 --seed 7` prints the distribution; exit code 1 when a
 trial took longer than the limit, or the node did not come back. The log of a slow trial is printed.

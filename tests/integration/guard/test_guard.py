@@ -53,7 +53,7 @@ async def back(run_dir: Path, name: str, old: int) -> float:
 
 @asynccontextmanager
 async def guarded(root: Path, **services: Any) -> AsyncIterator[Path]:
-    """A per-daemon node, all of its services running; stopped by SIGTERM to its guard, whoever started that.
+    """A per-daemon node, all of its services running; stopped by SIGTERM to its guard.
 
     Yields: its configuration folder. Raises: AssertionError when something is left.
     """

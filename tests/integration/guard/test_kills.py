@@ -1,4 +1,4 @@
-"""A handful of the trials of `kills.py` and `steady_kills.py`; many are made by running those files."""
+"""A few trials of `kills.py` and `steady_kills.py`; running these files makes many trials."""
 
 import asyncio
 from pathlib import Path

@@ -47,7 +47,7 @@ async def ask(m: Module, event: DriveEvent, *, take: bool = False) -> ControlSta
 async def send_until(
     m: Module, setpoint: Setpoint, board: BoardReader[T], right: Callable[[T], bool]
 ) -> None:
-    """Sends a manual set-point at 10 Hz until the vehicle is seen to do it."""
+    """Sends a manual set-point at 10 Hz until the vehicle follows it."""
     delivered = 0
     async with asyncio.timeout(PATIENCE_S):
         async for _ in m.every(0.1):

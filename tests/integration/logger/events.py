@@ -1,4 +1,4 @@
-"""What tests of the logger share: events in a database, and the state of its upload."""
+"""Common parts of the logger's tests: events in a database, and the state of the upload."""
 
 import asyncio
 import contextlib
@@ -20,7 +20,7 @@ CHECK = "logger/mongodb"
 
 
 async def fault(module: Module) -> Fault:
-    """What the monitor shows of the database, as soon as it does."""
+    """Waits for the monitor's check of the database; returns its state."""
     async with asyncio.timeout(PATIENCE_S):
         while True:
             with contextlib.suppress(SwarmError):  # the monitor may still start

@@ -1,4 +1,5 @@
-"""The master role between real processes: killed, taken over, given back; nobody else notices."""
+"""The master role between real processes: killed, taken over and returned, without effects on other
+processes."""
 
 import asyncio
 import contextlib

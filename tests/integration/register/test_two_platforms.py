@@ -19,7 +19,7 @@ FORGET_S = 1.0
 
 
 async def known(at: Platform) -> dict[str, set[str]]:
-    """Applications by platform, as the register of that node knows them."""
+    """Applications by platform, from the register of a node."""
     found = await at.probe.request("sys/register/apps", Empty(), Register, timeout_s=PATIENCE_S)
     return {unit.table.platform: {app.name for app in unit.table.applications} for unit in found.units}
 

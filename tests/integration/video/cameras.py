@@ -46,5 +46,5 @@ async def sessions(station: Station, path: str = "sys/video/ls") -> tuple[VideoS
 async def until(
     station: Station, what: Callable[[tuple[VideoSession, ...]], bool]
 ) -> tuple[VideoSession, ...]:
-    """The sessions of a node when they are so; asked for at each beat."""
+    """Waits until the sessions of a node fulfil a condition; requests them once a second."""
     return await until_answer(lambda: sessions(station), what)

@@ -1,4 +1,4 @@
-"""Standard receivers, the programs of FFmpeg and GStreamer, show what the daemon sends as RTP."""
+"""FFmpeg and GStreamer, as standard receivers, show the RTP of the daemon."""
 
 import asyncio
 import shlex

@@ -23,7 +23,7 @@ RARELY_DEG = 1.0
 
 
 class HoverFigures(msgspec.Struct, frozen=True):
-    """True attitude and place of one hover; angles are the larger of roll and pitch."""
+    """True attitude and position of one hover; each angle is the larger of roll and pitch."""
 
     airframe: str
     seed: int

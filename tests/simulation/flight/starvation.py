@@ -40,7 +40,7 @@ WATCHED_S = 6.0
 
 
 class StarvedFlight(Flight):
-    """A flight whose parts see only what is newest on a board when they are awake."""
+    """A flight whose parts read the newest values of boards, and only while they are not paused."""
 
     def __init__(self, airframe: str, seed: int, config: SimConfig | None = None) -> None:
         super().__init__(airframe, seed, config)
@@ -84,7 +84,7 @@ class StarvedFlight(Flight):
             self.until_ns[part] = self.now_ns + round(duration_s * 1e9)
 
     def restart_hal(self, away_s: float) -> None:
-        """Kills the flight controller; another process begins later with what is on the boards."""
+        """Kills the flight controller; a new process continues later from the boards."""
         self.pause(("hal",), away_s)
         imu, stamp_ns = self.boards["imu_mean"]
         pose: Pose = self.boards["pose"][0]

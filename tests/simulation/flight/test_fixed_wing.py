@@ -116,7 +116,7 @@ def test_hold_is_a_circle_that_begins_where_it_is() -> None:
 
 
 def test_without_a_velocity_the_flight_controller_alone_keeps_it_in_a_circle() -> None:
-    """What the vehicle does when the navigator is gone: the fail-safe commands zero velocity."""
+    """Without a navigator the fail-safe commands zero velocity, and the aircraft circles."""
     flight = launched(3)
     flight.commands = lambda _: Setpoint(0.0)
     flight.run(10.0)

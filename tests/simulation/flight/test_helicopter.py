@@ -61,7 +61,7 @@ def test_killed_in_the_air_it_falls() -> None:
 
 
 def test_without_outputs_its_rotor_stops() -> None:
-    """Servos hold their place in a real one; the rotor is what the motor controller stops."""
+    """The servos of a real helicopter hold their position; the motor controller stops the rotor only."""
     flight = risen("helicopter", 5)
 
     def silent(flight: Flight) -> None:

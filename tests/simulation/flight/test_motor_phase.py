@@ -53,7 +53,7 @@ class PulsedFlight(Flight):
         return refused
 
     def _inform(self, armed: bool, landed: bool) -> None:
-        """What the body knows of itself is not used: no firmware reports it."""
+        """The state of the simulated body is not used, because no firmware reports it."""
         report = self.switch.report
         self.core.on_vehicle(armed=report.armed, landed=report.landed)
         self.navigator.on_vehicle(VehicleState(report.armed, report.landed))

@@ -1,4 +1,4 @@
-"""Pauses of the processes of a flying vehicle, alone and together, in gusts: what is lost, and how it ends
+"""Pauses of the processes of a flying vehicle, alone and together, in gusts: loss of height and outcome
 (ADR 69).
 
 `python -m tests.simulation.flight.starvation` prints the figures by the length of the pause.
@@ -162,7 +162,7 @@ def test_a_loop_that_is_late_again_and_again_keeps_it_in_the_air(
 
 
 def test_outputs_that_are_not_held_would_have_lost_it() -> None:
-    """What the setting is for: the same pause with motors that stop at once."""
+    """Counter-example for the setting: the same pause with motors that stop at once."""
 
     def lost_m(held_s: float) -> float:
         flight = hovering("quad_1k5", 3)

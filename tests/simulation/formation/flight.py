@@ -36,7 +36,7 @@ def world(name: str = "formation") -> World:
 
 
 class Vehicle:
-    """One platform: simulation, navigator, and what a node does between them."""
+    """One platform with simulation, navigator, and the exchange of a node between them."""
 
     def __init__(self, name: str, kind: str, number: int, where: World, seed: int, radio: "Radio") -> None:
         self.name, self.kind = name, kind

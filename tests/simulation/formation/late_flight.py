@@ -19,7 +19,8 @@ PERIOD_NS = 50_000_000
 
 
 class LateVehicle(Vehicle):
-    """One platform whose services share an event loop: one reads what another wrote now, or a turn later."""
+    """One platform whose services share an event loop, so that values are read in the same turn or a turn
+    later."""
 
     def slow_down(self, turn_s: float, seed: int) -> None:
         self._turns = random.Random(f"turns {seed} {self.name}")

@@ -1,4 +1,4 @@
-"""A swarm that stands still is quiet on the air, and the first motion is heard at once: navigators with noisy
+"""A swarm at rest sends little, and its first motion is received at once: navigators with noisy
 sensors, cores and drivers as in the daemons, datagrams encoded as on the wire, in virtual time."""
 
 from typing import Final
@@ -35,7 +35,7 @@ LOSS: Final = 0.01
 
 
 class Platform:
-    """What of one platform has a say in how often it sends: vehicle, navigator, broker."""
+    """The parts of one platform that determine its sending rate: vehicle, navigator, broker."""
 
     def __init__(self, air: VirtualSwarm[str], index: int, names: list[str]) -> None:
         self.air = air
@@ -104,7 +104,7 @@ class Platform:
         boards[BATTERY.data_id].put(b"%d" % now_ns, False, now_ns)
 
     def arm(self) -> None:
-        """The motors run, and the driver of the vehicle knows."""
+        """Starts the motors, and reports it to the vehicle's driver."""
         self.simulated.feed(self.vehicle.on_order(ChassisOrder(1, ChassisAction.ARM), self.air.now_ns))
 
     def links_up(self) -> list[str]:

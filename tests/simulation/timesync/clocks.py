@@ -38,7 +38,7 @@ def wifi(random: Random, back: bool) -> float:
 class Quartz:
     """A clock with an offset, a drift that wanders, and steps.
 
-    `swing`: amplitude and period in s of what temperature does to the drift.
+    `swing`: amplitude of the drift's change by temperature, and its period in s.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ def whole_us(stamp_ns: int) -> int:
 
 
 class Result(NamedTuple):
-    """What became of one run: (true time, error in µs, within the bound) at each received packet."""
+    """Result of one run: true time, error in µs, and True within the bound, at each received packet."""
 
     errors: list[tuple[float, float, bool]]
     first_s: float

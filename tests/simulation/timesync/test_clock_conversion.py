@@ -77,7 +77,7 @@ def test_no_run_without_a_step_sees_one() -> None:
 
 
 class Node:
-    """A clock and the core that measures the others from it."""
+    """A clock, and the core that measures other clocks with it."""
 
     def __init__(self, name: str, hardware: int, random: Random) -> None:
         self.name = name

@@ -1,4 +1,5 @@
-"""Functions over relays: renewed while there is a way, replaced by measured ones, gone with the way."""
+"""Functions over relays: renewed while there is a route, replaced by measured functions, removed with the
+route."""
 
 from itertools import pairwise
 from random import Random
@@ -28,7 +29,7 @@ class Node:
 
 
 class Chain:
-    """Nodes in a row; each hears its neighbours, and asks those on the way to far nodes every ten seconds."""
+    """Nodes in a row, which receive their neighbours, and request functions on routes every ten seconds."""
 
     def __init__(self, seed: int, length: int) -> None:
         self.random = Random(seed)
@@ -93,7 +94,7 @@ class Chain:
         ]
 
     def function(self, of: int) -> Conversion | None:
-        """What the first node has published of it."""
+        """The function of node `of` that the first node has published."""
         return self.nodes[0].board.of(f"n{of}")
 
     def inside(self, of: int) -> bool:

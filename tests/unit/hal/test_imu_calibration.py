@@ -1,4 +1,4 @@
-"""Corrections of inertial units from samples at rest: bias, scale, mounting, heading, and what is refused."""
+"""Corrections of inertial units from samples at rest: bias, scale, mounting, heading, and refusals."""
 
 import math
 import random

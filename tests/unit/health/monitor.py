@@ -17,7 +17,7 @@ SECOND = 1_000_000_000
 
 
 class Monitor:
-    """A monitor whose changes of faults are kept until they are asked for."""
+    """A monitor whose changes of faults are collected for the test."""
 
     def __init__(self, **changes: Any) -> None:
         numbers: dict[str, Any] = {"grace_s": 10.0, "clear_s": 5.0, "hung_s": 4.0}

@@ -28,7 +28,7 @@ Way = Callable[[float], tuple[float, float, float]]
 
 
 def measured(sensors: SensorErrors, pose: Pose, acceleration: tuple[float, float, float]) -> Imu:
-    """What the inertial unit of a level body measures."""
+    """Inertial sample of a level body."""
     ahead, aside, up = acceleration
     return sensors.imu(pose, (0.0, 0.0, pose.wz_rad_s), (ahead, aside, up + GRAVITY_M_S2))
 

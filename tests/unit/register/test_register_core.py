@@ -85,7 +85,7 @@ def test_each_register_has_its_hops_and_its_age() -> None:
 
 
 class Register:
-    """A register in virtual time that sees these platforms and their tables."""
+    """A register in virtual time, with reachable platforms and their tables."""
 
     def __init__(self, restored: PartnerTable | None = None) -> None:
         self.time = VirtualTime()

@@ -1,4 +1,4 @@
-"""Services are found by entry point: what is not installed, or not a service, is refused by name."""
+"""Services are found by entry point; unknown names and other objects are refused with their names."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Errors that can be foreseen have one line; our own mistakes have none."""
+"""Texts of errors: one line for foreseen errors, none for mistakes in the program."""
 
 import errno
 

@@ -1,4 +1,4 @@
-"""H.264 in RTP: NAL units whole, together and in fragments, as RFC 6184 says; damage is refused."""
+"""H.264 in RTP: whole, aggregated and fragmented NAL units (RFC 6184); damaged payloads are refused."""
 
 from contextlib import suppress
 

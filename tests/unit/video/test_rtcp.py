@@ -1,4 +1,4 @@
-"""RTCP: reports as RFC 3550, 4585 and 8888 lay them out; what is cut or of another version is refused."""
+"""RTCP: the formats of RFC 3550, 4585 and 8888; truncated packets and other versions are refused."""
 
 from contextlib import suppress
 

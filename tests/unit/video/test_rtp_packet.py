@@ -1,4 +1,4 @@
-"""RTP packets: their bytes, what is refused, and sequence numbers beyond 16 bits."""
+"""RTP packets: format, refused packets, and sequence numbers beyond 16 bits."""
 
 from contextlib import suppress
 

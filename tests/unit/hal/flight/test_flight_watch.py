@@ -1,5 +1,4 @@
-"""Faults of a flight: what is late, tilted or touched, for how long it is stated, and with which freeze
-frame."""
+"""Faults of a flight in loop, tilt and contact: their duration and their freeze frames."""
 
 import pytest
 

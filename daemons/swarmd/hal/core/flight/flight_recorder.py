@@ -8,7 +8,7 @@ from swarmware.types.flight_record import FlightRecord, FlightRecordRow
 PERIOD_NS: Final = 50_000_000
 """Minimum time between two rows; 20 Hz resolve all motions of a vehicle of this size."""
 SPAN_NS: Final = 5_000_000_000
-"""Duration of a record."""
+"""Duration of a record, before and after a fault."""
 AFTER_NS: Final = 2_000_000_000
 """Time after a fault that the record includes, to show whether the vehicle recovers."""
 
