@@ -41,7 +41,8 @@ class ProcessSupervisor:
         return started.pid
 
     def watch(self, name: str, pid: int, started: int) -> bool:
-        """Watches the process by pidfd, which reports its end within milliseconds; False if it has ended."""
+        """Watches the process by pidfd, which reports its end within milliseconds; returns False if it has
+        ended."""
         if (known := self._children.pop(name, None)) is not None:
             known.close()
         process = self._started.pop(name, None)

@@ -29,7 +29,7 @@ def pose_writer(module: Module, config: Config) -> BoardWriter[Pose]:
 
 
 def delay_writer(module: Module, path: str) -> BoardWriter[InputDelays]:
-    """The writer of the delays of an input from another computer."""
+    """Creates the writer of the delays of an input from another computer."""
     return module.writer(
         path,
         InputDelays,

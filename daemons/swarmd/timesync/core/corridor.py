@@ -217,10 +217,10 @@ class Corridor:
         self._lower.add(time_s, difference_s, self.skew)
 
     def solve(self, now_s: float, *, search: bool = True) -> Estimate | None:
-        """The current line; None before both sides have a point.
+        """Computes the current line, or None before both sides have a point.
 
-        `search`: whether steps inside the corridor are searched; not needed without deviating exchanges.
-        Raises: NoLine when no line fits between the sides.
+        `search`: True to search for steps inside the corridor, which is needed only after deviating
+        exchanges. Raises: NoLine when no line fits between the sides.
         """
         self._upper.forget_before(now_s - self._window_s)
         self._lower.forget_before(now_s - self._window_s)
@@ -271,7 +271,7 @@ class Corridor:
         )
 
     def _forget_other_offset(self, now_s: float, upper: list[Point], lower: list[Point]) -> bool:
-        """Removes the points before a step that is smaller than the corridor; True when there were any.
+        """Removes the points before a step that is smaller than the corridor; returns True if it removed any.
 
         A line still fits between the two offsets, with an invalid bound until the window has passed. The
         evidence: since some instant one side is tighter than before, and the other looser by the same step.
