@@ -18,7 +18,7 @@ from swarmware.model.names import hardware_id
 def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
     ages_s: dict[int, list[float]] = defaultdict(list)
     bytes_s: list[float] = []
-    for seed in seeds(4, 5):
+    for seed in seeds(2, 5):
         air = Air(seed, count=16, degree=6.0, speed_m_s=5.0)
         air.run_for(4.0)
         warm_bytes = air.sent_bytes_all()
@@ -48,10 +48,10 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
 @pytest.mark.timeout(600)  # 15 s of an idle core
 def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby() -> None:
     air = Air(0, count=100, degree=9.0, speed_m_s=5.0)
-    air.fly(5.0, look=False)  # until all names are known
+    air.fly(4.0, look=False)  # until all names are known
     warm_bytes = air.sent_bytes_all()
-    air.fly(1.5, look=True)
-    per_node = (air.sent_bytes_all() - warm_bytes) / 100 / 1.5
+    air.fly(1.0, look=True)
+    per_node = (air.sent_bytes_all() - warm_bytes) / 100 / 1.0
     assert per_node <= 7200, "bytes per node and second"
     assert np.quantile(np.array(air.ages_s[1]), 0.95) <= 0.15
     assert np.quantile(np.array(air.ages_s[2]), 0.95) <= 0.32
