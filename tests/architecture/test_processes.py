@@ -10,15 +10,15 @@ ROOT: Final = Path(__file__).parents[2]
 PROC: Final = {
     "lib/swarmware/runtime/start_ticks.py": "field 22 of /proc/PID/stat: psutil gives wall clock times",
     "lib/swarmware/service/realtime.py": "the capabilities of this process, which psutil does not have",
-    "lib/swarmware/service/fork_client.py": "the own network namespace, which psutil does not have",
+    "lib/swarmware/service/fork.py": "the own network namespace, which psutil does not have",
     "lib/swarmware/service/status.py": "own memory, once a second, in daemons without psutil",
     "lib/swarmware/transport/shm/owner.py": "the boot id, which psutil does not have",
     "lib/swarmware/testing/leaks.py": "descriptors and children of a thread, not in psutil",
     "daemons/swarmd/hal/drivers/computer.py": "load of the computer, in each node: psutil costs a megabyte",
     "lib/swarmware/runtime/processor.py": "use of all processors, in each node: psutil costs a megabyte",
     "daemons/swarmd/guard/priorities.py": "the own capabilities, which psutil does not have",
-    "daemons/swarmd/fork_server.py": "own threads and command line, before anything is imported",
-    "daemons/swarmd/broker/links/zmq_socket.py": "the thread ids of libzmq, to set their priority",
+    "daemons/swarmd/forkserver.py": "own threads and command line, before anything is imported",
+    "daemons/swarmd/broker/sockets/zmq/zmq_socket.py": "the thread ids of libzmq, to set their priority",
     "cli/swarmlab/measure/host.py": "the model of the processor, which psutil does not have",
     "cli/swarmlab/radio/namespace.py": "network namespaces and own capabilities, which psutil does not have",
 }

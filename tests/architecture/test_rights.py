@@ -101,9 +101,9 @@ DOORS = {
     "_message_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
     "_request_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
     "_datagram_handlers": {"lib/swarmware/transport/messaging/endpoint.py"},
-    "deliver": {"daemons/swarmd/broker/frame_delivery.py"},
+    "deliver": {"daemons/swarmd/broker/exchange/frame_delivery.py"},
     "with_sender": {
-        "daemons/swarmd/broker/core/admission/access_filter.py",
+        "daemons/swarmd/broker/core/membership/access_filter.py",
         "lib/swarmware/transport/messaging/endpoint.py",
     },
 }

@@ -30,18 +30,17 @@ import uvloop
 from rows import REFUSED, Bare
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.admission.own_signatures import OwnSignatures
-from swarmd.broker.core.admission.sessions import Sessions
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode
-from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
+from swarmd.broker.core.beacon.parts.beacon_signature import PART_BYTES
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.membership.sessions import Sessions
+from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
+from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.former_session import FormerSession
-from swarmd.broker.service import Broker
-from swarmd.broker.shell import BrokerShell
+from swarmd.broker.records.former_session import FormerSession
+from swarmd.broker.service import Broker, BrokerShell
 from swarmware.model.clock import Clock
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.module import Module

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from swarmd.broker.core.admission.origins import answer_to
-from swarmd.broker.core.forwarding.end_to_end import EndToEnd
+from swarmd.broker.core.frames.end_to_end import EndToEnd
+from swarmd.broker.core.membership.origins import answer_to
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.delivery.answer import with_lifetime

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.admission.access_filter import UNKNOWN, AccessFilter
+from swarmd.broker.core.membership.access_filter import UNKNOWN, AccessFilter
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
 from swarmware.model.frame import ADDRESSED, Flag, Frame, FrameKind

@@ -29,7 +29,6 @@ class OutputBoards:
             ActuatorOutput(one.path, watchdog_s, needs_arming=one.needs_arming) for one in settings
         ]
         self._vehicle: BoardReader[VehicleState] | None = None
-        # the state of the vehicle is read only if an output depends on it
         if any(one.needs_arming for one in settings):
             self._vehicle = module.reader("vehicle/state", VehicleState)
 

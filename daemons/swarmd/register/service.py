@@ -42,7 +42,6 @@ class Registrar(Service):
         node = module.node.config
         self._routes = module.reader("net/routes", Routes)
         patterns = [f"{node.platform}.*"]
-        # the main computer publishes under the platform's name as well
         if node.unit != names.MAIN:
             patterns.append(f"{node.platform}.{names.MAIN}")
         if config.partners:
@@ -60,7 +59,6 @@ class Registrar(Service):
             link="request",
             description="Other computers and their applications",
         )
-        # the next process of the register continues with this board
         self._partners.durable = True
         self._applications = HeldCondition(
             self.health, "applications", "Application files of this node, and the addresses that they claim"
@@ -92,7 +90,7 @@ class Registrar(Service):
     async def run(self) -> None:
         """Holds the master role and keeps the tables of other computers until cancelled."""
         module = self.module
-        module.node.master.on_invalid_files = self._on_invalid_files
+        module.node.master.on_misfits = self._on_misfits
         module.node.master.volunteer(module.id)
         try:
             async with asyncio.TaskGroup() as group:
@@ -100,14 +98,14 @@ class Registrar(Service):
                 for tables in self._tables:
                     group.create_task(self._follow(tables), name=f"register: {tables.pattern}")
         finally:
-            module.node.master.on_invalid_files = None
+            module.node.master.on_misfits = None
             self._applications.close()
             module.node.master.step_back()
 
-    def _on_invalid_files(self, invalid_files: tuple[str, ...]) -> None:
+    def _on_misfits(self, misfits: tuple[str, ...]) -> None:
         """Reports the invalid application files of this node as a fault."""
-        if invalid_files:
-            self._applications.raise_fault("refused", "warn", "; ".join(invalid_files))
+        if misfits:
+            self._applications.raise_fault("refused", "warn", "; ".join(misfits))
         else:
             self._applications.clear()
 

@@ -20,7 +20,6 @@ class ChassisPort:
 
     def serve(self) -> None:
         """Starts to execute orders."""
-        # a task and not the timer of the core, because a kill must act at once
         self._module.start(self._follow(), "orders to the chassis")
 
     async def _follow(self) -> None:

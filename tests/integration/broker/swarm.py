@@ -13,7 +13,7 @@ from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.config import Config
-from swarmd.broker.former_session import FormerSession
+from swarmd.broker.records.former_session import FormerSession
 from swarmd.broker.service import Broker
 from swarmware.model.config import load_service
 from swarmware.model.frame import Frame

@@ -15,10 +15,9 @@ from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
+from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, OutgoingBeacon, PlatformCode
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, ReceivedBeacon
 from swarmd.broker.core.broker import BrokerCore
-from swarmd.broker.core.received_beacon import ReceivedBeacon
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.module.stream import StreamReader

@@ -13,8 +13,8 @@ from tests.integration.broker.hostile import found_by_doctor
 from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 
-from swarmd.broker.core.beacon.beacon import RelayedValue
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
+from swarmd.broker.core.beacon.beacon import OutgoingBeacon, RelayedValue
+from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmware.model.names import data_id, hardware_id
 from swarmware.module.board import BoardReader
 from swarmware.types.net import Denial

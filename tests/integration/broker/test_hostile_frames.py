@@ -14,9 +14,9 @@ from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmd.broker.core.media.medium_table import Use
-from swarmd.broker.links.frame_datagrams import FrameDatagrams
-from swarmd.broker.links.zmq_links import LinkPeer, ZmqLinks
+from swarmd.broker.core.swarm.media.medium_table import Use
+from swarmd.broker.exchange.frame_datagrams import FrameDatagrams
+from swarmd.broker.exchange.zmq_links import LinkPeer, ZmqLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.delivery import signature

@@ -11,7 +11,7 @@ from tests.integration.broker.swarm import on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmd.broker.links.metrics_server import CONNECTIONS_MAX
+from swarmd.broker.records.metrics_server import CONNECTIONS_MAX
 from swarmware.errors import ConfigError
 
 

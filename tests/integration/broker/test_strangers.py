@@ -16,7 +16,7 @@ from tests.ports import free_port
 from swarmctl.commands.doctor.broker_checks import foreign
 from swarmctl.commands.doctor.node_findings import LINK_NS
 from swarmd.broker.config import Config
-from swarmd.broker.links.tcp_count import HALF_OPEN_MAX
+from swarmd.broker.sockets.zmq.tcp_count import HALF_OPEN_MAX
 from swarmware.errors import Denied
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id

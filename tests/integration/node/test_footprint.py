@@ -23,11 +23,16 @@ HEAVY: Final = {
 }
 """None of these is of use to a running node."""
 UNUSED: Final = {
-    *("pty", "statistics", "swarmd.broker.core.metrics_page", "swarmd.broker.core.reliable.reliable_link"),
     *(
-        "swarmd.broker.links.metrics_server",
-        "swarmd.broker.links.serial_medium",
-        "swarmd.broker.links.unit_delay",
+        "pty",
+        "statistics",
+        "swarmd.broker.core.reports.metrics_page",
+        "swarmd.broker.core.frames.reliable.reliable_link",
+    ),
+    *(
+        "swarmd.broker.records.metrics_server",
+        "swarmd.broker.sockets.serial_medium",
+        "swarmd.broker.exchange.unit_delay",
     ),
     *("swarmd.guard.priorities", "swarmd.guard.process_supervisor", "swarmd.hal.hotplug"),
     *("swarmd.logger.log_forwarder", "swarmd.navigator.core.air_controller", "swarmd.sim.core.multirotor"),
@@ -72,7 +77,7 @@ async def test_a_node_loads_no_plotting_database_tls_or_mail_and_stays_small(tmp
     config = make_node(tmp_path, kind="ugv", services={name: {} for name in SERVICES})
     async with spawn(config, *SERVICES, env={"PYTHONPROFILEIMPORTTIME": "1"} | WRITES_NO_BYTECODE) as process:
         loaded = imported(process.stderr())
-        assert {"asyncio", "zmq", "swarmd.broker.shell", "swarmd.navigator.core.dwa"} <= loaded
+        assert {"asyncio", "zmq", "swarmd.broker.service", "swarmd.navigator.core.dwa"} <= loaded
         assert loaded & (HEAVY | UNUSED) == set()
         assert not {name for name in mapped(process.pid) if LIBRARIES.search(name)}
         assert {entry.pid for entry in scan(tmp_path / "uav1/run")} == {process.pid}

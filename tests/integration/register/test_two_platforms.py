@@ -1,5 +1,4 @@
-"""Exchange of registers between platforms: reachable platforms stay, and returning platforms are known
-again."""
+"""Registers are exchanged between platforms; who lives is not forgotten, who comes back is known again."""
 
 import asyncio
 from collections.abc import Callable

@@ -7,18 +7,18 @@ from functools import lru_cache, partial
 from typing import Final
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action, PollInputs, SendBeacon, WriteMirrors
-from swarmd.broker.core.admission.roster_exchange import RosterExchange, SendRoster
-from swarmd.broker.core.admission.signing_keys import SigningKeys
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
+from swarmd.broker.core.beacon.declared_period import FormerState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
+from swarmd.broker.core.boards.board_action import WriteMirrors
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.broker import BrokerCore
-from swarmd.broker.core.former_state import FormerState
-from swarmd.broker.core.topology.link import LinkChanged, LinkState
-from swarmd.broker.core.topology.routing_table import RouteChanged
+from swarmd.broker.core.broker import Action, BrokerCore, PollInputs, SendBeacon
+from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange, SendRoster
+from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
+from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
+from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id

@@ -22,14 +22,14 @@ from tests.simulation.directory.brokers import (
     header_of,
 )
 
-from swarmd.broker.core.action import SendBeacon
-from swarmd.broker.core.admission.sessions import Sessions
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Beacon, BoardValue, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.topology.link import LinkChanged
-from swarmd.broker.core.topology.neighbour import LISTING_NS
-from swarmd.broker.core.topology.neighbour_table import LISTING_EACH_NS, NeighbourTable
+from swarmd.broker.core.broker import SendBeacon
+from swarmd.broker.core.membership.sessions import Sessions
+from swarmd.broker.core.swarm.neighbours.link import LinkChanged
+from swarmd.broker.core.swarm.neighbours.neighbour import LISTING_NS
+from swarmd.broker.core.swarm.neighbours.neighbour_table import LISTING_EACH_NS, NeighbourTable
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, LinkStatus, TreePlan

@@ -8,9 +8,9 @@ from tests.simulation.directory.brokers import BrokerNode
 from tests.simulation.directory.radios import RadioSwarm, Ratios
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.former_state import FormerState
-from swarmd.broker.core.topology.neighbour import notice_ns
-from swarmd.broker.core.topology.routing_table import RouteChanged
+from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.swarm.neighbours.neighbour import notice_ns
+from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock
 from swarmware.types.net import BoardPublication, TreePlan

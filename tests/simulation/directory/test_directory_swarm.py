@@ -17,7 +17,7 @@ import pytest
 from tests.simulation.directory.swarm import SECOND, Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.former_state import FormerState
+from swarmd.broker.core.beacon.declared_period import FormerState
 
 CHURN_S: Final = (0.5, 1.25)
 """Virtual time in which nodes move and crash; the last ones start again a second later."""

@@ -8,9 +8,9 @@ from tests.simulation.directory.air import POSE, Air
 from tests.simulation.directory.brokers import datagram, header_of
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.action import ReportImpersonation
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header
 from swarmd.broker.core.boards.relay_cache import RemoteValue
+from swarmd.broker.core.membership.sessions import ReportImpersonation
 from swarmware.types.net import BoardSubscription
 from swarmware.types.vehicle import Pose
 

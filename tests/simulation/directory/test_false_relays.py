@@ -10,11 +10,10 @@ from tests.simulation.directory.air import POSE, Air
 from tests.simulation.directory.brokers import BrokerNode
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.action import ReportUnsignedValues
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, RelayedValue
-from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
-from swarmd.broker.core.beacon_protocol import OutgoingBeacon
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, OutgoingBeacon, RelayedValue
+from swarmd.broker.core.beacon.parts.beacon_signature import PART_BYTES
+from swarmd.broker.core.boards.board_action import ReportUnsignedValues
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription

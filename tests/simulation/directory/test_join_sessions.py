@@ -13,11 +13,13 @@ import pytest
 from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys, beacon_of, datagram, header_of
 from tests.simulation.seeds import cases
 
-from swarmd.broker.core.action import Action, PublishTables, WriteStructure
-from swarmd.broker.core.beacon import session_checks
 from swarmd.broker.core.beacon.beacon import Beacon, Header
-from swarmd.broker.core.beacon.structure_parts import StructurePart, question_bytes, structure_bytes
-from swarmd.broker.core.topology.link import LinkState
+from swarmd.broker.core.beacon.parts import session_checks
+from swarmd.broker.core.beacon.parts.structure_parts import StructurePart, question_bytes, structure_bytes
+from swarmd.broker.core.boards.board_action import WriteStructure
+from swarmd.broker.core.broker import Action
+from swarmd.broker.core.reports.report import PublishTables
+from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action as TreeAction
 from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify

@@ -19,10 +19,10 @@ from tests.simulation.directory.swarm import PLAN, SECOND, write_pose
 from tests.simulation.seeds import seeds
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.admission import roster_update
-from swarmd.broker.core.admission.roster_exchange import SendRoster
-from swarmd.broker.core.admission.roster_update import RosterUpdate
-from swarmd.broker.core.topology.link import LinkState
+from swarmd.broker.core.membership.roster import roster_update
+from swarmd.broker.core.membership.roster.roster_exchange import SendRoster
+from swarmd.broker.core.membership.roster.roster_update import RosterUpdate
+from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmware.model.names import hardware_id
 from swarmware.testing.virtual import VirtualClock
 from swarmware.transport.security.keys import GROUP_KEY, Keys, read_group_key

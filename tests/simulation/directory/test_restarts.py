@@ -15,9 +15,9 @@ from tests.simulation.directory.brokers import BrokerNode, header_of
 from tests.simulation.directory.swarm import SECOND, Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.former_state import FormerState
-from swarmd.broker.core.topology.link import LinkState
-from swarmd.broker.former_session import FormerSession
+from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.records.former_session import FormerSession
 
 SEEDS: Final = seeds(1, 6)
 NODES: Final = 25

@@ -11,7 +11,7 @@ from tests.simulation.directory.flight import Outages
 from tests.simulation.directory.storm import Storm
 from tests.simulation.directory.swarm import Swarm
 
-from swarmd.broker.core.topology.routing_table import RouteChanged
+from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 
 PAGE: Final = Path(__file__).parents[3] / "share/doc/scale.md"
 ROW: Final = re.compile(r"^\| (\d+)\b.*\| `([a-z]+ [^`]*)` \|$", re.MULTILINE)

@@ -5,11 +5,11 @@ from functools import partial
 from tests.simulation.reliable.radio_link import MS, SESSION, Medium, S
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.carrier import LinkQuality
-from swarmd.broker.core.reliable.link_action import DeliverFrame, SendPacket
-from swarmd.broker.core.reliable.reliable_link import OVERHEAD
-from swarmd.broker.core.reliable.reliable_links import Action, ReliableLinks
+from swarmd.broker.core.frames.carrier import LinkQuality
+from swarmd.broker.core.frames.reliable.link_action import DeliverFrame, SendPacket
+from swarmd.broker.core.frames.reliable.reliable_link import OVERHEAD
+from swarmd.broker.core.frames.reliable.reliable_links import Action, ReliableLinks
+from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.testing.virtual import VirtualTime
 from swarmware.transport.delivery import outbox

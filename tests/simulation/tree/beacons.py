@@ -7,7 +7,7 @@ from typing import Final
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon
-from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
+from swarmd.broker.core.boards.structure_broadcasts import StructureBroadcasts
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.names import hardware_id

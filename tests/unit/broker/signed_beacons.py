@@ -2,10 +2,10 @@
 
 from typing import Final, NamedTuple
 
-from swarmd.broker.core.admission.own_signatures import OwnSignatures
-from swarmd.broker.core.admission.signature_checks import CheckedDatagram, SignatureChecks
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, BoardValue, Header, Hello, PlatformCode
+from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
+from swarmd.broker.core.membership.signatures.signature_checks import CheckedDatagram, SignatureChecks
 from swarmware.model.names import hardware_id
 from swarmware.transport.sodium import KEY_BYTES, SigningKey
 

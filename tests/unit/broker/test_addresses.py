@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.broker.config import Config, NetworkMedium
-from swarmd.broker.links.pinned_addresses import PinnedAddresses
+from swarmd.broker.sockets.pinned_addresses import PinnedAddresses
 from swarmware.errors import ConfigError
 from swarmware.model.config import load_service
 

@@ -30,17 +30,22 @@ from swarmd.broker.core.beacon.beacon import (
     decode_age,
     encode_age,
 )
-from swarmd.broker.core.beacon.medium_parts import MediumListing, encode_media, media_bytes
-from swarmd.broker.core.beacon.request_parts import request_part_bytes
-from swarmd.broker.core.beacon.session_checks import PORT_PART_BYTES, CheckKind, SessionCheck, body_bytes
-from swarmd.broker.core.beacon.solicitation import Solicitation, solicitation_bytes
-from swarmd.broker.core.beacon.structure_parts import (
+from swarmd.broker.core.beacon.parts.medium_parts import MediumListing, encode_media, media_bytes
+from swarmd.broker.core.beacon.parts.session_checks import (
+    PORT_PART_BYTES,
+    CheckKind,
+    SessionCheck,
+    body_bytes,
+)
+from swarmd.broker.core.beacon.parts.solicitation import Solicitation, solicitation_bytes
+from swarmd.broker.core.beacon.parts.structure_parts import (
     StructurePart,
     encode_questions,
     encode_structure,
     question_bytes,
     structure_bytes,
 )
+from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmware.errors import WireError
 
 T = TypeVar("T")

@@ -7,13 +7,20 @@ import msgspec
 import pytest
 
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, MemberRow, PlatformCode, RouteRow
+from swarmd.broker.core.beacon.beacon import (
+    BODY_LIMIT,
+    Beacon,
+    Header,
+    MemberRow,
+    OutgoingBeacon,
+    PlatformCode,
+    RouteRow,
+)
 from swarmd.broker.core.beacon.beacon_rate import QUIET_HELLOS
 from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, NodeIdentity
-from swarmd.broker.core.beacon_protocol import BeaconProtocol, OutgoingBeacon
+from swarmd.broker.core.beacon_protocol import BeaconProtocol, ReceivedBeacon
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.received_beacon import ReceivedBeacon
-from swarmd.broker.core.topology.topology import LinkState, Topology
+from swarmd.broker.core.swarm.topology import LinkState, Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import data_id, hardware_id
 from swarmware.types.channel import ChannelSettings, SetChannel

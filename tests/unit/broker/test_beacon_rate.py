@@ -26,7 +26,7 @@ from swarmd.broker.core.beacon.beacon_rate import (
 )
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
 
 SECOND = 1_000_000_000

@@ -4,21 +4,20 @@ import asyncio
 
 import pytest
 
-from swarmd.broker.beacon_transport import BeaconTransport
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import Action, ReportImpersonation
-from swarmd.broker.core.admission.sessions import digest
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode, RouteRow
+from swarmd.broker.core.beacon.declared_period import FormerState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
-from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
+from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.boards.relay_cache import RelayCache
-from swarmd.broker.core.broker import BrokerCore
-from swarmd.broker.core.former_state import FormerState
-from swarmd.broker.core.media.medium import MediumProfile
-from swarmd.broker.core.topology.link import LinkChanged
-from swarmd.broker.links.media import Media
-from swarmd.broker.links.medium import MediumDatagram
+from swarmd.broker.core.broker import Action, BrokerCore
+from swarmd.broker.core.membership.sessions import ReportImpersonation, digest
+from swarmd.broker.core.swarm.media.medium import MediumProfile
+from swarmd.broker.core.swarm.neighbours.link import LinkChanged
+from swarmd.broker.exchange.beacon_transport import BeaconTransport
+from swarmd.broker.sockets.media import Media
+from swarmd.broker.sockets.medium import MediumDatagram
 from swarmware.model.clock import Clock
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.keys import Keys

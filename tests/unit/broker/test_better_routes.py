@@ -7,9 +7,9 @@ import pytest
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello, NeighbourRequest, PlatformCode, RouteRow
 from swarmd.broker.core.beacon.request_parts import encode_requests, request_part_bytes
-from swarmd.broker.core.topology.destination_routes import HELD_NS, is_much_worse
-from swarmd.broker.core.topology.link import LinkState
-from swarmd.broker.core.topology.routing_table import (
+from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.routes.destination_routes import HELD_NS, is_much_worse
+from swarmd.broker.core.swarm.routes.routing_table import (
     FORWARD_AGAIN_NS,
     REQUEST_HOPS,
     REQUESTS_MAX,
@@ -19,7 +19,7 @@ from swarmd.broker.core.topology.routing_table import (
     RouteChanged,
     RoutingTable,
 )
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.swarm.topology import Topology
 from swarmware.errors import WireError
 
 ME, A, B, C, FAR = 1, 2, 3, 4, 9

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from swarmd.broker.channel_store import ChannelStore
+from swarmd.broker.boards.channel_store import ChannelStore
 from swarmd.broker.core.boards.channel_table import (
     NO_RESOURCE,
     RULES_LIMIT,

@@ -4,7 +4,7 @@ import pytest
 from tests.unit.broker.neighbours import ME, MS, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up, listed
 
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo
-from swarmd.broker.core.topology.neighbour_table import WELL, NeighbourTable
+from swarmd.broker.core.swarm.neighbours.neighbour_table import WELL, NeighbourTable
 
 
 @pytest.fixture

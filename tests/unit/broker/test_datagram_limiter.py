@@ -1,6 +1,6 @@
 """Which datagrams cost cryptography: those of members; of others no more than a budget."""
 
-from swarmd.broker.core.admission.datagram_limiter import (
+from swarmd.broker.core.membership.datagram_limiter import (
     ALL_FAILURES_S,
     FAILURES_S,
     NON_MEMBERS_S,

@@ -6,7 +6,11 @@ from typing import Final
 import msgspec
 import pytest
 
-from swarmd.broker.core.admission.origins import (
+from swarmd.broker.core.frames.end_to_end import EndToEnd, Incoming
+from swarmd.broker.core.frames.frame_datagram import FRAME_MAX, pack
+from swarmd.broker.core.frames.reliable.outgoing import OutgoingMessages
+from swarmd.broker.core.frames.send_queue import QueuedFrame
+from swarmd.broker.core.membership.origins import (
     ANSWER_NS,
     FRAME_AGE_NS,
     HELD_MAX,
@@ -17,10 +21,6 @@ from swarmd.broker.core.admission.origins import (
     answer_to,
     is_check,
 )
-from swarmd.broker.core.forwarding.end_to_end import EndToEnd, Incoming
-from swarmd.broker.core.forwarding.frame_datagram import FRAME_MAX, pack
-from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.outgoing import OutgoingMessages
 from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.delivery.answer import answer, with_lifetime

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.action import ReportImpersonation
 from swarmd.broker.core.beacon.beacon import PlatformCode
+from swarmd.broker.core.beacon.declared_period import FormerState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore
-from swarmd.broker.core.former_state import FormerState
-from swarmd.broker.forgery_reports import BEACON, KEY, ForgeryReports
+from swarmd.broker.core.membership.sessions import ReportImpersonation
+from swarmd.broker.records.forgery_reports import BEACON, KEY, ForgeryReports
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys

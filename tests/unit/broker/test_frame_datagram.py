@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.forwarding.frame_datagram import (
+from swarmd.broker.core.frames.frame_datagram import (
     BURST,
     BURST_NS,
     FRAME,
@@ -22,7 +22,7 @@ from swarmd.broker.core.forwarding.frame_datagram import (
     may_begin,
     pack,
 )
-from swarmd.broker.links.pair_seal import PAIR_WINDOW, PairEnd, PairSeal
+from swarmd.broker.sockets.pair_seal import PAIR_WINDOW, PairEnd, PairSeal
 from swarmware.errors import WireError
 from swarmware.model.frame import Codec, Flag, Frame, FrameKind, decode, encode
 from swarmware.transport.security.keys import Keys

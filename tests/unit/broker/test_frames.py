@@ -6,8 +6,8 @@ import pytest
 
 from swarmd.broker.core.beacon.beacon import Hello, MemberRow, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import airtime_s, allowed_hz
-from swarmd.broker.core.forwarding.forwarder import LOOP_NS, ForwardDecision, ForwardStep, FrameForwarder
-from swarmd.broker.core.forwarding.send_queue import (
+from swarmd.broker.core.frames.forwarder import LOOP_NS, ForwardDecision, ForwardStep, FrameForwarder
+from swarmd.broker.core.frames.send_queue import (
     AGE_MAX_NS,
     BYTES_MAX,
     FRAMES_MAX,
@@ -16,8 +16,8 @@ from swarmd.broker.core.forwarding.send_queue import (
     SendQueue,
     priority,
 )
-from swarmd.broker.core.topology.node_table import FORGET_NS, REPEAT_NS, NodeTable
-from swarmd.broker.core.topology.routing_table import RoutingTable
+from swarmd.broker.core.swarm.node_table import FORGET_NS, REPEAT_NS, NodeTable
+from swarmd.broker.core.swarm.routes.routing_table import RoutingTable
 from swarmd.broker.core.traffic import CHANNEL_LIMIT, Counters
 from swarmware.model.frame import HOPS, Flag, Frame, FrameKind
 from swarmware.model.names import hardware_id

@@ -22,9 +22,9 @@ from swarmd.broker.core.beacon.beacon import (
     SequenceRequest,
 )
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
-from swarmd.broker.core.beacon.structure_parts import StructurePart
+from swarmd.broker.core.beacon.parts.structure_parts import StructurePart
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind

@@ -2,9 +2,9 @@
 
 import pytest
 
-from swarmd.broker.core.topology.link_cost import COST_MAX, link_cost
-from swarmd.broker.core.topology.neighbour import Neighbour
-from swarmd.broker.core.topology.routing_table import RouteChanged, RoutingTable
+from swarmd.broker.core.swarm.neighbours.link import COST_MAX, link_cost
+from swarmd.broker.core.swarm.neighbours.neighbour import Neighbour
+from swarmd.broker.core.swarm.routes.routing_table import RouteChanged, RoutingTable
 
 MS = 1_000_000
 

@@ -3,9 +3,9 @@
 from tests.unit.broker.neighbours import AT, ME, SECOND, TIMEOUT, UAV2, UAV3, Peer, bring_up
 
 from swarmd.broker.core.beacon.beacon import Header, Hello, PlatformCode
-from swarmd.broker.core.topology.link_targets import CLAIMANT_NS, CLAIMANTS_MAX, LinkTargets
-from swarmd.broker.core.topology.neighbour_table import NeighbourTable
-from swarmd.broker.core.topology.node_table import NodeTable
+from swarmd.broker.core.swarm.neighbours.link_targets import CLAIMANT_NS, CLAIMANTS_MAX, LinkTargets
+from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
+from swarmd.broker.core.swarm.node_table import NodeTable
 from swarmware.model.names import hardware_id
 
 SEED = ("10.0.0.9", 7447)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from prometheus_client.openmetrics.parser import text_string_to_metric_families
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.metrics_page import metrics_page
-from swarmd.broker.links.metrics_server import HttpAnswer, judge
+from swarmd.broker.core.reports.metrics_page import metrics_page
+from swarmd.broker.records.metrics_server import HttpAnswer, judge
 from swarmware.errors import InvalidInput
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import (

@@ -6,9 +6,9 @@ from typing import Final
 
 import pytest
 
+from swarmd.broker.boards.mirrored_boards import MirroredBoards
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.mirrored_boards import MirroredBoards
 from swarmware.errors import WireError
 from swarmware.model.frame import Codec, Frame, FrameKind, decode, encode, restamp
 from swarmware.model.names import data_id

@@ -22,15 +22,14 @@ from tests.unit.broker.neighbours import (
 )
 
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header
-from swarmd.broker.core.topology.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.topology.link_cost import COST_MAX
-from swarmd.broker.core.topology.neighbour import (
+from swarmd.broker.core.swarm.neighbours.link import COST_MAX, TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.neighbours.neighbour import (
     LISTING_NS,
     LISTINGS,
     MEASURED,
     UNLISTED_SLACK_NS,
 )
-from swarmd.broker.core.topology.neighbour_table import (
+from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     FORGET_NS,
     NEIGHBOUR_LIMIT,
     NeighbourTable,

@@ -1,6 +1,6 @@
 """Other swarms are told from forgers by the marks of their sessions, however many marks are invented."""
 
-from swarmd.broker.core.admission.other_swarms import (
+from swarmd.broker.core.membership.other_swarms import (
     ADDRESSES_MAX,
     FORGET_NS,
     HOSTS_SHOWN,

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.outages import (
+from swarmd.broker.core.reports.outages import (
     DRAIN_MAX_NS,
     LOOK_NS,
     SAVE_NS,
@@ -12,7 +12,7 @@ from swarmd.broker.core.outages import (
     ReadBacklog,
     SaveOutages,
 )
-from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase, OutageTable
 
 S = 1_000_000_000

@@ -4,10 +4,10 @@ import asyncio
 from pathlib import Path
 from typing import Final
 
+from swarmd.broker.boards.own_boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.own_boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id
 from swarmware.node.node import Node

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.patience import PATIENCE_S
 
-from swarmd.broker.core.forwarding.send_queue import (
+from swarmd.broker.core.frames.send_queue import (
     AGE_MAX_NS,
     BYTES_MAX,
     ConnectionClass,

@@ -4,7 +4,6 @@ import re
 from pathlib import Path
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.admission.sessions import AGAIN_NS, ALIVE_NS, ENDED_NS
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import (
     BODY_LIMIT,
@@ -28,30 +27,30 @@ from swarmd.broker.core.beacon.beacon_rate import (
     TRIGGERED_NS,
 )
 from swarmd.broker.core.beacon.hello_schedule import HELLO_CHANGING_NS, HELLO_NS, SLOWER
-from swarmd.broker.core.beacon.session_checks import CheckKind
+from swarmd.broker.core.beacon.parts.session_checks import CheckKind
 from swarmd.broker.core.boards.published_boards import REPEATS
 from swarmd.broker.core.boards.relay_cache import FURTHER_NS, OLDEST_NS, PERIOD_NS, REPEAT_NS
-from swarmd.broker.core.forwarding.forwarder import LOOP_NS
-from swarmd.broker.core.forwarding.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
-from swarmd.broker.core.forwarding.frame_datagram import MAGIC as DATAGRAM_MAGIC
-from swarmd.broker.core.media.arrivals import EXPECTED_MIN as ARRIVALS_MIN
-from swarmd.broker.core.media.arrivals import WINDOW as ARRIVALS
-from swarmd.broker.core.media.medium import NOMINAL_BYTES, PENALTY_NS
-from swarmd.broker.core.media.medium import PERFECT as MEDIUM_PERFECT
-from swarmd.broker.core.media.medium_link import PERIODS as MEDIUM_PERIODS
-from swarmd.broker.core.media.medium_link import PERIODS_MAX as MEDIUM_PERIODS_MAX
-from swarmd.broker.core.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
-from swarmd.broker.core.media.medium_table import LISTING_NS as MEDIA_NS
-from swarmd.broker.core.reliable.carrier import CLEAN, CLEAN_NS, LOSSY
-from swarmd.broker.core.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
-from swarmd.broker.core.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
-from swarmd.broker.core.reliable.reassembly import SPAN_MAX
-from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
-from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER
-from swarmd.broker.core.reliable.reliable_links import BLOCKED_NS
-from swarmd.broker.core.topology.destination_routes import HELD_NS, URGENT_RATIO, WORSE_BY, WORSE_RATIO
-from swarmd.broker.core.topology.link_cost import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
-from swarmd.broker.core.topology.neighbour import (
+from swarmd.broker.core.frames.carrier import CLEAN, CLEAN_NS, LOSSY
+from swarmd.broker.core.frames.forwarder import LOOP_NS
+from swarmd.broker.core.frames.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
+from swarmd.broker.core.frames.frame_datagram import MAGIC as DATAGRAM_MAGIC
+from swarmd.broker.core.frames.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
+from swarmd.broker.core.frames.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
+from swarmd.broker.core.frames.reliable.reassembly import SPAN_MAX
+from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS
+from swarmd.broker.core.frames.reliable.reliable_link import BLOCKED, BLOCKED_LATER
+from swarmd.broker.core.frames.reliable.reliable_links import BLOCKED_NS
+from swarmd.broker.core.membership.sessions import AGAIN_NS, ALIVE_NS, ENDED_NS
+from swarmd.broker.core.swarm.media.arrivals import EXPECTED_MIN as ARRIVALS_MIN
+from swarmd.broker.core.swarm.media.arrivals import WINDOW as ARRIVALS
+from swarmd.broker.core.swarm.media.medium import NOMINAL_BYTES, PENALTY_NS
+from swarmd.broker.core.swarm.media.medium import PERFECT as MEDIUM_PERFECT
+from swarmd.broker.core.swarm.media.medium_link import PERIODS as MEDIUM_PERIODS
+from swarmd.broker.core.swarm.media.medium_link import PERIODS_MAX as MEDIUM_PERIODS_MAX
+from swarmd.broker.core.swarm.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
+from swarmd.broker.core.swarm.media.medium_table import LISTING_NS as MEDIA_NS
+from swarmd.broker.core.swarm.neighbours.link import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
+from swarmd.broker.core.swarm.neighbours.neighbour import (
     CLOCK_HIGH_MAX,
     EXPECTED_MIN,
     FALSE_ALARM,
@@ -66,13 +65,22 @@ from swarmd.broker.core.topology.neighbour import (
     UNLISTED_SLACK_NS,
     WINDOW,
 )
-from swarmd.broker.core.topology.neighbour_table import (
+from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     LISTING_EACH_NS,
     QUALITY_NS,
     QUALITY_STEP,
     WELL,
 )
-from swarmd.broker.core.topology.routing_table import (
+from swarmd.broker.core.swarm.neighbours.solicited import (
+    ANSWER_SLACK_NS,
+    ASK_AGAIN_NS,
+    ASKS_MAX,
+    ASKS_MIN,
+    LOSS_MIN,
+    SUSPICION,
+)
+from swarmd.broker.core.swarm.routes.destination_routes import HELD_NS, URGENT_RATIO, WORSE_BY, WORSE_RATIO
+from swarmd.broker.core.swarm.routes.routing_table import (
     BETTER_BY,
     BETTER_RATIO,
     FORWARD_AGAIN_NS,
@@ -92,18 +100,10 @@ from swarmd.broker.core.topology.routing_table import (
     STRETCH_FROM,
     STRETCH_MAX,
 )
-from swarmd.broker.core.topology.solicited import (
-    ANSWER_SLACK_NS,
-    ASK_AGAIN_NS,
-    ASKS_MAX,
-    ASKS_MIN,
-    LOSS_MIN,
-    SUSPICION,
-)
-from swarmd.broker.core.topology.topology import CHANGING_NS, JUMPS
+from swarmd.broker.core.swarm.topology import CHANGING_NS, JUMPS
 from swarmd.broker.core.traffic import IP_UDP_BYTES
-from swarmd.broker.links.pair_seal import PAIR_WINDOW
-from swarmd.broker.links.zap import DOMAIN
+from swarmd.broker.sockets.pair_seal import PAIR_WINDOW
+from swarmd.broker.sockets.zmq.zap import DOMAIN
 from swarmware.model import frame as wire
 from swarmware.model.access import Role
 from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind

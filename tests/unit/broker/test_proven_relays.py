@@ -7,13 +7,13 @@ import msgspec
 import pytest
 from tests.unit.broker.signed_beacons import NAMES, SESSION, Member, SealedBeacon, checks_of
 
-from swarmd.broker.core.admission import signature_checks
-from swarmd.broker.core.admission.signature_checks import REMEMBERED
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, RelayedValue
+from swarmd.broker.core.boards.received_values import ReceivedValues
 from swarmd.broker.core.boards.relay_cache import FURTHER_NS, PERIOD_NS, RelayCache
-from swarmd.broker.core.received_values import ReceivedValues
-from swarmd.broker.core.topology.neighbour import Neighbour
+from swarmd.broker.core.membership.signatures import signature_checks
+from swarmd.broker.core.membership.signatures.signature_checks import REMEMBERED
+from swarmd.broker.core.swarm.neighbours.neighbour import Neighbour
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import hardware_id
 from swarmware.transport.sodium import verify

@@ -7,9 +7,10 @@ import msgspec
 import pytest
 from tests.unit.security.swarm import Swarm
 
-from swarmd.broker.core.admission import roster_update
-from swarmd.broker.core.admission.group_epochs import ACCEPT_NS, SWITCH_NS, GroupEpochs
-from swarmd.broker.core.admission.roster_exchange import (
+from swarmd.broker.core.beacon.beacon import Beacon, MemberRow, PlatformCode, RelayedValue, RouteRow
+from swarmd.broker.core.membership.group_epochs import ACCEPT_NS, SWITCH_NS, GroupEpochs
+from swarmd.broker.core.membership.roster import roster_update
+from swarmd.broker.core.membership.roster.roster_exchange import (
     AGAIN_NS,
     ANSWER_NS,
     UNANSWERED_MAX,
@@ -18,7 +19,7 @@ from swarmd.broker.core.admission.roster_exchange import (
     RosterExchange,
     SendRoster,
 )
-from swarmd.broker.core.admission.roster_update import (
+from swarmd.broker.core.membership.roster.roster_update import (
     RosterOffer,
     RosterQuestion,
     RosterUpdate,
@@ -27,7 +28,6 @@ from swarmd.broker.core.admission.roster_update import (
     make_update,
     merge,
 )
-from swarmd.broker.core.beacon.beacon import Beacon, MemberRow, PlatformCode, RelayedValue, RouteRow
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.names import hardware_id
 from swarmware.transport.security.roster import sign_roster

@@ -5,8 +5,8 @@ from typing import Final
 import pytest
 
 from swarmd.broker.core.beacon.beacon import INFINITY, LOST, Beacon, Header, RouteRow, SequenceRequest
-from swarmd.broker.core.topology.destination_routes import newer
-from swarmd.broker.core.topology.routing_table import (
+from swarmd.broker.core.swarm.routes.destination_routes import newer
+from swarmd.broker.core.swarm.routes.routing_table import (
     DESTINATION_LIMIT,
     HOLD_NS,
     HYSTERESIS,
@@ -18,7 +18,7 @@ from swarmd.broker.core.topology.routing_table import (
     RouteChanged,
     RoutingTable,
 )
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.swarm.topology import Topology
 
 ME, A, B, FAR = 1, 2, 3, 9
 SECOND: Final = 1_000_000_000

@@ -4,7 +4,8 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.core.admission.sessions import (
+from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionCheck
+from swarmd.broker.core.membership.sessions import (
     ALIVE_NS,
     CHECKS_MAX,
     CLAIMS_MAX,
@@ -13,7 +14,6 @@ from swarmd.broker.core.admission.sessions import (
     Sessions,
     digest,
 )
-from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
 
 MS: Final = 1_000_000
 A, B = 1, 2

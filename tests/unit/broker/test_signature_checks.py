@@ -5,14 +5,14 @@ from typing import Final
 import pytest
 from tests.unit.broker.signed_beacons import SESSION, Member, SealedBeacon, checks_of
 
-from swarmd.broker.core.admission import signature_checks
-from swarmd.broker.core.admission.sessions import ALIVE_NS, ENDED_NS, Sessions, digest
-from swarmd.broker.core.admission.signature_checks import SignatureFault
 from swarmd.broker.core.beacon import beacon_codec as codec
-from swarmd.broker.core.beacon import beacon_signature
 from swarmd.broker.core.beacon.beacon import Beacon, Header, RouteRow
-from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
-from swarmd.broker.core.beacon.session_checks import CheckKind, SessionCheck
+from swarmd.broker.core.beacon.parts import beacon_signature
+from swarmd.broker.core.beacon.parts.beacon_signature import PART_BYTES
+from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionCheck
+from swarmd.broker.core.membership.sessions import ALIVE_NS, ENDED_NS, Sessions, digest
+from swarmd.broker.core.membership.signatures import signature_checks
+from swarmd.broker.core.membership.signatures.signature_checks import SignatureFault
 from swarmware.errors import WireError
 from swarmware.model.names import hardware_id
 from swarmware.transport.sodium import verify

@@ -7,16 +7,16 @@ from tests.unit.broker.neighbours import AT, ME, MS, SECOND, TIMEOUT, UAV2, UAV3
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello, PlatformCode
-from swarmd.broker.core.beacon.solicitation import (
+from swarmd.broker.core.beacon.parts.solicitation import (
     ASKED_MAX,
     Solicitation,
     encode_solicitation,
     solicitation_bytes,
 )
-from swarmd.broker.core.topology.link import LinkState
-from swarmd.broker.core.topology.neighbour import FALSE_ALARM
-from swarmd.broker.core.topology.neighbour_table import NeighbourTable
-from swarmd.broker.core.topology.solicited import (
+from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.neighbours.neighbour import FALSE_ALARM
+from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
+from swarmd.broker.core.swarm.neighbours.solicited import (
     ASKS_MAX,
     ASKS_MIN,
     LOSS_MIN,
@@ -24,7 +24,7 @@ from swarmd.broker.core.topology.solicited import (
     asks,
     overdue_beacons,
 )
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.swarm.topology import Topology
 from swarmware.errors import WireError
 
 ANSWER_NS: Final = 65 * MS

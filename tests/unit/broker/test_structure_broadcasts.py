@@ -1,8 +1,8 @@
 """Structures in beacons: who asks, who answers."""
 
 from swarmd.broker.core.beacon.beacon import Beacon
-from swarmd.broker.core.beacon.structure_parts import StructurePart
-from swarmd.broker.core.structure_broadcasts import (
+from swarmd.broker.core.beacon.parts.structure_parts import StructurePart
+from swarmd.broker.core.boards.structure_broadcasts import (
     QUESTIONS_MAX,
     REPEAT_NS,
     BeaconStructures,

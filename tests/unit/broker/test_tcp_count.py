@@ -6,7 +6,7 @@ from contextlib import ExitStack
 
 import pytest
 
-from swarmd.broker.links.tcp_count import HALF_OPEN_MAX, PROVEN_BYTES, TcpCount
+from swarmd.broker.sockets.zmq.tcp_count import HALF_OPEN_MAX, PROVEN_BYTES, TcpCount
 
 
 class Server:

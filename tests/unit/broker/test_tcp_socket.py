@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from swarmd.broker.core.reliable.send_buffer import SIZE_MIN
-from swarmd.broker.links.tcp_socket import TcpSocket
+from swarmd.broker.core.frames.send_buffer import SIZE_MIN
+from swarmd.broker.sockets.zmq.tcp_socket import TcpSocket
 
 Ends = tuple[socket.socket, socket.socket]
 

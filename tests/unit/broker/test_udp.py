@@ -9,9 +9,9 @@ from typing import Any, Final, cast
 import pytest
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.media.medium import MediumProfile
-from swarmd.broker.links.medium import MediumDatagram
-from swarmd.broker.links.udp import REST_WINDOW_NS, TURN, WINDOW_NS, Udp, main_network
+from swarmd.broker.core.swarm.media.medium import MediumProfile
+from swarmd.broker.sockets.medium import MediumDatagram
+from swarmd.broker.sockets.udp import REST_WINDOW_NS, TURN, WINDOW_NS, Udp, main_network
 from swarmware.model.clock import Clock
 
 LOOPBACK: Final = "127.0.0.1"

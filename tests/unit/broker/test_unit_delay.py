@@ -6,7 +6,7 @@ import pytest
 from tests.unit.runtime.virtual_loop import VirtualLoop, run
 
 from swarmd.broker.config import Config
-from swarmd.broker.links.unit_delay import UnitDelay
+from swarmd.broker.exchange.unit_delay import UnitDelay
 from swarmware.errors import ConfigError
 from swarmware.model.config import convert
 

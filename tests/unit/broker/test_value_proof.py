@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, RelayedValue, RouteRow
-from swarmd.broker.core.beacon.proof_parts import proofs_bytes
-from swarmd.broker.core.beacon.value_proof import (
+from swarmd.broker.core.beacon.parts.value_proof import (
     HASH_BYTES,
     SIGNATURE_BYTES,
     ValueProof,
@@ -18,6 +17,7 @@ from swarmd.broker.core.beacon.value_proof import (
     restore,
     value_hash,
 )
+from swarmd.broker.core.beacon.proof_parts import proofs_bytes
 from swarmware.errors import WireError
 
 HW: Final = 9

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.broker.core.forwarding.waiting_answers import BYTES_MAX, FRAMES_MAX, WAIT_NS, WaitingAnswers
+from swarmd.broker.core.frames.waiting_answers import BYTES_MAX, FRAMES_MAX, WAIT_NS, WaitingAnswers
 from swarmware.model.frame import Frame, FrameKind
 
 GCS, UAV1 = 7, 8

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import zmq
 
-from swarmd.broker.links.zmq_socket import IO_NICE, make_context
+from swarmd.broker.sockets.zmq.zmq_socket import IO_NICE, make_context
 
 THREADS = Path("/proc/self/task")
 SOCKETS = 16

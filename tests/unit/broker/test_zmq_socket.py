@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import zmq
 from tests.patience import PATIENCE_S, until
 
-from swarmd.broker.links.zmq_socket import TURN, Socket, ZmqSocket, make_context
+from swarmd.broker.sockets.zmq.zmq_socket import TURN, Socket, ZmqSocket, make_context
 
 SOCKETS = 8
 

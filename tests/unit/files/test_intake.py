@@ -1,4 +1,4 @@
-"""Acceptance of offered files by a node."""
+"""Which offered files a node takes."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The driver of cameras: sources of PyAV become a stream of images, and a lost source is reopened."""
+"""A camera: sources that PyAV makes or reads become a stream of images; a lost one is opened again."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A short condition, such as removed files, is reported long enough to be seen."""
+"""A condition of a moment is reported long enough to be seen; files that were removed are one."""
 
 import asyncio
 from typing import Any, cast

@@ -20,7 +20,7 @@ PATIENCE_S = 20.0
 
 
 class Motor:
-    """A temperature, and the actions of its check."""
+    """A temperature, and what was done about it."""
 
     def __init__(self) -> None:
         self.heat_degc = 20.0

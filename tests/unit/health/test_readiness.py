@@ -1,4 +1,4 @@
-"""Readiness: the items that are not ready, from the data of the monitor and further inputs."""
+"""Readiness: what the monitor knows and what was read, in; the items that are not ready, out."""
 
 from typing import Any
 

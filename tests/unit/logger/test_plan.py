@@ -1,4 +1,4 @@
-"""Logged resources and their sampling periods."""
+"""Which resources are logged how often."""
 
 import pytest
 

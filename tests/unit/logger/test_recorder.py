@@ -1,4 +1,4 @@
-"""The recorder of a node: frames from shared memory are on disk, in the queue of their module."""
+"""The book of a node: what was taken from shared memory is on disk, in the queue of who wrote or took it."""
 
 from pathlib import Path
 

@@ -1,5 +1,4 @@
-"""The free direction: straight without obstacles, around an obstacle on one side, without changing the
-side."""
+"""The free direction: straight where nothing is, around on one side and staying there."""
 
 import math
 

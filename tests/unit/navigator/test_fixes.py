@@ -1,4 +1,4 @@
-"""Filters with fixes that have no accuracy, no height or no position."""
+"""Fixes without an accuracy, without a height, or without a place: what filters make of them."""
 
 import math
 

@@ -16,7 +16,7 @@ from swarmware.types.vehicle import Goal, Pose, Range, VehicleState
 
 
 class Navigator:
-    """A core that records the passed inputs."""
+    """Takes what the inputs pass."""
 
     def __init__(self) -> None:
         self.vehicle: VehicleState | None = None

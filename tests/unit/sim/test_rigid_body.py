@@ -1,4 +1,4 @@
-"""The rigid body: laws of mechanics with analytical solutions."""
+"""The rigid body: the laws of mechanics that have answers on paper."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Sensor errors with the configured size, and without a mean error."""
+"""Sensor errors: as large as configured, and around the truth."""
 
 import math
 import random

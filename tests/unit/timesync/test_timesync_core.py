@@ -1,4 +1,4 @@
-"""Time core: functions and events from exchanges."""
+"""Time core: exchanges in, functions and events out."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Receivers as operators write them, and the session description for a standard receiver."""
+"""Receivers as an operator writes them, and the description that a standard receiver gets."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Decisions of the broker: the beacon protocol, neighbours and routes, boards, admission, forwarding.
+"""Decisions of the broker, a room each: `beacon`, `membership`, `swarm`, `boards`, `frames`, `reports`.
 
-It uses no asyncio, zmq, socket, time, random or files: time is an argument, randomness a callable.
+They use no asyncio, zmq, socket, time, random or files: time is an argument, randomness a callable.
 """

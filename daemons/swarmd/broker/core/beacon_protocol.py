@@ -5,9 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.admission.signature_checks import SignatureChecks
-from swarmd.broker.core.admission.signing_keys import SigningKeys
-from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello
+from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, OutgoingBeacon
 from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
     REQUEST_BYTES,
@@ -20,25 +18,48 @@ from swarmd.broker.core.beacon.beacon_codec import (
 from swarmd.broker.core.beacon.beacon_rate import CHANGING_HZ, MIN_HZ, TRIGGERED_NS, Slowdown, allowed_hz
 from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
 from swarmd.broker.core.beacon.hello_schedule import SILENCE_NS, SLOWER, HelloSchedule, Moment, NodeIdentity
-from swarmd.broker.core.beacon.medium_parts import media_bytes
+from swarmd.broker.core.beacon.parts.medium_parts import media_bytes
+from swarmd.broker.core.beacon.parts.solicitation import Solicitation, solicitation_bytes
+from swarmd.broker.core.beacon.parts.value_proof import ValueProof
 from swarmd.broker.core.beacon.proof_parts import proofs_bytes
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
-from swarmd.broker.core.beacon.solicitation import Solicitation, solicitation_bytes
-from swarmd.broker.core.beacon.value_proof import ValueProof
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
+from swarmd.broker.core.boards.received_values import ReceivedValues
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
-from swarmd.broker.core.media.medium_table import MediumTable
-from swarmd.broker.core.received_beacon import ReceivedBeacon
-from swarmd.broker.core.received_values import ReceivedValues
-from swarmd.broker.core.structure_broadcasts import StructureBroadcasts
-from swarmd.broker.core.topology.neighbour import CLOCK_HIGH_MAX, PERIODS
-from swarmd.broker.core.topology.node_table import NodeTable
-from swarmd.broker.core.topology.routing_table import RouteChanged
-from swarmd.broker.core.topology.topology import LinkChanged, Topology
+from swarmd.broker.core.boards.structure_broadcasts import StructureBroadcasts
+from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
+from swarmd.broker.core.membership.signatures.signature_checks import SignatureChecks, UnsignedValue
+from swarmd.broker.core.swarm.clock_batches import ClockSample
+from swarmd.broker.core.swarm.media.medium_table import MediumTable
+from swarmd.broker.core.swarm.neighbours.link import LinkChanged
+from swarmd.broker.core.swarm.neighbours.neighbour import CLOCK_HIGH_MAX, PERIODS, Neighbour
+from swarmd.broker.core.swarm.node_table import NodeTable
+from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
+from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
-from swarmware.runtime.loop_delay import LoopDelay
+from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.net import BoardSubscription, StructureBroadcast, TreePlan
+
+
+class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
+    """Result of a received beacon."""
+
+    neighbour: Neighbour
+    clock_sample: ClockSample | None
+    links: list[LinkChanged]
+    routes: list[RouteChanged]
+    values: list[tuple[BoardSubscription, RemoteValue]]
+    """Values of subscribed boards."""
+    structure: StructureBroadcast | None
+    """Structure of its tree."""
+    first_hello: bool
+    """First hello of a new or restarted neighbour: answer soon with an own hello."""
+    is_asked: bool
+    """It asks for a beacon of this node."""
+    unsigned: list[UnsignedValue]
+    """Relayed values without a valid proof."""
+
 
 OWN_SHARE: Final = 700
 """Limit in bytes of the topology sections; the rest of the body is for values, members and relays."""
@@ -50,16 +71,6 @@ ANSWER_SHARE: Final = 0.5
 """A node whose answer takes more of its declared period does not answer: its next beacon is as soon."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
-
-
-class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
-    """The next beacon, before encoding."""
-
-    sequence: int
-    with_session: bool
-    beacon: Beacon
-    declared_period_ns: int = 0
-    """Longest declared period, to be stored before sending; 0: unchanged."""
 
 
 class BeaconProtocol:
@@ -99,7 +110,7 @@ class BeaconProtocol:
         self.hellos = HelloSchedule(identity, busy_hz)
         self.structures = StructureBroadcasts(identity.hw)
         self.slowdown = Slowdown()
-        self.delay = LoopDelay()
+        self.delay = OwnDelay()
         """A node that is late declares a period by which neighbours keep its links when it is late again."""
         self.reserved_bytes = 0
         """Bytes of the next body kept free for session checks and the signature."""

@@ -6,49 +6,53 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import MAIN, Config
-from swarmd.broker.core.action import (
-    Action,
-    AdoptSession,
+from swarmd.broker.core.beacon.beacon import Beacon, Header, OutgoingBeacon
+from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, ReportSlowdown
+from swarmd.broker.core.beacon.declared_period import DeclaredPeriod, FormerState
+from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
+from swarmd.broker.core.beacon.parts import session_checks
+from swarmd.broker.core.beacon.parts.beacon_signature import PART_BYTES
+from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol
+from swarmd.broker.core.boards.board_action import (
     KeepMirrors,
     LimitEnded,
-    MediumChanged,
-    PollInputs,
-    ProveSession,
-    PublishTables,
-    ReportDuplicate,
-    ReportDuplicateGone,
-    ReportImpersonation,
-    ReportSlowdown,
     ReportUnsignedValues,
-    SendBeacon,
-    WriteClockSamples,
     WriteMirrors,
     WriteStructure,
 )
-from swarmd.broker.core.admission.origins import RATE_DIVISOR
-from swarmd.broker.core.admission.other_swarms import OtherSwarms
-from swarmd.broker.core.admission.own_signatures import OwnSignatures
-from swarmd.broker.core.admission.roster_exchange import ApplyRoster, RosterAction, RosterExchange
-from swarmd.broker.core.admission.sessions import ACCEPTED, SessionOutcome, Sessions
-from swarmd.broker.core.admission.signature_checks import CheckedDatagram, SignatureFault
-from swarmd.broker.core.admission.signing_keys import SigningKeys
-from swarmd.broker.core.beacon import session_checks
-from swarmd.broker.core.beacon.beacon import Beacon, Header
-from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule
-from swarmd.broker.core.beacon.beacon_signature import PART_BYTES
-from swarmd.broker.core.beacon.declared_period import DeclaredPeriod
-from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
-from swarmd.broker.core.beacon_protocol import SETTLE_NS, BeaconProtocol, OutgoingBeacon
 from swarmd.broker.core.boards.channel_table import ChannelTable
-from swarmd.broker.core.clock_batches import ClockBatches
-from swarmd.broker.core.former_state import FormerState
-from swarmd.broker.core.forwarding.forwarder import FrameForwarder
-from swarmd.broker.core.media.medium_table import ByMedium, MediumTable, media_of, transport_of
-from swarmd.broker.core.report import NetReport
-from swarmd.broker.core.topology.link import LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.topology.link_targets import LinkTargets
-from swarmd.broker.core.topology.routing_table import RouteChanged
-from swarmd.broker.core.topology.topology import Topology
+from swarmd.broker.core.frames.forwarder import FrameForwarder
+from swarmd.broker.core.membership.origins import RATE_DIVISOR
+from swarmd.broker.core.membership.other_swarms import OtherSwarms
+from swarmd.broker.core.membership.roster.roster_exchange import (
+    ApplyRoster,
+    RosterAction,
+    RosterExchange,
+    SendRoster,
+)
+from swarmd.broker.core.membership.sessions import (
+    ACCEPTED,
+    AdoptSession,
+    ProveSession,
+    ReportImpersonation,
+    SessionOutcome,
+    Sessions,
+)
+from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures, SigningKeys
+from swarmd.broker.core.membership.signatures.signature_checks import CheckedDatagram, SignatureFault
+from swarmd.broker.core.reports.report import NetReport, PublishTables
+from swarmd.broker.core.swarm.clock_batches import ClockBatches
+from swarmd.broker.core.swarm.media.medium_table import ByMedium, MediumTable, media_of, transport_of
+from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.neighbours.link_targets import LinkTargets
+from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
+from swarmd.broker.core.swarm.swarm_action import (
+    MediumChanged,
+    ReportDuplicate,
+    ReportDuplicateGone,
+    WriteClockSamples,
+)
+from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.runtime.core import AT_ONCE
 from swarmware.transport.security.roster import RosterChange
@@ -62,6 +66,40 @@ _SEQUENCE_NS: Final = 100_000_000
 """Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
 
 Address = tuple[str, int]
+
+
+class PollInputs(msgspec.Struct, frozen=True):
+    """Action: receive the waiting datagrams, then call `on_inputs_read`."""
+
+    boards: bool
+    """Also read the plan and the values of the own boards: a beacon is due."""
+
+
+class SendBeacon(msgspec.Struct, frozen=True):
+    """Action: compose the next beacon with `BrokerCore.compose` and send it."""
+
+
+Action = (
+    PollInputs
+    | SendBeacon
+    | WriteMirrors
+    | WriteStructure
+    | KeepMirrors
+    | PublishTables
+    | LimitEnded
+    | WriteClockSamples
+    | AdoptSession
+    | ProveSession
+    | ReportDuplicate
+    | ReportDuplicateGone
+    | ReportSlowdown
+    | ReportUnsignedValues
+    | ReportImpersonation
+    | LinkChanged
+    | MediumChanged
+    | SendRoster
+    | ApplyRoster
+)
 
 
 class BrokerCore:

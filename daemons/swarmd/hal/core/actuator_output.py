@@ -20,7 +20,6 @@ class ActuatorOutput:
 
     def on_value(self, value: Float, stamp_ns: int) -> None:
         """Takes a set-point with its instant; infinite values and NaN are ignored."""
-        # NaN would pass the limits below, since its comparisons are false
         if math.isfinite(value.value):
             self._value, self._stamp_ns = min(max(value.value, -1.0), 1.0), stamp_ns
 

@@ -27,7 +27,6 @@ class Playback:
         """True if an entry is to be published now; a long stall shifts all later entries."""
         late_ns = now_ns - self.local_ns(recorded_ns)
         if late_ns > _CATCH_UP_NS:
-            # the recording is shifted, and nothing is skipped
             self._start_ns += late_ns
             self.stalled_ns += late_ns
         return late_ns >= 0

@@ -121,7 +121,6 @@ class RecordedDevices(BlockingDevice, Sensor):
                     raise DeviceError(f"log {self._source}: its entries were removed")
                 continue
             if self._playback is None:
-                # the first entry of a pass is due at once
                 self._playback = Playback(entry.utc_ns, now_ns, self._config.speed)
             if not self._playback.is_due(entry.utc_ns, now_ns):
                 return found

@@ -52,9 +52,9 @@ class RestPeriod:
 
 
 async def fresh(reader: BoardReader[T], taken: int, period_s: float) -> bool:
-    """True if there is a value newer than the sequence number `taken`; waits half a period for a late value.
+    """Whether there is a value after that with the sequence `taken`; waits for one that is late.
 
-    Without the wait, values of a simulation that runs a millisecond after its driver would be a period old.
+    Else a value of a simulation that runs a millisecond after its driver would be a whole period old.
     """
     if reader.value is None:
         return False

@@ -27,7 +27,6 @@ class Battery:
     def draw(self, power_w: float, dt_s: float) -> None:
         """Draws power for the duration of a sample."""
         self._power_w = power_w
-        # in Wh, hence the division by the seconds of an hour
         self._energy_wh = max(0.0, self._energy_wh - power_w * dt_s / 3600)
 
     def state(self) -> BatteryState:

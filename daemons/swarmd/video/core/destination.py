@@ -21,7 +21,6 @@ class Destination(msgspec.Struct, frozen=True):
 
         Raises: InvalidInput.
         """
-        # the last colon, since IPv6 addresses contain colons
         host, colon, port = text.rpartition(":")
         if not colon:
             return cls(platform=names.check_computer(text))

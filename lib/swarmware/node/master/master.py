@@ -104,11 +104,11 @@ class Master:
         self._published_s = -PAUSE_S
         self._published: tuple[int, str, tuple[Application, ...], int] | None = None
         """What the last table of this holder said."""
-        self._invalid_files: tuple[str, ...] = ()
+        self._misfits: tuple[str, ...] = ()
         """What was wrong among the application files at the last look, a line each."""
         self._named: set[str] = set()
         """Lines that were logged: a file that comes again and again is named once."""
-        self.on_invalid_files: Callable[[tuple[str, ...]], None] | None = None
+        self.on_misfits: Callable[[tuple[str, ...]], None] | None = None
         """Called when that has changed, while this process is the master."""
         self._role: LeaderCandidate | None = None
         if candidate:
@@ -151,22 +151,22 @@ class Master:
             return None
         if self._role.holding:
             self._apps.refresh()
-            self._on_invalid_files()
+            self._on_misfits()
         return self._role.tend()
 
-    def _on_invalid_files(self) -> None:
-        invalid_files = self._apps.invalid_files
-        if invalid_files == self._invalid_files:
+    def _on_misfits(self) -> None:
+        misfits = self._apps.misfits
+        if misfits == self._misfits:
             return
-        self._invalid_files = invalid_files
+        self._misfits = misfits
         if len(self._named) > NAMED_LIMIT:
             self._named.clear()
-        for text in invalid_files:
+        for text in misfits:
             if text not in self._named:
                 self._named.add(text)
                 log.warning("applications: %s", text)
-        if self.on_invalid_files is not None:
-            self.on_invalid_files(invalid_files)
+        if self.on_misfits is not None:
+            self.on_misfits(misfits)
         self._tidy()
 
     def poll(self) -> None:

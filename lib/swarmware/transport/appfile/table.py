@@ -43,7 +43,7 @@ class AppTable:
 
     Not `whole`: its entries have what messages need, and neither `provides` nor `config`, until `complete`.
     Files that are none, such as a FIFO, and those that bear the name of a daemon but belong to another user
-    than the node's or root are left out, and named in `invalid_files`.
+    than the node's or root are left out, and named in `misfits`.
     """
 
     def __init__(
@@ -172,7 +172,7 @@ class AppTable:
         return self._owners
 
     @property
-    def invalid_files(self) -> tuple[str, ...]:
+    def misfits(self) -> tuple[str, ...]:
         """What is wrong in the folder, a line each: files that are none, and claims that do not count."""
         now_ns = self._now_ns()
         files = (refusal.reason for refusal in self._refused.values() if now_ns >= refusal.certain_ns)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.broker.core.media.arrivals import WINDOW, Arrivals
+from swarmd.broker.core.swarm.media.arrivals import WINDOW, Arrivals
 
 
 def after(*numbers: int) -> float:

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.broker.config import Carries, Config
-from swarmd.broker.links.udp import loopback_only
+from swarmd.broker.sockets.udp import loopback_only
 from swarmware.errors import ConfigError
 from swarmware.model import config
 

@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import pytest
 
-from swarmd.broker.core.media.line_frames import BITS, LineReceiver, LineSender, line_bytes
-from swarmd.broker.core.media.line_queue import LEAD_NS, QUEUE_MIN, QUEUE_NS, LineQueue
+from swarmd.broker.core.swarm.media.line_frames import BITS, LineReceiver, LineSender, line_bytes
+from swarmd.broker.core.swarm.media.line_queue import LEAD_NS, QUEUE_MIN, QUEUE_NS, LineQueue
 
 SECOND = 1_000_000_000
 BAUD = 9600

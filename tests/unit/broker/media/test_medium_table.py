@@ -4,10 +4,17 @@ import pytest
 
 from swarmd.broker.config import Carries, Config, NetworkMedium, SerialMedium
 from swarmd.broker.core.beacon.beacon import Header
-from swarmd.broker.core.beacon.medium_parts import LISTING_BYTES, MediumListing
-from swarmd.broker.core.media.medium import COST_MAX, MAIN_MEDIUM, MediumProfile
-from swarmd.broker.core.media.medium_link import MediumLink
-from swarmd.broker.core.media.medium_table import FORGET_NS, LISTING_NS, ByMedium, MediumTable, Use, media_of
+from swarmd.broker.core.beacon.parts.medium_parts import LISTING_BYTES, MediumListing
+from swarmd.broker.core.swarm.media.medium import COST_MAX, MAIN_MEDIUM, MediumProfile
+from swarmd.broker.core.swarm.media.medium_link import MediumLink
+from swarmd.broker.core.swarm.media.medium_table import (
+    FORGET_NS,
+    LISTING_NS,
+    ByMedium,
+    MediumTable,
+    Use,
+    media_of,
+)
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 10

@@ -3,10 +3,9 @@
 import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
-from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.carrier import CLEAN_NS, QUEUE_NS, UNOPENED_NS, LinkQuality
-from swarmd.broker.core.reliable.link_action import SendPacket
-from swarmd.broker.core.reliable.reliable_links import (
+from swarmd.broker.core.frames.carrier import CLEAN_NS, QUEUE_NS, UNOPENED_NS, LinkQuality
+from swarmd.broker.core.frames.reliable.link_action import SendPacket
+from swarmd.broker.core.frames.reliable.reliable_links import (
     CHECK_NS,
     Action,
     MeasureConnection,
@@ -14,7 +13,9 @@ from swarmd.broker.core.reliable.reliable_links import (
     SetBuffer,
     UseDatagrams,
 )
-from swarmd.broker.core.reliable.send_buffer import FREE_NS, SIZE_MAX, SIZE_MIN, ConnectionDelay
+from swarmd.broker.core.frames.send_buffer import FREE_NS, SIZE_MAX, SIZE_MIN
+from swarmd.broker.core.frames.send_queue import QueuedFrame
+from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.transport.delivery.rate_control import PACKET_BYTES, WINDOW_MIN
 

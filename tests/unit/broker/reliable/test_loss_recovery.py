@@ -1,6 +1,6 @@
 """Packets in flight: arrived, lost by number, lost by time, probed."""
 
-from swarmd.broker.core.reliable.loss_recovery import (
+from swarmd.broker.core.frames.reliable.loss_recovery import (
     BACKOFF_MAX,
     COMMAND_PROBES,
     COMMAND_SLACK_NS,
@@ -9,8 +9,8 @@ from swarmd.broker.core.reliable.loss_recovery import (
     LossRecovery,
     SentPacket,
 )
-from swarmd.broker.core.reliable.packet import Acknowledgement
-from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
+from swarmd.broker.core.frames.reliable.packet import Acknowledgement
+from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS
 
 MS = 1_000_000
 RTT = 20 * MS

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from swarmd.broker.core.forwarding.send_queue import AGE_MAX_NS, Priority, QueuedFrame
-from swarmd.broker.core.reliable.outgoing import COMMANDS, ROOM, OutgoingMessages
-from swarmd.broker.core.reliable.packet import Piece
-from swarmd.broker.core.reliable.reassembly import SPAN_MAX
+from swarmd.broker.core.frames.reliable.outgoing import COMMANDS, ROOM, OutgoingMessages
+from swarmd.broker.core.frames.reliable.packet import Piece
+from swarmd.broker.core.frames.reliable.reassembly import SPAN_MAX
+from swarmd.broker.core.frames.send_queue import AGE_MAX_NS, Priority, QueuedFrame
 from swarmware.model.frame import Flag, Frame, FrameKind, encode
 
 ALL = tuple(Priority)

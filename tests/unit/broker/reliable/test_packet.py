@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.reliable.packet import (
+from swarmd.broker.core.frames.reliable.packet import (
     DELAY_UNIT_NS,
     HEAD_BYTES,
     RANGES_MAX,

@@ -4,8 +4,8 @@ from random import Random
 
 import pytest
 
-from swarmd.broker.core.reliable.packet import Piece
-from swarmd.broker.core.reliable.reassembly import BYTES_MAX, SPAN_MAX, Reassembly
+from swarmd.broker.core.frames.reliable.packet import Piece
+from swarmd.broker.core.frames.reliable.reassembly import BYTES_MAX, SPAN_MAX, Reassembly
 from swarmware.errors import WireError
 
 TEXT = Random(1).randbytes(5000)

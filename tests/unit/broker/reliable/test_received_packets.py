@@ -6,8 +6,8 @@ from random import Random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmd.broker.core.reliable.packet import RANGES_MAX
-from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS, ReceivedPackets
+from swarmd.broker.core.frames.reliable.packet import RANGES_MAX
+from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS, ReceivedPackets
 
 T = 5_000_000_000
 

@@ -1,10 +1,10 @@
 """One link: acknowledgements ride with data, probes repeat the oldest packet, commands pass a full window."""
 
-from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.link_action import LinkAction, SendPacket
-from swarmd.broker.core.reliable.packet import PACKET_MAX, Acknowledgement, Packet, decode, encode
-from swarmd.broker.core.reliable.received_packets import ACK_DELAY_NS
-from swarmd.broker.core.reliable.reliable_link import ReliableLink
+from swarmd.broker.core.frames.reliable.link_action import LinkAction, SendPacket
+from swarmd.broker.core.frames.reliable.packet import PACKET_MAX, Acknowledgement, Packet, decode, encode
+from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS
+from swarmd.broker.core.frames.reliable.reliable_link import ReliableLink
+from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame
 from swarmware.transport.delivery.rate_control import WINDOW_FIRST

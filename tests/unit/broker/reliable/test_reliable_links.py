@@ -5,18 +5,18 @@ from collections.abc import Iterable
 import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
-from swarmd.broker.core.forwarding.send_queue import QueuedFrame
-from swarmd.broker.core.reliable.carrier import CLEAN_NS, LinkQuality
-from swarmd.broker.core.reliable.link_action import DeliverFrame, FrameBegun, FramesDropped, SendPacket
-from swarmd.broker.core.reliable.packet import Acknowledgement, Packet, Piece, decode, encode
-from swarmd.broker.core.reliable.reliable_link import BLOCKED, BLOCKED_LATER, ReliableLink
-from swarmd.broker.core.reliable.reliable_links import (
+from swarmd.broker.core.frames.carrier import CLEAN_NS, LinkQuality
+from swarmd.broker.core.frames.reliable.link_action import DeliverFrame, FrameBegun, FramesDropped, SendPacket
+from swarmd.broker.core.frames.reliable.packet import Acknowledgement, Packet, Piece, decode, encode
+from swarmd.broker.core.frames.reliable.reliable_link import BLOCKED, BLOCKED_LATER, ReliableLink
+from swarmd.broker.core.frames.reliable.reliable_links import (
     BLOCKED_NS,
     Action,
     ReliableLinks,
     UseConnection,
     UseDatagrams,
 )
+from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmware.errors import WireError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame

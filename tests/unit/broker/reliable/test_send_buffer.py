@@ -2,15 +2,15 @@
 
 import pytest
 
-from swarmd.broker.core.reliable.send_buffer import (
+from swarmd.broker.core.frames.send_buffer import (
     FREE_NS,
     RATE_MAX_BYTES_S,
     SIZE_MAX,
     SIZE_MIN,
     TRIAL_AGAIN_NS,
-    ConnectionDelay,
     SendBuffer,
 )
+from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
 
 MS = 1_000_000
 LOOK_NS = 40 * MS

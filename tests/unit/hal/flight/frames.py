@@ -1,4 +1,4 @@
-"""Installed airframes, for tests of their controllers."""
+"""The airframes that are installed, for tests of their controllers."""
 
 from pathlib import Path
 

@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon.beacon_signature import BeaconSignature
-from swarmd.broker.core.beacon.medium_parts import MediumListing
-from swarmd.broker.core.beacon.session_checks import SessionCheck
-from swarmd.broker.core.beacon.solicitation import Solicitation
-from swarmd.broker.core.beacon.structure_parts import StructurePart
-from swarmd.broker.core.beacon.value_proof import ValueProof
+from swarmd.broker.core.beacon.parts.beacon_signature import BeaconSignature
+from swarmd.broker.core.beacon.parts.medium_parts import MediumListing
+from swarmd.broker.core.beacon.parts.session_checks import SessionCheck
+from swarmd.broker.core.beacon.parts.solicitation import Solicitation
+from swarmd.broker.core.beacon.parts.structure_parts import StructurePart
+from swarmd.broker.core.beacon.parts.value_proof import ValueProof
 
 NEVER_NS: Final = -(1 << 62)
 """Before every instant: clocks may be negative, simulated ones have offsets."""
@@ -198,3 +198,13 @@ def encode_age(age_us: int) -> int:
 def decode_age(age: int) -> int:
     """Decodes an age, in µs."""
     return age * AGE_UNIT_US if age < _OLD else (age & ~_OLD) * _OLD_UNIT_US
+
+
+class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
+    """The next beacon, before encoding."""
+
+    sequence: int
+    with_session: bool
+    beacon: Beacon
+    declared_period_ns: int = 0
+    """Longest declared period, to be stored before sending; 0: unchanged."""

@@ -9,15 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmd.broker.core.beacon import (
-    beacon_signature,
-    medium_parts,
-    proof_parts,
-    request_parts,
-    session_checks,
-    solicitation,
-    structure_parts,
-)
+from swarmd.broker.core.beacon import proof_parts, request_parts
 from swarmd.broker.core.beacon.beacon import (
     HOPS_MAX,
     NO_ECHO,
@@ -33,6 +25,13 @@ from swarmd.broker.core.beacon.beacon import (
     SequenceRequest,
     decode_age,
     encode_age,
+)
+from swarmd.broker.core.beacon.parts import (
+    beacon_signature,
+    medium_parts,
+    session_checks,
+    solicitation,
+    structure_parts,
 )
 from swarmware.errors import WireError
 

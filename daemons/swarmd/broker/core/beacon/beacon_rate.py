@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from typing import Final
 
+import msgspec
+
 from swarmd.broker.core.beacon.beacon import NEVER_NS
 
 IDLE_HZ: Final = 2.0
@@ -46,6 +48,14 @@ def airtime_s(datagram_bytes: float) -> float:
 def allowed_hz(neighbours: int, datagram_bytes: float) -> float:
     """Maximum beacon rate for a number of neighbours, after ETSI's decentralised congestion control."""
     return max(AIRTIME / ((neighbours + 1) * airtime_s(datagram_bytes)), MIN_HZ)
+
+
+class ReportSlowdown(msgspec.Struct, frozen=True):
+    """Action: report a change of the factor by which beacons are slowed; 1: the processor keeps up."""
+
+    factor: float
+    late_ns: int
+    """Median lateness of the last beacons."""
 
 
 class QuietRate:

@@ -2,6 +2,8 @@
 
 from typing import Final
 
+import msgspec
+
 _MS: Final = 1_000_000
 CEILINGS_NS: Final = (125 * _MS, 250 * _MS, 500 * _MS, 1000 * _MS, 2000 * _MS, 4000 * _MS, 10_000 * _MS)
 """Classes of periods: a node whose rate varies within a class stores nothing."""
@@ -36,3 +38,12 @@ class DeclaredPeriod:
             return False
         self.ns, self._since_ns, self._later_ns = self._later_ns, now_ns, 0
         return True
+
+
+class FormerState(msgspec.Struct, frozen=True):
+    """State of the former session of this node's broker."""
+
+    declared_period_ns: int = 0
+    """Longest time between two datagrams that it declared; 0: none is known."""
+    quiet_ns: int = 0
+    """Time for which other nodes may still route through it, in ns."""

@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.beacon.beacon import RelayedValue
-from swarmd.broker.core.beacon.value_proof import (
+from swarmd.broker.core.beacon.parts.value_proof import (
     HASH_BYTES,
     SIGNATURE_BYTES,
     ValueProof,

@@ -9,8 +9,8 @@ import msgspec
 
 from swarmd.broker.core.beacon.beacon import HOPS_MAX, NEVER_NS, BoardValue, RelayedValue
 from swarmd.broker.core.beacon.beacon_codec import relay_bytes
+from swarmd.broker.core.beacon.parts.value_proof import ValueProof
 from swarmd.broker.core.beacon.proof_parts import PART_HEAD_BYTES, group_bytes
-from swarmd.broker.core.beacon.value_proof import ValueProof
 
 PERIOD_NS: Final = 130_000_000
 """Mean period in which a value is relayed that its origin sent itself: with three of four beacons at 10 Hz.

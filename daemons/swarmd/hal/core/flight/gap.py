@@ -10,7 +10,6 @@ def between(before: Imu, after: Imu, at_s: float, gap_s: float, held_s: float) -
     motors have stopped the rates stay, and the specific force is the one of free fall.
     Units: `at_s` and `gap_s` since the previous sample; `held_s`: time for which outputs are held.
     """
-    # the rates stop changing when the motors do
     share = min(1.0, at_s / min(gap_s, held_s))
     falls = gap_s > held_s
     force = (1.0 if at_s > held_s else 0.0) if falls else share

@@ -1,1 +1,0 @@
-"""Forwarding of frames: the next hop, the queue of a link, frames as datagrams."""

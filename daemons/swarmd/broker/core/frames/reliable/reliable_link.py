@@ -1,0 +1,255 @@
+"""One reliable link: frames in both directions between this node and a session of a neighbour."""
+
+from typing import Final
+
+from swarmd.broker.core.frames.reliable.link_action import (
+    DeliverFrame,
+    FrameBegun,
+    FramesDropped,
+    LinkAction,
+    SendPacket,
+)
+from swarmd.broker.core.frames.reliable.loss_recovery import LossRecovery, SentPacket
+from swarmd.broker.core.frames.reliable.outgoing import COMMANDS, ROOM, OutgoingMessages
+from swarmd.broker.core.frames.reliable.packet import (
+    NUMBER_MAX,
+    Acknowledgement,
+    Packet,
+    Piece,
+    acknowledgement_bytes,
+    decode,
+    encode,
+    piece_bytes,
+)
+from swarmd.broker.core.frames.reliable.reassembly import Reassembly
+from swarmd.broker.core.frames.reliable.received_packets import ReceivedPackets
+from swarmd.broker.core.frames.send_queue import Priority, QueuedFrame
+from swarmware.errors import WireError
+from swarmware.transport.delivery.rate_control import RateControl
+
+OVERHEAD: Final = 28 + 10 + 16
+"""Bytes of a datagram besides the packet: IP and UDP, clear header, tag."""
+ALL: Final = tuple(Priority)
+PROBES: Final = 2
+"""Copies of the oldest packet, from the second probe on (RFC 9002, section 6.2.4)."""
+SILENCE: Final = 6
+"""Probes in a row without an acknowledgement after which less is sent; at 40 % loss less than one loss in a
+hundred has this consequence."""
+BLOCKED: Final = 24
+"""Probes in a row without an acknowledgement after which the neighbour does not get the datagrams: they are
+blocked on the way, or it does not know them."""
+BLOCKED_LATER: Final = 96
+"""The same where it has acknowledged packets before. A busy computer may not answer for a second, and a
+connection that is opened over a lossy link needs several."""
+
+FULL: Final = 8
+"""Frames that wait to begin, from which on the rate of the link is the limit."""
+
+
+class ReliableLink:
+    """Sends frames as pieces in packets until they arrive, and puts those of the neighbour together."""
+
+    def __init__(
+        self, hw: int, session: int, rtt_ns: int, loss: float, now_ns: int, base_ns: int | None = None
+    ) -> None:
+        """`rtt_ns`, `loss`, `base_ns`: of the beacons, as a first guess; 0 or None: not known."""
+        self.hw = hw
+        self.session = session
+        self.rate = RateControl(now_ns, loss, base_ns)
+        self._outgoing = OutgoingMessages()
+        self._recovery = LossRecovery(rtt_ns)
+        self._received = ReceivedPackets()
+        self._incoming = Reassembly()
+        self._next_number = 0
+        self._paced_until_ns: int | None = None
+
+    def __len__(self) -> int:
+        """Frames that have not arrived."""
+        return len(self._outgoing)
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether its datagrams do not reach the neighbour, although its beacons arrive."""
+        limit = BLOCKED_LATER if self._recovery.has_arrived else BLOCKED
+        return self._recovery.probes >= limit or self._next_number >= NUMBER_MAX - ROOM
+
+    @property
+    def is_full(self) -> bool:
+        """Whether frames wait because the link is slower than they come."""
+        return self._outgoing.waiting > FULL
+
+    @property
+    def repeated_bytes(self) -> int:
+        """Bytes of pieces that were sent again."""
+        return self._outgoing.repeated_bytes
+
+    @property
+    def arrived_frames(self) -> int:
+        """Frames that the neighbour acknowledged."""
+        return self._outgoing.arrived_frames
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes of the frames that have not arrived."""
+        return self._outgoing.waiting_bytes
+
+    @property
+    def smoothed_ns(self) -> int:
+        """The smoothed round trip."""
+        return self._recovery.smoothed_ns
+
+    def on_queue(self, rtt_ns: int) -> None:
+        """Frames that took another way fill the queue of the link: its present round trip."""
+        self.rate.on_queue()
+        self._recovery.on_round_trip(rtt_ns)
+
+    def on_frame(self, queued: QueuedFrame, now_ns: int) -> list[LinkAction]:
+        """A frame for the neighbour."""
+        gone = self._outgoing.put(queued)
+        actions: list[LinkAction] = [FramesDropped(self.hw, gone)] if gone else []
+        return actions + self._send(now_ns)
+
+    def on_packet(self, data: bytes, now_ns: int, arrived_ns: int | None = None) -> list[LinkAction]:
+        """A packet of the neighbour, authenticated and not a replay.
+
+        `arrived_ns`: its arrival, if it waited for this process.
+        Raises: WireError for a packet that no correct neighbour sends.
+        """
+        packet = decode(data)
+        self._check(packet.acknowledgement)
+        frames = self._take_pieces(packet, now_ns, arrived_ns)
+        actions: list[LinkAction] = [DeliverFrame(self.hw, frame) for frame in frames]
+        if packet.acknowledgement is not None:
+            self._on_acknowledgement(packet.acknowledgement, now_ns, arrived_ns)
+        return actions + self._send(now_ns)
+
+    def _check(self, acknowledgement: Acknowledgement | None) -> None:
+        if acknowledgement is not None and acknowledgement.largest >= self._next_number:
+            raise WireError(f"acknowledgement of packet {acknowledgement.largest}, which was not sent")
+
+    def _take_pieces(self, packet: Packet, now_ns: int, arrived_ns: int | None) -> list[bytes]:
+        if not self._incoming.has_room(packet.pieces):
+            return []  # it is not acknowledged, and will be repeated
+        self._incoming.on_floor(packet.floor)
+        whole = [self._incoming.on_piece(piece) for piece in packet.pieces]
+        self._received.on_packet(packet.number, packet.is_answered, now_ns, arrived_ns)
+        return [frame for frame in whole if frame is not None]
+
+    def _on_acknowledgement(
+        self, acknowledgement: Acknowledgement, now_ns: int, arrived_ns: int | None
+    ) -> None:
+        settled = self._recovery.on_acknowledgement(acknowledgement, now_ns, arrived_ns)
+        rate = self.rate
+        for packet in settled.arrived:
+            rate.on_acknowledged(packet.size)
+            for piece in packet.pieces:
+                self._outgoing.on_arrived(piece)
+        self._on_lost(settled.lost)
+        for _ in range(settled.late):
+            rate.on_spurious()
+        if settled.round_trip_ns is not None:
+            rate.on_round_trip(settled.round_trip_ns, now_ns)
+        rate.on_round(self._recovery.smoothed_ns, now_ns)
+
+    def _on_lost(self, packets: tuple[SentPacket, ...]) -> None:
+        for packet in packets:
+            self.rate.on_lost(packet.size)
+            for piece in packet.pieces:
+                self._outgoing.on_lost(piece)
+
+    def on_due(self, now_ns: int) -> list[LinkAction]:
+        """Packets that count as lost, probes, acknowledgements and paced packets that are due."""
+        lost, probe = self._recovery.on_due(now_ns)
+        self._on_lost(lost)
+        actions: list[LinkAction] = []
+        if probe:
+            if self._recovery.probes == SILENCE:
+                self.rate.on_silence()
+            actions = self._probe(now_ns)
+        return actions + self._send(now_ns)
+
+    def _probe(self, now_ns: int) -> list[LinkAction]:
+        """Repeats the oldest packet in flight, beyond the window."""
+        oldest = self._recovery.oldest
+        copies = 1 if self._recovery.probes == 1 else PROBES
+        pieces = self._outgoing.repeat(oldest.pieces if oldest is not None else (), copies)
+        return [self._packet(pieces, now_ns, ping=not pieces) for _ in range(copies)]
+
+    def _send(self, now_ns: int) -> list[LinkAction]:
+        """All packets that window and pace allow, and the acknowledgement that is due."""
+        outgoing, rate = self._outgoing, self.rate
+        actions: list[LinkAction] = []
+        self._paced_until_ns = None
+        while True:
+            ranks: tuple[Priority, ...] = ()
+            if outgoing.has(COMMANDS) and rate.has_room(reserve=True):
+                ranks = COMMANDS
+            if not outgoing.has(ALL):
+                break
+            if not rate.has_room(reserve=False):
+                rate.on_limited()
+            else:
+                wait_ns = rate.wait_ns(self._recovery.smoothed_ns, now_ns)
+                if not wait_ns:
+                    ranks = ALL
+                else:
+                    self._paced_until_ns = now_ns + wait_ns
+            pieces = self._pieces(ranks, now_ns, actions) if ranks else []
+            if not pieces:
+                break
+            actions.append(self._packet(tuple(pieces), now_ns))
+        due_ns = self._received.due_ns
+        if due_ns is not None and now_ns >= due_ns:
+            actions.append(self._packet((), now_ns))
+        return actions
+
+    def _pieces(self, ranks: tuple[Priority, ...], now_ns: int, actions: list[LinkAction]) -> list[Piece]:
+        pieces: list[Piece] = []
+        room = ROOM
+        while True:
+            piece, begun, gone = self._outgoing.take(ranks, room, now_ns)
+            if gone:
+                actions.append(FramesDropped(self.hw, gone))
+            if begun is not None:
+                actions.append(FrameBegun(self.hw, begun))
+            if piece is None:
+                return pieces
+            pieces.append(piece)
+            room = ROOM - _bytes_of(pieces)
+
+    def _packet(self, pieces: tuple[Piece, ...], now_ns: int, ping: bool = False) -> SendPacket:
+        acknowledgement = self._received.present(now_ns)
+        if acknowledgement is not None and pieces:
+            room = ROOM - _bytes_of(pieces)
+            if acknowledgement_bytes(acknowledgement) > room:
+                acknowledgement = None  # it follows in a packet of its own
+        packet = Packet(self._next_number, self._outgoing.floor, acknowledgement, pieces, ping)
+        self._next_number += 1
+        if acknowledgement is not None:
+            self._received.on_acknowledged()
+        data = encode(packet)
+        if packet.is_answered:
+            size = len(data) + OVERHEAD
+            has_command = self._outgoing.has_command(pieces)
+            self._recovery.on_sent(SentPacket(packet.number, size, now_ns, pieces, has_command))
+            self.rate.on_sent(size)
+        return SendPacket(self.hw, self.session, data)
+
+    def deadline_ns(self) -> int | None:
+        """When `on_due` must be called; None: no deadline."""
+        instants = (self._received.due_ns, self._recovery.deadline_ns(), self._paced_until_ns)
+        return min((one for one in instants if one is not None), default=None)
+
+    def clear(self, now_ns: int) -> list[QueuedFrame]:
+        """Gives up what is being sent; the frames that have not arrived.
+
+        The numbers continue: the neighbour may have kept its end of the link.
+        """
+        self._recovery.clear()
+        self.rate = RateControl(now_ns)
+        self._paced_until_ns = None
+        return self._outgoing.clear()
+
+
+def _bytes_of(pieces: list[Piece] | tuple[Piece, ...]) -> int:
+    return sum(piece_bytes(piece) for piece in pieces)

@@ -1,0 +1,1 @@
+"""Exchange of the roster between neighbours: versions, differences of two rosters, and their requests."""

@@ -1,0 +1,1 @@
+"""Neighbours of this node: state, loss, cost and deadline of the link to each, and its addresses."""

@@ -1,0 +1,291 @@
+"""A neighbour: state, loss, cost and deadline of the link to a node in range.
+
+Everything is derived from beacons: their sequence numbers measure loss, as Babel's Hello does; their echoes
+report what the neighbour received, as IHU (I Heard You) does, with a timestamp.
+"""
+
+import math
+from functools import lru_cache
+from typing import Final
+
+from swarmd.broker.core.beacon.beacon import NEVER_NS, Hello
+from swarmd.broker.core.swarm.neighbours import solicited
+from swarmd.broker.core.swarm.neighbours.link import COST_MAX, LinkState, link_cost
+
+WINDOW: Final = 16
+"""Datagrams over which loss is measured: the hello history of Babel (RFC 8966, appendix A.1)."""
+_WINDOW_MASK: Final = (1 << WINDOW) - 1
+MEASURED: Final = 12
+"""Datagrams after which the loss of a direction is known: before, a missing measurement looks like a loss."""
+NOTICED: Final = 2
+"""Losses among the first datagrams of a neighbour that show a lossy link before it is measured."""
+LONG_WINDOW: Final = 64
+"""Datagrams over which the loss is measured that the deadline of a link tolerates."""
+LONG_MASK: Final = (1 << LONG_WINDOW) - 1
+EXPECTED_MIN: Final = 8
+"""Minimum of datagrams for a loss: one datagram after a silence does not prove a perfect link."""
+PERIODS: Final = 2.5
+"""Deadline of a link without loss, in periods: one datagram may be lost."""
+FALSE_ALARM: Final = 1e-4
+"""Probability of a false alarm, for all neighbours together: consecutive losses that are less likely take a
+link down."""
+_LOSS_MIN: Final = 0.0075
+"""Assumed loss of a link that has lost nothing yet: one datagram in two windows."""
+MISSES_MAX: Final = 8
+"""Limit of consecutive losses; `notice_ns`, the wait of a restarted node, depends on it."""
+LOSSY_RATIO: Final = 1.3
+"""Link timeouts of silence that take a link down whose loss allows `MISSES_MAX`: 13 beacons at 10 Hz."""
+NOTICE_SLACK_NS: Final = 250_000_000
+"""Margin for the delay of a datagram and of a timer."""
+_BAD, _BAD_OF = 0.65, 32
+"""A link with more loss of at least this many datagrams is taken down early: routes do not wait for it."""
+_ERRORS: Final = 1.5
+"""Standard errors by which a measured loss may be too low."""
+FIRST_PERIOD_NS: Final = 500_000_000
+LISTING_NS: Final = 3_000_000_000
+"""Every neighbour is listed by an echo within this time."""
+LISTINGS: Final = 3
+"""Consecutive missed listings that make a link without loss half open."""
+UNLISTED_SLACK_NS: Final = 1_000_000_000
+HEARS_SLACK_NS: Final = 500_000_000
+"""A neighbour's listing of a node is valid for three of its listing periods and this margin."""
+CLOCK_HIGH_MAX: Final = 1 << 19
+"""Clocks run within 71 years of their zero: in ns, differences of two of them fit into 64 bits."""
+_FULL: Final = 255
+_HALVES: Final = round(2 * (PERIODS - 2))
+"""Half periods beyond the datagrams that may be missed."""
+FAR_NS: Final = 1 << 62
+"""After every instant."""
+
+
+class Neighbour:
+    """A node whose datagrams are received, or were within the last minutes."""
+
+    __slots__ = (
+        "address",
+        "answer_ns",
+        "arrived_out",
+        "ask_due_ns",
+        "asks",
+        "asks_needed",
+        "clock_us",
+        "compared_cost",
+        "cost_inputs",
+        "deadline_ns",
+        "echo_reverse_us",
+        "echo_rx_ns",
+        "echo_sequence",
+        "echoed_ns",
+        "echoed_quality",
+        "expected",
+        "first_listed",
+        "hears",
+        "hears_badly",
+        "hears_well",
+        "hello",
+        "hw",
+        "late",
+        "listed_ns",
+        "listing_ns",
+        "lost",
+        "missed",
+        "penalty",
+        "period_ns",
+        "received",
+        "received_ns",
+        "reported",
+        "rtt_ns",
+        "session",
+        "since_ns",
+        "state",
+        "top",
+        "window",
+        "withdrawals",
+    )
+
+    def __init__(self, hw: int, now_ns: int) -> None:
+        self.hw = hw
+        self.state = LinkState.DOWN
+        self.since_ns = now_ns
+        self.hello: Hello | None = None
+        self.address: tuple[str, int] = ("", 0)
+        self.session = 0
+        self.lost = 0
+        self.late = 0
+        self.hears: dict[int, int] = {}
+        """Nodes that it lists as received, and the time of its last listing."""
+        self.hears_well: set[int] = set()
+        """Those of them that it receives with at least WELL."""
+        self.hears_badly: dict[int, int] = {}
+        """Quality of the others."""
+        self.penalty = 0
+        """Cost that the rate of its medium adds."""
+        self.restart(now_ns)
+
+    def restart(self, now_ns: int) -> None:
+        """Resets the state of its former session."""
+        self.hello = None
+        self.clock_us = 0
+        self.hears.clear()
+        self.hears_well.clear()
+        self.hears_badly.clear()
+        self.period_ns = FIRST_PERIOD_NS
+        self.listing_ns = LISTING_NS
+        self.answer_ns = 0
+        """Time in which it answers a request for a beacon; 0: it does not, as far as is known."""
+        self.revive(now_ns)
+
+    def revive(self, now_ns: int) -> None:
+        """Resets the measurements of the link, after a long silence."""
+        self.top = 0
+        self.window = 0
+        self.cost_inputs = (0, 0, 0, 0)
+        """Inputs of the last computed cost."""
+        self.compared_cost = COST_MAX
+        """Its cost at the last comparison of routes over it."""
+        self.missed = 0
+        """Datagrams that are overdue since the last one."""
+        self.expected = 0
+        self.received = 0
+        self.received_ns = now_ns
+        self.deadline_ns = now_ns
+        self.asks = self.asks_needed = 0
+        """Requests for a beacon since its last datagram, and how many without an answer end the link."""
+        self.ask_due_ns = FAR_NS
+        """When the next request is due, or after the last one the end of the link; FAR_NS: none."""
+        self.listed_ns = NEVER_NS
+        self.reported = self.arrived_out = _FULL
+        self.first_listed = -1
+        """Own beacon that its first listing answered, or -1 before that."""
+        self.rtt_ns = 0
+        self.echoed_ns = NEVER_NS
+        self.echoed_quality = 0
+        self.echo_reverse_us = 0
+        self.echo_sequence = -1
+        self.echo_rx_ns = 0
+        self.withdrawals = 0
+
+    @property
+    def quality(self) -> int:
+        """Share of its last datagrams that arrived, in 1/255."""
+        if self.window & _WINDOW_MASK == _WINDOW_MASK and not self.missed:
+            return _FULL  # the common case
+        expected = max(EXPECTED_MIN, min(WINDOW, self.expected + self.missed))
+        received = (self.window << self.missed & _WINDOW_MASK).bit_count()
+        return min(round(_FULL * received / expected), _FULL)
+
+    def on_reported(self, quality: int, sequence: int) -> None:
+        """Takes the share of our datagrams that it receives, from a listing that answers our beacon of this
+        number.
+
+        The listing counts late datagrams as lost. The better of two reports is the loss on the way, because a
+        datagram that is late in one of them has arrived in the other.
+        """
+        if self.first_listed < 0:
+            self.first_listed = sequence
+        if sequence - self.first_listed >= MEASURED:
+            self.arrived_out = max(self.reported, quality)
+        self.reported = quality
+
+    @property
+    def wire_loss(self) -> float | None:
+        """Share of datagrams that were lost on the way, in the worse direction, or None if not measured.
+
+        A datagram that a busy processor sends or receives late is none of them.
+        """
+        expected = min(WINDOW, self.expected)
+        lost = expected - (self.window & (1 << expected) - 1).bit_count()
+        if self.expected < MEASURED:
+            return lost / expected if lost >= NOTICED else None
+        return max(lost / expected, 1 - self.arrived_out / _FULL)
+
+    @property
+    def quality_out(self) -> int:
+        """Share of our datagrams that it receives, as it reports, in 1/255; 0: it does not."""
+        return self.reported if self.state is LinkState.UP else 0
+
+    @property
+    def cost(self) -> int:
+        """Cost of the link: loss of both directions, round trip, and rate of its medium."""
+        return link_cost(self.quality, self.reported, self.penalty, self.rtt_ns)
+
+    def misses(self, neighbours: int) -> int:
+        """Consecutive losses after which the link is down, for a number of neighbours."""
+        if self.hello is None:
+            return 2
+        if self.window == LONG_MASK:
+            return _misses(_LOSS_MIN, neighbours)
+        if self._long_loss() >= _BAD:
+            return 2
+        return _misses(self._loss_bound(), neighbours)
+
+    def _long_loss(self) -> float:
+        expected = min(LONG_WINDOW, self.expected)
+        return (expected - self.window.bit_count()) / max(_BAD_OF, expected)
+
+    def _loss_bound(self) -> float:
+        """Loss of the long window alone, and its error: a link whose loss rose lately may be leaving its
+        range."""
+        long_loss = self._long_loss()
+        error = _ERRORS * math.sqrt(long_loss * (1.0 - long_loss) / LONG_WINDOW)
+        return max(long_loss + error, _LOSS_MIN)
+
+    def expect(self, neighbours: int, link_timeout_ns: int) -> None:
+        """Sets the deadline of the link after a datagram, and when the next one counts as overdue.
+
+        A neighbour is asked only where that is sooner than to wait for a number of its beacons.
+        """
+        misses, period_ns = self.misses(neighbours), self.period_ns
+        timeout_ns = link_timeout_ns if misses < MISSES_MAX else round(LOSSY_RATIO * link_timeout_ns)
+        periods_ns = (2 * misses + _HALVES) * period_ns // 2
+        self.deadline_ns = self.received_ns + max(timeout_ns, periods_ns)
+        self.asks, self.ask_due_ns = 0, FAR_NS
+        if periods_ns > timeout_ns and self.answer_ns and self.state is LinkState.UP:
+            silence_ns = solicited.silence_ns(
+                solicited.overdue_beacons(min(self._long_loss(), _BAD), neighbours), period_ns
+            )
+            asking_ns = (solicited.ASKS_MIN - 1) * self._ask_again_ns() + self._answered_ns()
+            if silence_ns + asking_ns < periods_ns:
+                self.ask_due_ns = self.received_ns + silence_ns
+
+    def on_asked(self, now_ns: int, neighbours: int, link_timeout_ns: int) -> None:
+        """A beacon that asks it is sent."""
+        self.asks += 1
+        if self.asks == 1:
+            beacons = max((now_ns - self.received_ns) // self.period_ns, 1)
+            loss_out = max(1.0 - self.reported / _FULL, _LOSS_MIN)
+            self.asks_needed = solicited.asks(self._loss_bound(), loss_out, beacons, FALSE_ALARM / neighbours)
+        if self.asks < self.asks_needed:
+            self.ask_due_ns = now_ns + self._ask_again_ns()
+        else:
+            self.ask_due_ns = max(now_ns + self._answered_ns(), self.received_ns + link_timeout_ns)
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether its link is down: its deadline has passed, or it has not answered."""
+        return now_ns >= self.deadline_ns or (now_ns >= self.ask_due_ns and 0 < self.asks_needed <= self.asks)
+
+    def _ask_again_ns(self) -> int:
+        return max(solicited.ASK_AGAIN_NS, self.answer_ns)
+
+    def _answered_ns(self) -> int:
+        return self.answer_ns + self.rtt_ns + solicited.ANSWER_SLACK_NS
+
+    def hears_until_ns(self, hw: int) -> int:
+        """Until when its listing of a node is valid."""
+        return self.hears.get(hw, NEVER_NS) + LISTINGS * self.listing_ns + HEARS_SLACK_NS
+
+
+def notice_ns(period_ns: int, timeout_ns: int) -> int:
+    """Time without a datagram after which every neighbour has taken the link down, whatever its loss.
+
+    `period_ns`: the longest period between two datagrams that the node declared.
+    """
+    periods_ns = round((MISSES_MAX + PERIODS - 2) * period_ns)
+    first_ns = round(PERIODS * FIRST_PERIOD_NS)
+    return max(round(LOSSY_RATIO * timeout_ns), first_ns, periods_ns) + NOTICE_SLACK_NS
+
+
+@lru_cache(maxsize=1024)
+def _misses(loss: float, neighbours: int) -> int:
+    misses = math.ceil(math.log(FALSE_ALARM / neighbours) / math.log(loss))
+    return min(max(misses, 2), MISSES_MAX)

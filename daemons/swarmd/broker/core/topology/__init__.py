@@ -1,4 +1,0 @@
-"""Neighbours, links, nodes and routes, derived from beacons: reachability and cost.
-
-The forwarding of frames is in `forwarding`.
-"""

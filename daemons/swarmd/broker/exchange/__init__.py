@@ -1,0 +1,1 @@
+"""Exchange with other nodes: beacons and frames, over the connections and datagrams of `sockets`."""

@@ -1,0 +1,450 @@
+"""Routes frames between platforms: from local applications to neighbours, and from neighbours onward."""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+from swarmd.broker.config import Config
+from swarmd.broker.core.broker import BrokerCore
+from swarmd.broker.core.frames.end_to_end import EndToEnd
+from swarmd.broker.core.frames.forwarder import ForwardDecision, ForwardStep
+from swarmd.broker.core.frames.frame_datagram import may_begin
+from swarmd.broker.core.frames.send_queue import QueuedFrame
+from swarmd.broker.core.frames.waiting_answers import WaitingAnswers
+from swarmd.broker.core.membership.origins import is_check
+from swarmd.broker.core.membership.roster.roster_exchange import RosterAction, SendRoster
+from swarmd.broker.core.swarm.neighbours.link_targets import LinkTarget
+from swarmd.broker.core.traffic import FrameAccounts
+from swarmd.broker.exchange.frame_datagrams import NeighbourMedia
+from swarmd.broker.exchange.frame_delivery import FrameDelivery
+from swarmd.broker.exchange.frame_links import FrameLinks
+from swarmd.broker.exchange.zmq_links import LinkPeer
+from swarmd.broker.sockets.pair_seal import PairEnd
+from swarmware.errors import ConfigError, Denied, WireError
+from swarmware.model.access import Access
+from swarmware.model.clock import Clock
+from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
+from swarmware.model.names import hardware_id
+from swarmware.transport.appfile.table import AppTable
+from swarmware.transport.delivery.answer import ANSWERS, answerable
+from swarmware.transport.delivery.outcome import Status
+from swarmware.transport.delivery.signature import with_node
+from swarmware.transport.messaging.endpoint import MessageEndpoint
+from swarmware.transport.security.denial_reporter import DenialReporter
+from swarmware.transport.security.keys import Keys
+from swarmware.transport.security.roster import RosterChange
+from swarmware.types.net import LinkTransport
+
+if TYPE_CHECKING:
+    from swarmd.broker.exchange.unit_delay import UnitDelays
+
+FORWARD: Final = "forward"
+"""Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
+CONNECT: Final = "connect"
+"""Verb of a denial: a connection with a key that is not on the roster."""
+VISIT_NS: Final = 3_000_000_000
+"""Time for the messages about the roster with a node that is not a neighbour."""
+
+log = logging.getLogger("swarm.broker")
+
+
+class FrameGateway:
+    """The gateway of this node's message router to other platforms."""
+
+    def __init__(
+        self,
+        config: Config,
+        keys: Keys,
+        clock: Clock,
+        messaging: MessageEndpoint,
+        table: AppTable,
+        core: BrokerCore,
+        ways: NeighbourMedia | None,
+        denials: DenialReporter,
+        on_roster_actions: Callable[[list[RosterAction]], None],
+        access: Access,
+    ) -> None:
+        """Raises: ConfigError when the port cannot be bound."""
+        self._on_roster_actions = on_roster_actions
+        self._keys = keys
+        self._clock = clock
+        self._messaging = messaging
+        self._core = core
+        self._counters = core.counters
+        self._accounts = FrameAccounts(core.counters, table)
+        self._delivery = FrameDelivery(
+            keys,
+            messaging,
+            table,
+            core,
+            self._accounts,
+            access,
+            denials,
+            _unit_delay(config),
+        )
+        self._forwarder = core.forwarder
+        self._end_to_end = EndToEnd(
+            core.identity.hw, core.session, keys, core.nodes.platform, core.counters.refused
+        )
+        self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
+        """Connection targets of neighbours that got frames, by hardware id; replaced when a target
+        changes."""
+        self._asked_by_datagram: set[int] = set()
+        """Neighbours whose last question came in a datagram."""
+        self._answers = WaitingAnswers()
+        self._visits: dict[int, int] = {}
+        """Nodes that are not neighbours and got the roster, and when their connection is closed."""
+        self.links = FrameLinks(
+            config,
+            keys,
+            PairEnd(core.identity.hw, core.session, keys.curve_public),
+            clock,
+            core.counters,
+            ways,
+            excludes=self._excludes,
+            find_peer=self._peer,
+            on_frame=self._from_connection,
+            on_roster=self._roster_from_connection,
+            on_datagram=self._from_datagram,
+            on_unknown_key=self._on_unknown_key,
+            on_given_up=self._gave_up,
+            on_sent=self._sent,
+            on_begun=self._sent_datagram,
+        )
+
+    def from_here(self, frame: Frame, data: bytes | None = None) -> None:
+        """Takes a frame of a local application for another platform; called by the message router.
+
+        `data`: the frame as another process encoded it.
+        """
+        decision = self._forwarder.from_here(frame, self._clock.now_ns())
+        self._onward(frame, decision, data)
+        self._accounts.offered(frame, first=decision.first)  # counted when it was sent
+
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Context manager: queues frames for other platforms and sends them together when it ends."""
+        with self.links.batch():
+            yield
+
+    def prepare(self, hw: int) -> None:
+        """Makes the keys for datagrams to a neighbour that has introduced itself."""
+        peer = self._peer(hw)
+        if peer is not None:
+            self.links.prepare(peer)
+
+    def prove(self, hw: int, session: int) -> None:
+        """Sends a neighbour the own session over a connection that only the own key opens."""
+        peer = self._peer(hw)
+        if peer is not None and peer.host:
+            own_hw = self._core.identity.hw
+            payload = session.to_bytes(8, "little")
+            self._send(peer, Frame(FrameKind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
+
+    def _take_proof(self, frame: Frame, user: str) -> None:
+        if not user or frame.hops_left != HOPS or self._other_end(frame, user) != frame.sender_hw:
+            self._counters.refused.spoofed += 1
+        elif len(frame.payload) == 8:
+            session = int.from_bytes(frame.payload, "little")
+            self._core.on_proof(frame.sender_hw, session, self._clock.now_ns())
+
+    def neighbour_gone(self, hw: int) -> None:
+        """Sends the frames queued for a lost neighbour over another one, or refuses them."""
+        self._peers.pop(hw, None)
+        self._asked_by_datagram.discard(hw)
+        if hw in self._visits:
+            return
+        for item in self.links.disconnect(hw):
+            decision = self._forwarder.reroute(item.frame, self._clock.now_ns())
+            relayed = item.frame.sender_hw != self._core.identity.hw
+            self._onward(item.frame, decision, item.data, rerouted=True, relayed=relayed)
+
+    def on_routes(self) -> None:
+        """Sends the answers that have a route now."""
+        if not self._answers:
+            return
+        now_ns = self._clock.now_ns()
+        for item in self._answers.take(self._forwarder.has_route, now_ns):
+            decision = self._forwarder.reroute(item.frame, now_ns)
+            self._onward(item.frame, decision, None, relayed=item.relayed)
+
+    def _from_connection(self, data: bytes, user: str) -> None:
+        arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
+        frame = self._decoded(data, user)
+        if frame is None:
+            return
+        # without keys the sender is not authenticated
+        starts_here = not user and frame.hops_left >= HOPS
+        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
+            self._take_proof(frame, user)
+        else:
+            if frame.kind not in ANSWERS:
+                self._asked_by_datagram.discard(frame.sender_hw)
+            self._take(frame, user, arrived_ns)
+        # counted when it was sent
+        name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
+        link = self._counters.link(name, LinkTransport.TCP)
+        link.received_frames += 1
+        link.received_bytes += len(data)
+
+    # the roster
+
+    def send_roster(self, message: SendRoster) -> None:
+        """Sends a message about the roster to a neighbour, or to another node whose address is known."""
+        hw, target = message.hw, self._core.targets.find(message.hw)
+        curve = message.curve_public or self._keys.curve_of(message.platform)
+        if not curve:
+            return
+        if message.curve_public:
+            self.neighbour_gone(hw)  # the frames that wait for a revoked node are refused
+        peer = None if message.curve_public or not self._core.is_up(hw) else self._peer(hw)
+        if peer is None:
+            host = message.host or (target.host if target is not None else "")
+            port = message.port or (target.tcp_port if target is not None else 0)
+            if not host or not port:
+                return
+            peer = LinkPeer(hw, message.platform, host, port, curve, 0)
+            self._visits[hw] = self._clock.now_ns() + VISIT_NS
+        own_hw = self._core.identity.hw
+        self._send(
+            peer, Frame(FrameKind.ROSTER, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=message.payload)
+        )
+
+    def _roster_from_connection(self, data: bytes, user: str, host: str) -> None:
+        refused, exchange = self._counters.refused, self._core.exchange
+        frame = self._decoded(data, user)
+        if frame is None:
+            return
+        hw = frame.sender_hw
+        if not user or exchange is None or frame.hops_left != HOPS or self._other_end(frame, user) != hw:
+            refused.spoofed += 1
+            return
+        try:
+            found = exchange.on_message(hw, user, frame.payload, host, self._clock.now_ns())
+        except WireError as error:
+            refused.malformed += 1
+            log.debug("message about the roster from %s: %s", user, error)
+        except (ConfigError, Denied) as error:
+            refused.rosters += 1
+            log.warning("roster from %s refused: %s", user, error)
+        else:
+            self._on_roster_actions(found)
+
+    def take_roster(self, text: bytes) -> None:
+        """Takes the roster of an operator. Raises: ConfigError, Denied."""
+        if self._core.exchange is not None:
+            self._on_roster_actions(self._core.exchange.on_text(text, self._clock.now_ns()))
+
+    def on_roster(self, change: RosterChange) -> None:
+        """The keys have another roster: roles, members, and connections of those who left."""
+        self._delivery.set_roles(change.roster.roles())
+        gone = {member.platform for member in change.gone}
+        for hw in [hw for hw, (_, peer) in self._peers.items() if peer.platform in gone]:
+            self.neighbour_gone(hw)
+        self.links.on_roster()
+
+    def end_visits(self) -> None:
+        """Closes the connections to nodes that got the roster and did not become neighbours."""
+        now_ns = self._clock.now_ns()
+        for hw in [hw for hw, end_ns in self._visits.items() if now_ns >= end_ns]:
+            del self._visits[hw]
+            if not self._core.is_up(hw):
+                self.neighbour_gone(hw)
+
+    def _excludes(self, hw: int) -> bool:
+        exchange = self._core.exchange
+        return exchange is not None and exchange.excludes(hw)
+
+    def _from_datagram(self, data: bytes, peer: LinkPeer) -> None:
+        arrived_ns = self._clock.now_ns()
+        frame = self._decoded(data, peer.platform)
+        if frame is None:
+            return
+        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
+            self._counters.refused.malformed += 1  # sessions are proven over connections
+            return
+        if frame.kind is FrameKind.ROSTER:
+            # only from a neighbour without a connection; the seal of the pair has authenticated it
+            self._roster_from_connection(data, "" if self._keys.is_open else peer.platform, peer.host)
+            return
+        if frame.kind not in ANSWERS:
+            self._asked_by_datagram.add(peer.hw)
+        self._take(frame, "" if self._keys.is_open else peer.platform, arrived_ns)
+
+    def _decoded(self, data: bytes, user: str) -> Frame | None:
+        self._counters.received_frames += 1
+        try:
+            return decode(data)
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            log.debug("frame from %s: %s", user or "loopback", error)
+            return None
+
+    def _take(self, frame: Frame, user: str, now_ns: int) -> None:
+        """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
+        counters = self._counters
+        if self._excludes(frame.sender_hw):
+            counters.refused.revoked += 1  # another member forwarded it
+            return
+        other_hw = self._other_end(frame, user)
+        decision = self._forwarder.from_neighbour(frame, other_hw, now_ns)
+        if decision.step is ForwardStep.DELIVER:
+            incoming = self._end_to_end.on_frame(frame, other_hw, decision.first, now_ns)
+            for own in incoming.outgoing:
+                self._onward(own, self._forwarder.from_here(own, now_ns), None)
+            for arrival in incoming.arrivals:
+                self._delivery.on_arrival(arrival)
+            if incoming.refusal:
+                path = self._delivery.path_of(frame.data_id) or ""
+                self._delivery.report_denial(user or "?", FORWARD, path, incoming.refusal, now_ns)
+            return
+        if decision.step is ForwardStep.SEND:
+            if self._messaging.expired(frame):
+                counters.refused.expired += 1  # a refusal was sent to its sender
+                return
+            counters.forwarded_frames += 1
+            frame.extension = with_node(frame.extension, self._core.identity.hw)
+        self._onward(frame, decision, None, relayed=True)
+
+    def _on_unknown_key(self, name: str, reason: str) -> None:
+        self._delivery.report_denial(name, CONNECT, "", reason, self._clock.now_ns())
+
+    def _other_end(self, frame: Frame, user: str) -> int | None:
+        """Hardware id of the member at the other end of a connection; None without authentication."""
+        if not user:
+            return None
+        member = self._core.nodes.get(frame.sender_hw)
+        return frame.sender_hw if member is not None and member.platform == user else hardware_id(user)
+
+    def _onward(
+        self,
+        frame: Frame,
+        decision: ForwardDecision,
+        data: bytes | None,
+        *,
+        rerouted: bool = False,
+        relayed: bool = False,
+    ) -> None:
+        """`data`: the frame as it was encoded, unless it has changed since; `relayed`: of another node."""
+        if decision.step is ForwardStep.SEND:
+            peer = self._peer(decision.via)
+            if peer is not None:
+                signed = frame if relayed else self._signed(frame, decision.via)
+                if signed is None:
+                    return
+                if signed is not frame:
+                    frame, data = signed, None
+                if frame.kind is FrameKind.RTP:
+                    if not self.links.send_unrepeated(peer, frame):
+                        self._dropped(peer, LinkTransport.UDP, frame)
+                    return
+                if (
+                    rerouted
+                    or not may_begin(frame)
+                    or not self._send_datagram(peer, frame, data, decision.first)
+                ):
+                    self._send(peer, frame, data)
+                return
+        refused = self._counters.refused
+        receiver = self._core.nodes.platform(frame.receiver_hw)
+        if decision.step is ForwardStep.LOOPED:
+            refused.looped += 1
+        elif decision.step is ForwardStep.SPOOFED:
+            refused.spoofed += 1
+            log.warning("frame with sender %08x came from another member", frame.sender_hw)
+        elif decision.step is ForwardStep.HOP_LIMIT:
+            refused.hop_limit += 1
+            self._refuse(frame, f"too many hops to {receiver}")
+        elif not self._answers.hold(frame, relayed, self._clock.now_ns()):
+            refused.no_route += 1
+            self._refuse(frame, f"no route to {receiver}")
+
+    def _signed(self, frame: Frame, via: int) -> Frame | None:
+        try:
+            return self._end_to_end.signed(frame, via)
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            self._refuse(frame, str(error))
+            return None
+
+    def _send_datagram(self, peer: LinkPeer, frame: Frame, data: bytes | None, first: bool) -> bool:
+        """Sends the first transmission of a frame as a datagram; retransmissions take the connection."""
+        if first:
+            if not frame.is_urgent and frame.kind in ANSWERS and peer.hw not in self._asked_by_datagram:
+                return False  # the way that the question took is at work
+            return self.links.send_once(peer, frame, data)
+        self.links.on_repeated(peer.hw, frame)
+        return False
+
+    def _sent_datagram(self, peer: LinkPeer, frame: Frame) -> None:
+        self._counters.sent_frames += 1
+        for channel, size in self._accounts.channels(frame):
+            channel.sent(size)
+
+    def _send(self, peer: LinkPeer, frame: Frame, data: bytes | None = None) -> None:
+        if data is None or data[HOPS_AT] != frame.hops_left:
+            data = encode(frame)
+        self.links.send(peer, data, frame)
+
+    def _sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
+        """Counts a frame that a connection took; queued and rerouted frames are not counted."""
+        self._counters.sent_frames += 1
+        link = self._counters.link(peer.platform, LinkTransport.TCP)
+        link.sent_frames += 1
+        link.sent_bytes += size
+        for channel, payload_bytes in self._accounts.channels(frame):
+            channel.sent(payload_bytes)
+
+    def _peer(self, hw: int) -> LinkPeer | None:
+        target = self._core.targets.find(hw)
+        if target is None:
+            return None
+        known = self._peers.get(hw)
+        if known is not None and (known[0] is target or known[0] == target):
+            return known[1]
+        curve = target.curve_public if self._keys.is_open else self._keys.curve_of(target.platform)
+        if not curve:
+            return None  # it has the group key, but is not on the roster
+        peer = LinkPeer(
+            hw,
+            target.platform,
+            target.host,
+            target.tcp_port,
+            curve,
+            target.session,
+            target.frame_port,
+        )
+        self._peers[hw] = target, peer
+        return peer
+
+    def update_counters(self) -> None:
+        """Brings the traffic counters of the connections up to date."""
+        self.links.update_counters()
+
+    def _gave_up(self, peer: LinkPeer, transport: LinkTransport, waiting: list[QueuedFrame]) -> None:
+        for item in waiting:
+            self._dropped(peer, transport, item.frame)
+            self._refuse(item.frame, f"{peer.platform} does not take it")
+
+    def _dropped(self, peer: LinkPeer, transport: LinkTransport, frame: Frame) -> None:
+        self._counters.link(peer.platform, transport).dropped += 1
+        for channel, _ in self._accounts.channels(frame):
+            channel.dropped += 1
+
+    def _refuse(self, frame: Frame, detail: str) -> None:
+        if answerable(frame):
+            self._messaging.refuse(frame, Status.UNREACHABLE, detail)
+
+    def close(self) -> None:
+        """Close all connections to neighbours."""
+        self._delivery.close()
+        self.links.close()
+
+
+def _unit_delay(config: Config) -> "UnitDelays | None":
+    if not config.unit_delay_ms:
+        return None
+    from swarmd.broker.exchange.unit_delay import UnitDelays  # of the lab only
+
+    return UnitDelays(*config.unit_delay_ms)

@@ -1,0 +1,1 @@
+"""Records that outlive a moment: the roster, the former session, outages, forgeries, served metrics."""

@@ -1,0 +1,1 @@
+"""Bytes in and out: UDP, ZeroMQ over TCP, serial lines, seals and addresses; no decisions."""

@@ -1,0 +1,1 @@
+"""ZeroMQ over TCP: sockets on the event loop, keys of connections, and their byte counts."""

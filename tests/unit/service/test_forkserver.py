@@ -1,0 +1,28 @@
+"""What the fork server imports: nothing that a fork would break."""
+
+import subprocess
+import sys
+
+
+def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> None:
+    look = (
+        "import os\n"
+        "from swarmd.forkserver import OURS, preload\n"
+        "from swarmware.service.installed import installed\n"
+        "before = set(os.listdir('/proc/self/fd'))\n"
+        "preload([name for name, point in installed().items() if point.value.startswith(OURS)])\n"
+        "print(len(os.listdir('/proc/self/task')), *(set(os.listdir('/proc/self/fd')) - before))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1"]
+
+
+def test_a_service_of_somebody_else_is_not_imported_before_the_fork() -> None:
+    look = (
+        "from swarmware.model.plugins import EntryPoint\n"
+        "from swarmd import forkserver\n"
+        "theirs = EntryPoint('planner', 'nosuch_package.planner:Planner', 'swarmware.services')\n"
+        "forkserver.installed = lambda: {'planner': theirs}\n"
+        "forkserver.preload(['planner', 'nosuch'])\n"
+    )
+    subprocess.run([sys.executable, "-c", look], check=True)
