@@ -31,7 +31,6 @@ THIN = {
     "lib/swarmware/service/reason.py": "the line of an expected error",
     "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
     "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
-    "daemons/swarmd/broker/core/swarm/neighbours/link.py": "the cost of a link, for neighbours and routes",
     "daemons/swarmd/hal/core/flight/attitude_loop.py": "the attitude loop, the one without an integral",
     "daemons/swarmd/hal/core/flight/gap.py": "the samples of a gap",
     "daemons/swarmd/mission/core/lead.py": "the lead of a barrier",

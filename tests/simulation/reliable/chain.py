@@ -92,7 +92,7 @@ class Chain:
                 self._deliver(node, decode(data))
 
     def _arrive(self, node: int, sender: int, data: bytes) -> None:
-        actions = self._nodes[node].on_packet(sender, SESSION, data, self._time.now_ns)
+        actions = self._nodes[node].on_packet(sender, SESSION, data, None, self._time.now_ns)
         self._drivers[node].feed(actions)
 
     def _deliver(self, node: int, frame: Frame) -> None:

@@ -176,7 +176,7 @@ class Pair:
         arrived_ns = self.now_ns
 
         def take() -> None:
-            actions = self._links[node].on_packet(3 - node, SESSION, data, self.now_ns, arrived_ns)
+            actions = self._links[node].on_packet(3 - node, SESSION, data, arrived_ns, self.now_ns)
             self._drivers[node].feed(actions)
 
         self._processors[node].run(take)

@@ -216,7 +216,7 @@ class FrameLinks:
 
     def _on_packet(self, data: bytes, peer: LinkPeer, arrived_ns: int) -> None:
         try:
-            actions = self._core.on_packet(peer.hw, peer.session, data, self._clock.now_ns(), arrived_ns)
+            actions = self._core.on_packet(peer.hw, peer.session, data, arrived_ns, self._clock.now_ns())
         except WireError as error:
             self._counters.refused.malformed += 1
             log.debug("packet of %s: %s", peer.platform, error)

@@ -113,11 +113,11 @@ def test_packets_of_a_neighbour_that_measures_more_loss_are_answered_in_the_same
     [sent] = [one for one in there.on_frame(3, 5, queued(1), 0) if isinstance(one, SendPacket)]
     links = ReliableLinks(Config())
     assert chosen(links, [0.0625]) == [False]
-    assert UseDatagrams(UAV1) in links.on_packet(UAV1, SESSION, sent.data, S)
+    assert UseDatagrams(UAV1) in links.on_packet(UAV1, SESSION, sent.data, None, S)
     assert links.uses_datagrams(UAV1)
     clean = ReliableLinks(Config())
     chosen(clean, [0.0])
-    clean.on_packet(UAV1, SESSION, sent.data, S)
+    clean.on_packet(UAV1, SESSION, sent.data, None, S)
     assert not clean.uses_datagrams(UAV1)
 
 
@@ -134,8 +134,8 @@ def test_a_frame_is_sent_counted_and_delivered() -> None:
     assert FrameBegun(UAV1, item) in actions
     [sent] = [one for one in actions if isinstance(one, SendPacket)]
     assert (sent.hw, sent.session) == (UAV1, SESSION)
-    assert there.on_packet(3, 5, sent.data, S) == [DeliverFrame(3, item.data)]
-    assert there.on_packet(3, 5, sent.data, S)[:1] != [DeliverFrame(3, item.data)]
+    assert there.on_packet(3, 5, sent.data, None, S) == [DeliverFrame(3, item.data)]
+    assert there.on_packet(3, 5, sent.data, None, S)[:1] != [DeliverFrame(3, item.data)]
 
 
 def test_a_neighbour_that_started_again_gets_what_the_former_session_did_not() -> None:
@@ -176,7 +176,7 @@ def test_a_neighbour_that_has_acknowledged_before_may_be_silent_for_seconds() ->
     links = ReliableLinks(Config())
     chosen(links, [0.3])
     links.on_frame(UAV1, SESSION, queued(1), 0)
-    links.on_packet(UAV1, SESSION, encode(Packet(0, 0, Acknowledgement(((0, 0),), 0), ())), 20_000_000)
+    links.on_packet(UAV1, SESSION, encode(Packet(0, 0, Acknowledgement(((0, 0),), 0), ())), None, 20_000_000)
     links.on_frame(UAV1, SESSION, queued(2), S)
     now_ns = S
     for _ in range(BLOCKED_LATER - 1):

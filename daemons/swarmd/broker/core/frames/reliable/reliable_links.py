@@ -144,7 +144,7 @@ class ReliableLinks:
         return actions + list(link.on_frame(queued, now_ns))
 
     def on_packet(
-        self, hw: int, session: int, data: bytes, now_ns: int, arrived_ns: int | None = None
+        self, hw: int, session: int, data: bytes, arrived_ns: int | None, now_ns: int
     ) -> list[Action]:
         """A packet of a neighbour's session, authenticated and not a replay.
 
