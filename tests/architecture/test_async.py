@@ -14,8 +14,9 @@ WAITING = {
     "Actuator": {"open", "write", "close"},
     "FunctionalBlock": {"run"},  # the step of a mission
     "BlockVehicle": {"goto"},  # a movement
+    "FakeClient": {"send"},  # the interface of the client that it stands for
 }
-"""Methods that users implement, and that may wait there: class → methods, also in what is derived from it."""
+"""Methods that users or other implementations make wait: class → methods, also in what is derived from it."""
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
