@@ -4,7 +4,7 @@ import asyncio
 import signal
 from pathlib import Path
 
-from tests.integration.cli.enrolling import Operator, ended
+from tests.integration.enrolment.operator_commands import Operator, ended
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 

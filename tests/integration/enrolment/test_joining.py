@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import msgspec
-from tests.integration.cli.enrolling import Operator, ended
+from tests.integration.enrolment.operator_commands import Operator, ended
 from tests.patience import PATIENCE_S
 
 from swarmware.testing.tmpnode import make_node
