@@ -164,7 +164,7 @@ WITHOUT_NODES = {
     "lab down": "of a lab",
     "lab env": "one node, named once",
     **dict.fromkeys(
-        map("keys {}".format, ("init", "invite", "join", "ls", "show", "revoke", "rotate", "beacons")),
+        map("keys {}".format, ("init", "invite", "join", "ls", "show", "revoke", "rotate")),
         "of the swarm's root and the node on this computer",
     ),
     "node add": "a node that is not there yet",
