@@ -5,7 +5,7 @@
 Four processes: application, broker, broker, application. The message goes over ipc, from broker to broker,
 and over ipc; it is stamped with the monotonic clock, which all share, when it is sent and when it is in the
 inbox. Between the brokers a message of 200 B is a datagram, sealed with keys from the same key pairs as CURVE
-(ADR 61), and one of 2 kB takes the connection with CURVE. The bare pair is two processes on uvloop with one
+(ADR 49), and one of 2 kB takes the connection with CURVE. The bare pair is two processes on uvloop with one
 CURVE connection, the middle one of the three hops, and messages of the same size. The rounds alternate, so
 that the load of the machine affects all. A ratio is refused if its bare figure is more than 20 % above the
 best of three that are taken at the start.
