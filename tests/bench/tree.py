@@ -20,7 +20,7 @@ from tests.simulation.tree.cell import Cell
 
 REST_S: Final = 60.0
 BEACONS_HZ: Final = 2.0
-"""Of a node at rest (ADR 19)."""
+"""Of a node at rest (ADR 23)."""
 VERSION_BYTES: Final = 4
 """Version of the tree in a beacon."""
 RUNS: Final = 5

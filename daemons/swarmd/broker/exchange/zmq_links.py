@@ -387,7 +387,7 @@ class ZmqLinks:
         """Closes the connections to a lost neighbour; returns the frames that were queued for it.
 
         A connection that stayed open through an outage would wait for TCP's back-off after it (RFC 6298,
-        section 5.5), about half of the outage's length; a new one is established within milliseconds (ADR 49).
+        section 5.5), about half of the outage's length; a new one takes milliseconds (ADR 49).
         """
         connections = self._peers.pop(hw, None)
         return connections.close() if connections is not None else []
