@@ -6,12 +6,13 @@ corridor is widest, is the conversion function, and half the width is the guaran
 Source: Moon, Skelly, Towsley: Estimation and removal of clock skew from network delay measurements (1999),
 for one side; this estimator uses one skew for both sides, and widens older points by `AGEING`.
 
-A short corridor is weighted by its uncertainty. Over a short span delays look like skew on a link with jitter,
-while a quiet LAN shows the skew after one second. The weight of the estimated skew is therefore the larger of
-(span / `SETTLED_S`)² and p² / (p² + s²), where p is `SKEW_PRIOR` and s the spread of the tightest points over
-the span. Meanwhile the published bound covers any skew up to `SKEW_LIMIT`, whatever the estimate. The median
-error in the seconds 4 to 8 after first contact is 1 µs on a simulated LAN, and was 68 µs with the first term
-alone; links with 2 to 40 ms of jitter are unchanged (`pytest tests/simulation/timesync`).
+A short corridor is weighted by its uncertainty. Over a short span delays look like skew on a link with
+jitter, while a quiet LAN shows the skew after one second. The weight of the estimated skew is therefore the
+larger of (span / `SETTLED_S`)² and p² / (p² + s²), where p is `SKEW_PRIOR` and s the spread of the tightest
+points over the span. Meanwhile the published bound covers any skew up to `SKEW_LIMIT`, whatever the
+estimate. The median error in the seconds 4 to 8 after first contact is 1 µs on a simulated LAN, and was 68
+µs with the first term alone; links with 2 to 40 ms of jitter are unchanged (`pytest
+tests/simulation/timesync`).
 
 A contradiction among the bounds drops the history. It counts as a step of a clock, with a new `conv_epoch`,
 only if the next function contradicts the former one beyond both bounds: one wrong stamp is not a step.
