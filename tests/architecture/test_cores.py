@@ -31,7 +31,12 @@ def classes() -> Iterator[type]:
                 yield cls
 
 
-CORES: Final = [cls for cls in classes() if "on_timer" in vars(cls) and cls is not Core]
+CORES: Final = [
+    cls
+    for cls in classes()
+    if "on_timer" in vars(cls) and cls is not Core and not cls.__module__.endswith(".service")
+]
+"""All cores; the shell of one that reads inputs before each deadline has `on_timer`, too."""
 
 
 def methods(cls: type) -> dict[str, inspect.Signature]:

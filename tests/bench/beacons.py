@@ -283,7 +283,7 @@ def step(broker: BrokerShell) -> None:
     """What the broker does at its beacon."""
     broker._core._schedule.due_ns = broker._clock.now_ns()
     broker._core._tables_changed = False
-    broker._driver.feed(broker._core.on_timer(broker._clock.now_ns()))
+    broker._driver.feed(broker.on_timer(broker._clock.now_ns()))
 
 
 def drain(broker: BrokerShell) -> None:

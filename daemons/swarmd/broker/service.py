@@ -25,7 +25,7 @@ from swarmd.broker.core.boards.board_action import (
     WriteStructure,
 )
 from swarmd.broker.core.boards.channel_table import ChannelTable
-from swarmd.broker.core.broker import Action, BrokerCore, PollInputs, SendBeacon
+from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.roster.roster_exchange import ApplyRoster, RosterExchange, SendRoster
 from swarmd.broker.core.membership.sessions import AdoptSession, ProveSession, ReportImpersonation
 from swarmd.broker.core.reports.refusal_log import RefusalLog
@@ -108,7 +108,7 @@ class BrokerShell:
         self._denials = DenialReporter(self._on_denial)
         self._forgeries = ForgeryReports(core, keys, self._denials)
         self._seeds = bool(config.seeds)
-        self._driver = service.drive(core, self._perform)
+        self._driver = service.drive(self, self._perform, settled=self._send_due_beacon)
         feed = self._driver.feed
         with contextlib.ExitStack() as stack:
             stack.callback(self._denials.close)
@@ -194,6 +194,30 @@ class BrokerShell:
         self._driver.stop()
         self._closing.close()
 
+    # time
+
+    def deadline_ns(self) -> int | None:
+        """Instant of the core's next deadline."""
+        return self._core.deadline_ns()
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        """Receives the waiting datagrams, reads the boards that a due beacon needs, then calls the core."""
+        needs_boards = self._core.begin_turn(now_ns)
+        self._transport.receive()
+        read_ns = self._clock.now_ns()
+        actions: list[Action] = []
+        if needs_boards:
+            if self._plan.position != self._plan_at:
+                self._plan_at = self._plan.position
+                if (plan := self._plan.value) is not None:
+                    actions += self._core.on_plan(plan, read_ns)
+            self._own.poll(read_ns)
+        return actions + self._core.on_timer(read_ns)
+
+    def _send_due_beacon(self) -> None:
+        if self._core.beacon_due:
+            self._transport.send_beacon(self._clock.now_ns())
+
     # actions
 
     def _perform(self, action: Action) -> None:
@@ -213,10 +237,6 @@ class BrokerShell:
                         self._core.counters.notifications += 1
             case WriteStructure():
                 self._boards.structures.write(action.structure)
-            case PollInputs():
-                self._read_inputs(action.boards)
-            case SendBeacon():
-                self._transport.send_beacon(self._clock.now_ns())
             case WriteClockSamples():
                 self._boards.timing.write(action.batch)
             case PublishTables():
@@ -247,17 +267,6 @@ class BrokerShell:
                 self._forgeries.on_values(action.found, self._clock.now_ns())
             case ReportImpersonation():
                 self._forgeries.on_impersonation(action, self._clock.now_ns())
-
-    def _read_inputs(self, boards: bool) -> None:
-        self._transport.receive()
-        now_ns = self._clock.now_ns()
-        if boards:
-            if self._plan.position != self._plan_at:
-                self._plan_at = self._plan.position
-                if (plan := self._plan.value) is not None:
-                    self._driver.feed(self._core.on_plan(plan, now_ns))
-            self._own.poll(now_ns)
-        self._driver.feed(self._core.on_inputs_read(now_ns))
 
     def _publish(self, traffic: bool) -> None:
         self._gateway.on_routes()

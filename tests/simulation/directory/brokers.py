@@ -14,7 +14,7 @@ from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.boards.board_action import WriteMirrors
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.broker import Action, BrokerCore, PollInputs, SendBeacon
+from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
@@ -154,7 +154,7 @@ class BrokerNode:
         if keys is not None:
             self.core.set_ports(TCP_PORT, 0)
         self.actions: list[Action] = []
-        """All but the requests for inputs and beacons, and the values of boards."""
+        """All but the values of boards."""
         self.links: list[LinkChanged] = []
         self.link_states: dict[int, LinkState] = {}
         self.declared_period_ns = former.declared_period_ns
@@ -169,19 +169,26 @@ class BrokerNode:
         self._write_boards = write_boards
         self._on_value = on_value
         self._on_roster = on_roster
-        self.driver: CoreDriver[Action] = air.drive(self.core, self._perform, clock=clock)
+        self.driver: CoreDriver[Action] = air.drive(
+            self, self._perform, clock=clock, settled=self._send_due_beacon
+        )
         air.join(name, self.receive)
         self.driver.feed()
 
+    def deadline_ns(self) -> int | None:
+        return self.core.deadline_ns()
+
+    def on_timer(self, now_ns: int) -> list[Action]:
+        if self.core.begin_turn(now_ns):
+            self._write_boards(self, now_ns)
+        return self.core.on_timer(now_ns)
+
+    def _send_due_beacon(self) -> None:
+        if self.core.beacon_due:
+            self._send(self.clock.now_ns())
+
     def _perform(self, action: Action) -> None:
         match action:
-            case PollInputs(boards):
-                now_ns = self.clock.now_ns()
-                if boards:
-                    self._write_boards(self, now_ns)
-                self.driver.feed(self.core.on_inputs_read(now_ns))
-            case SendBeacon():
-                self._send(self.clock.now_ns())
             case WriteMirrors(values):
                 for want, value in values:
                     self._on_value(self, want, value)

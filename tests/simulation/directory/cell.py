@@ -25,7 +25,6 @@ from tests.simulation.directory.brokers import (
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Beacon, BoardValue, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.broker import SendBeacon
 from swarmd.broker.core.membership.sessions import Sessions
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged
 from swarmd.broker.core.swarm.neighbours.neighbour import LISTING_NS
@@ -43,6 +42,10 @@ LIGHT_SESSION: Final = 1
 POSE_BYTES: Final = 25
 FIRST_HZ: Final = 10.0
 FIRST_BYTES: Final = 150.0
+
+
+class SendBeacon(NamedTuple):
+    """Action of a light node: compose the next beacon and send it."""
 
 
 class LightCore:

@@ -91,7 +91,7 @@ async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leav
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     shell = Shell()
-    shell.core.on_inputs_read(0)
+    shell.core.on_timer(0)
     with monkeypatch.context() as broken:
         broken.setattr(RelayCache, "compose", lambda *_: 1 // 0)
         shell.datagrams.send_beacon(0)
@@ -107,7 +107,7 @@ async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leav
 
 async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_reported() -> None:
     shell = Shell()
-    shell.core.on_inputs_read(0)
+    shell.core.on_timer(0)
     shell.datagrams.send_beacon(0)
     own_hw, used = shell.core.identity.hw, shell.datagrams._sequence
     group = Keys.open("uav1").group

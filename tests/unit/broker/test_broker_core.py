@@ -7,7 +7,7 @@ from tests.simulation.directory.brokers import BrokerNode
 
 from swarmd.broker.core.beacon.beacon_rate import ReportSlowdown
 from swarmd.broker.core.boards.board_action import KeepMirrors, LimitEnded, WriteMirrors
-from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS, PollInputs, SendBeacon
+from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS
 from swarmd.broker.core.reports.report import PublishTables
 from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.swarm_action import ReportDuplicate, ReportDuplicateGone, WriteClockSamples
@@ -62,9 +62,9 @@ def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:
     air.run_for(2.0)
     other.stop()
     silent_ns = air.now_ns + 20 * SECOND
-    assert one.core.on_timer(silent_ns) == [PollInputs(boards=True)]
+    assert one.core.begin_turn(silent_ns), "a beacon is due, and needs the boards"
     assert up(one) == ["uav2"], "its datagrams may wait in the socket"
-    actions = one.core.on_inputs_read(silent_ns)
+    actions = one.core.on_timer(silent_ns)
     assert up(one) == []
     assert [change.after for change in actions if hasattr(change, "after")] == [LinkState.DOWN]
 
@@ -78,6 +78,7 @@ def test_a_node_that_was_late_declares_how_late_its_next_beacons_may_be(
     due_ns = one.core.deadline_ns()
     assert due_ns is not None
     late_ns = due_ns + round(late_s * SECOND)
+    one.core.begin_turn(late_ns)
     one.core.on_timer(late_ns)
     declared = [one.core.compose(late_ns + second * SECOND).beacon.hello for second in range(3)]
     assert {hello.period_ms for hello in declared if hello is not None} == {period_ms}
@@ -88,11 +89,15 @@ def test_a_beacon_leaves_only_with_boards_that_were_read_for_it() -> None:
     air.run_for(2.0)
     due_ns = one.core.deadline_ns()
     assert due_ns is not None
-    assert one.core.on_timer(due_ns - 1) == [PollInputs(boards=False)]
+    assert not one.core.begin_turn(due_ns - 1)
     late_ns = due_ns + 10 * SECOND
-    assert SendBeacon() not in one.core.on_inputs_read(late_ns), "it became due while the inputs were read"
-    assert one.core.on_timer(late_ns) == [PollInputs(boards=True)]
-    assert SendBeacon() in one.core.on_inputs_read(late_ns)
+    one.core.on_timer(late_ns)
+    due = [one.core.beacon_due]  # it became due while the inputs were read
+    assert one.core.begin_turn(late_ns)
+    one.core.on_timer(late_ns)
+    due.append(one.core.beacon_due)
+    one.core.compose(late_ns)
+    assert [*due, one.core.beacon_due] == [False, True, False]
 
 
 def test_tables_are_published_each_second_and_at_once_after_a_change() -> None:
@@ -162,8 +167,8 @@ def test_late_beacons_are_reported_as_a_slowdown() -> None:
     found = []
     for _ in range(12):
         due_ns = one.core._schedule.due_ns + 2 * SECOND
-        one.core.on_timer(due_ns)
-        found += one.core.on_inputs_read(due_ns)
+        one.core.begin_turn(due_ns)
+        found += one.core.on_timer(due_ns)
         one.core.compose(due_ns)
     slowed = [action for action in found if isinstance(action, ReportSlowdown)]
     assert slowed[0].factor > 1

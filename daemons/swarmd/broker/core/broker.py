@@ -68,21 +68,8 @@ _SEQUENCE_NS: Final = 100_000_000
 Address = tuple[str, int]
 
 
-class PollInputs(msgspec.Struct, frozen=True):
-    """Action: receive the waiting datagrams, then call `on_inputs_read`."""
-
-    boards: bool
-    """Also read the plan and the values of the own boards: a beacon is due."""
-
-
-class SendBeacon(msgspec.Struct, frozen=True):
-    """Action: compose the next beacon with `BrokerCore.compose` and send it."""
-
-
 Action = (
-    PollInputs
-    | SendBeacon
-    | WriteMirrors
+    WriteMirrors
     | WriteStructure
     | KeepMirrors
     | PublishTables
@@ -169,7 +156,9 @@ class BrokerCore:
         self._triggered = False
         """A beacon is to be triggered. Its jitter counts from the next step, because many nodes read their
         datagrams in batches at the same instants."""
-        self._boards_asked = False
+        self._boards_read = False
+        self.beacon_due = False
+        """A beacon is to be composed and sent now: `on_timer` has decided that, and `compose` resets it."""
         self._links_ns: int | None = None
         """Deadline of the links when the inputs were read last; datagrams only move it later."""
         self._duplicate_ns = 0
@@ -199,13 +188,16 @@ class BrokerCore:
         asked_ns = None if self.exchange is None else self.exchange.deadline_ns()
         return due_ns if asked_ns is None or asked_ns > due_ns else asked_ns
 
-    def on_timer(self, now_ns: int) -> list[Action]:
-        """Requests the inputs: datagrams are received before the silence of their sender is judged."""
-        self._protocol.delay.on_turn(self.deadline_ns(), now_ns)
-        self._boards_asked = now_ns >= self._schedule.due_ns
-        return [PollInputs(self._boards_asked)]
+    def begin_turn(self, now_ns: int) -> bool:
+        """Takes the lateness of a timer; True if the boards are to be read before `on_timer`, for a beacon.
 
-    def on_inputs_read(self, now_ns: int) -> list[Action]:
+        The waiting datagrams are received before `on_timer`, too, which judges the silence of their senders.
+        """
+        self._protocol.delay.on_turn(self.deadline_ns(), now_ns)
+        self._boards_read = now_ns >= self._schedule.due_ns
+        return self._boards_read
+
+    def on_timer(self, now_ns: int) -> list[Action]:
         """Handles expired deadlines: silent links, expired routes and limits, the next beacon, the tables."""
         protocol, actions = self._protocol, list[Action]()
         limits = protocol.channels
@@ -218,8 +210,9 @@ class BrokerCore:
         if self._neighbours.take_asking() or self._triggered:
             self._triggered = False
             self._schedule.trigger(now_ns, round(1e9 / protocol.allowed_hz()))
-        if self._boards_asked and now_ns >= self._schedule.due_ns:
-            self._boards_asked = False
+        # a beacon that became due while datagrams were received would lack the newest values of the boards
+        if self._boards_read and now_ns >= self._schedule.due_ns:
+            self._boards_read = False
             self._on_beacon_due(actions, now_ns)
         if self._tables_changed or now_ns >= self._publish_ns:
             self._publish(actions, now_ns)
@@ -250,7 +243,7 @@ class BrokerCore:
             schedule.skip(now_ns, period_ns)
         elif urgent or not schedule.defer_after_skip(now_ns, period_ns):
             schedule.on_sent(now_ns)
-            actions.append(SendBeacon())
+            self.beacon_due = True
 
     def _publish(self, actions: list[Action], now_ns: int) -> None:
         is_period = now_ns >= self._publish_ns
@@ -441,6 +434,7 @@ class BrokerCore:
 
     def compose(self, now_ns: int) -> OutgoingBeacon:
         """The next beacon; also schedules the one after it."""
+        self.beacon_due = False
         protocol, sessions = self._protocol, self._sessions
         if self.exchange is not None:
             up = (neighbour.hw for neighbour in self._neighbours.up())
