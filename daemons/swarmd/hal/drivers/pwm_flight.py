@@ -36,8 +36,7 @@ _HELICOPTER: Final = (1, 4)
 class PwmFlight(FlightController):
     """Flight controller whose motors follow the pulse widths of Linux's PWM.
 
-    The chip continues its pulses when this process hangs or is killed, so another process stops them (ADR 59,
-    69).
+    The chip continues its pulses when this process hangs or is killed, so another process ends them (ADR 69).
     """
 
     def __init__(
