@@ -12,6 +12,7 @@ import click
 from swarmctl.commandline.lazy import Command, Lazy, LazyGroup
 from swarmctl.commandline.settings import PREFIX, CliSettings, Nodes, settings, wants_structured
 from swarmctl.commandline.shared_options import shared_options
+from swarmctl.terminal.size import terminal_columns
 from swarmware import __version__
 from swarmware.errors import Denied, NotFound, SwarmError
 
@@ -23,6 +24,8 @@ _ZSH_COMPINIT: Final = "(( $+functions[compdef] )) || { autoload -Uz compinit &&
 INTERRUPTED: Final = 130
 """Exit code after Ctrl-C (128 + SIGINT)."""
 
+HELP_COLUMNS: Final = 110
+"""Maximum width of a help text."""
 LINE_CHARACTERS: Final = 2000
 """Characters of a line of an error beyond which its middle is left out; a path has at most 4096 bytes."""
 _KEPT: Final = 800
@@ -103,7 +106,7 @@ SECTIONS: Final[dict[str, dict[str, Lazy]]] = {
     context_settings={
         "auto_envvar_prefix": PREFIX,
         "help_option_names": ["-h", "--help"],
-        "max_content_width": 110,
+        "max_content_width": HELP_COLUMNS,
     },
     epilog="Every option is also read from the environment: SWARMCTL_NODE, SWARMCTL_LAB, SWARMCTL_JSON …;"
     " the configuration folder from SWARM_CONFIG, as for swarmd and modules.",
@@ -146,7 +149,7 @@ def main(args: list[str] | None = None) -> int:
     words = sys.argv[1:] if args is None else args
     try:
         # not cli.main(): it reports a reader that has closed the pipe (EPIPE) as a failure
-        with cli.make_context(_NAME, list(words), obj=CliSettings()) as ctx:
+        with cli.make_context(_NAME, list(words), obj=CliSettings(), terminal_width=_help_width()) as ctx:
             cli.invoke(ctx)
         sys.stdout.flush()
     except click.exceptions.Exit as done:
@@ -175,6 +178,11 @@ def main(args: list[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 - the outermost place: a bug is one line and exit code 1
         return _report(words, error)
     return 0
+
+
+def _help_width() -> int:
+    """Width that click would find itself, with `shutil`."""
+    return max(min(terminal_columns(), HELP_COLUMNS) - 2, 50)
 
 
 def _open_closed_streams() -> None:

@@ -16,6 +16,7 @@ MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
 THIN = {
+    "cli/swarmctl/terminal/size.py": "the size of the terminal, for the help, which imports no tables",
     "daemons/swarmd/broker/core/boards/video_receivers.py": "of receivers, by what the tree knows",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",

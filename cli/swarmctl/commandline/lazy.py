@@ -4,7 +4,6 @@ import os
 from collections.abc import Mapping
 from functools import cached_property
 from importlib import import_module
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import click
@@ -196,5 +195,5 @@ def externals(path: str) -> list[str]:
             entries = [entry for entry in os.scandir(directory) if entry.name.startswith(EXTERNAL)]
         except OSError:  # a folder of PATH that is missing, as for a shell
             continue
-        found.update(e.name.removeprefix(EXTERNAL) for e in entries if os.access(Path(e.path), os.X_OK))
+        found.update(e.name.removeprefix(EXTERNAL) for e in entries if os.access(e.path, os.X_OK))
     return sorted(found)

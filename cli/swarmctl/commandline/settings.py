@@ -3,10 +3,12 @@
 import os
 from collections.abc import Mapping, Sequence
 from enum import Enum
-from pathlib import Path
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 PREFIX: Final = "SWARMCTL"
 """Every option is also read from the environment: SWARMCTL_…"""
@@ -50,8 +52,10 @@ class CliSettings(NamedTuple):
         return self.output in STRUCTURED
 
     @property
-    def config_dir(self) -> Path | None:
+    def config_dir(self) -> "Path | None":
         """The folder given by `--config` or, when no lab is given, by SWARM_CONFIG; else None."""
+        from pathlib import Path  # it imports the modules of addresses
+
         from swarmware.model.config import CONFIG_VARIABLE
 
         given = self.config or ("" if self.lab else os.environ.get(CONFIG_VARIABLE, ""))

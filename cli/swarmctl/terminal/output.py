@@ -8,8 +8,9 @@ from typing import Any, Final, TextIO
 import msgspec
 
 from swarmctl.commandline.settings import CliSettings
+from swarmctl.terminal.size import terminal_columns, terminal_lines
 from swarmctl.terminal.table import Cell, Column, fitted_table, show
-from swarmctl.terminal.wrapping import clipped, fitted_text, terminal_columns, terminal_lines, terminal_width
+from swarmctl.terminal.wrapping import clipped, fitted_text, terminal_width
 from swarmware.model.visible import HIDDEN, json_escaped, visible, visible_lines
 from swarmware.types.json_form import json_form
 

@@ -3,6 +3,7 @@
 import re
 from typing import Final, TextIO
 
+from swarmctl.terminal.size import terminal_columns
 from swarmware.types.units import UNITS
 
 _LABEL: Final = re.compile(r"\s*\S.*?\s{2,}(?=\S)")
@@ -19,20 +20,6 @@ _NUMBER: Final = re.compile(r"[(+-]*\d[\d.,e+-]*")
 def terminal_width(stream: TextIO) -> int | None:
     """Columns of the terminal behind a stream; None: there is none, lines are as long as they are."""
     return terminal_columns() if stream.isatty() else None
-
-
-def terminal_columns() -> int:
-    """Columns of the terminal."""
-    from shutil import get_terminal_size  # it imports the modules of all archives
-
-    return get_terminal_size().columns
-
-
-def terminal_lines() -> int:
-    """Lines of the terminal."""
-    from shutil import get_terminal_size
-
-    return get_terminal_size().lines
 
 
 def clipped(lines: list[str], height: int) -> list[str]:
