@@ -21,10 +21,10 @@ space := $(subst ,, )
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests; those that compute one per core, those that wait seven at a time, labs five at a time
+test: $(VENV)/.test ## all tests; those that compute one per core, those that wait seven at a time, labs four at a time
 	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
 	$(RUN) pytest -q -n 7 --dist loadfile $(LABS:%=--ignore=%) tests/integration
-	$(RUN) pytest -q -n 5 --dist loadfile --no-loadscope-reorder $(LABS)
+	$(RUN) pytest -q -n 4 --dist loadfile --no-loadscope-reorder $(LABS)
 
 coverage: $(VENV)/.test ## branch coverage of all cores by unit tests and simulations; less than 95 % is an error
 	@rm -rf .coverage

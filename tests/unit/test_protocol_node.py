@@ -301,7 +301,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f" {PATIENCE * mission.lost_after_s:g} s",
         f"The state contains the newest {['one', 'two', 'three'][ANNOUNCED - 1]}",
         f"exceeds {LINK_SKEW_LIMIT} per hop, with more than {HOPS_LIMIT} hops",
-        f"interval is the larger of half of the board's period and {tree.min_interval_s} s",
+        f"it is the larger of half of the board's period and {tree.min_interval_s} s",
         f"{readers.GRANULE_NS // 10**6} ms of the time of the folder",
         f"At most {readers.ENTRIES} entries of one user count",
         "FIFO `<run_dir>/bells/<pid>-<n>`, n the first free number from 0 (any name of 1 to 47 letters",
