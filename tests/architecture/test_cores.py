@@ -1,4 +1,4 @@
-"""The contract of a core (ADR 21): a class with `on_timer` has all of it, and takes the daemon's settings."""
+"""The contract of a core (ADR 22): a class with `on_timer` has all of it, and takes the daemon's settings."""
 
 import importlib
 import inspect

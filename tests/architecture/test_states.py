@@ -1,7 +1,7 @@
 """No control flow from prose: a state is compared with a member, a text for people is never taken apart.
 
 A field with a `Literal` type may be compared with its words, which the type checker knows; a field with a
-vocabulary on the wire is an `OpenEnum` (ADR 32).
+vocabulary on the wire is an `OpenEnum` (ADR 26).
 """
 
 import ast

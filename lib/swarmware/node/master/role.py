@@ -2,7 +2,7 @@
 
 The kernel drops the lock and readies the pidfd in the same instant, so a stand-by takes over within
 milliseconds; a lease in shared memory would have to run out first. A lock survives in a forked child, so no
-process that holds one is ever forked (ADR 20).
+process that holds one is ever forked (ADR 15).
 """
 
 import asyncio
