@@ -100,8 +100,7 @@ class LinkPeer:
             NodeIdentity(self.hw, name, "main", PlatformCode.UAV, 1, b""),
             Topology(self.hw, 1, SECOND, 0),
             Counters(),
-            busy_hz=10.0,
-            relay_bytes_s=Config().relay_bytes_s,
+            Config(),
         )
         self.protocol.set_plan(TreePlan(1, OFFERS, wants(others)))
         self.sessions = Sessions(self.hw, 1, connections=False)

@@ -27,7 +27,12 @@ from swarmd.broker.core.boards.board_action import (
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.roster.roster_exchange import ApplyRoster, RosterExchange, SendRoster
-from swarmd.broker.core.membership.sessions import AdoptSession, ProveSession, ReportImpersonation
+from swarmd.broker.core.membership.sessions import (
+    AdoptSession,
+    ProveSession,
+    ReportImpersonation,
+    SwarmMembership,
+)
 from swarmd.broker.core.reports.refusal_log import RefusalLog
 from swarmd.broker.core.reports.report import PublishTables
 from swarmd.broker.core.swarm.media.medium import MediumProfile
@@ -128,14 +133,11 @@ class BrokerShell:
             self._gateway = FrameGateway(
                 config,
                 keys,
-                module.clock,
-                node.messaging,
-                node.table,
+                node,
                 core,
                 None if core.media is None else MediaLinks(self._media, core.media, module.clock),
                 self._denials,
                 lambda found: feed(core.on_roster_actions(found, module.clock.now_ns())),
-                node.access_rules.access,
             )
             stack.callback(self._gateway.close)
             self._own = OwnBoards(node, core.published, core.counters)
@@ -382,12 +384,12 @@ class Broker(Service):
             ),
             config,
             session,
-            connections=not keys.is_open,
             former=FormerState(former_session.declared_period_ns, quiet_ns),
             now_ns=now_ns,
             chance=random.random,
-            exchange=None if keys.is_open else RosterExchange(keys, node.hardware, random.random),
-            signing=None if keys.is_open else keys,
+            membership=SwarmMembership()
+            if keys.is_open
+            else SwarmMembership(RosterExchange(keys, node.hardware, random.random), keys, connections=True),
             channels=ChannelTable(load_channels(node.config_dir)),
         )
         if keys.roster is not None:

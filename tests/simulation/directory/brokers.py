@@ -16,6 +16,7 @@ from swarmd.broker.core.boards.board_action import WriteMirrors
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange, SendRoster
+from swarmd.broker.core.membership.sessions import SwarmMembership
 from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
@@ -142,12 +143,12 @@ class BrokerNode:
             NodeIdentity(self.hw, name, "main", PlatformCode.UAV, 1, b""),
             config or Config(),
             session,
-            connections=False,
             former=former,
             now_ns=clock.now_ns(),
             chance=air.random.random,
-            exchange=None if keys is None else RosterExchange(keys, self.hw, air.random.random),
-            signing=signing,
+            membership=SwarmMembership(
+                None if keys is None else RosterExchange(keys, self.hw, air.random.random), signing
+            ),
         )
         if on_routes is not None:
             self.core.on_routes = partial(on_routes, self)

@@ -6,6 +6,7 @@ from typing import Final
 import msgspec
 import pytest
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import (
     BODY_LIMIT,
@@ -52,8 +53,7 @@ class Node:
             NodeIdentity(self.hw, name, "main", PlatformCode.UAV, boot_id, b""),
             Topology(self.hw, 100 * session, SECOND, -(1 << 62)),
             self.counters,
-            busy_hz=10.0,
-            relay_bytes_s=3000.0,
+            Config(relay_bytes_s=3000.0),
         )
 
     def compose(self, now_ns: int) -> OutgoingBeacon:

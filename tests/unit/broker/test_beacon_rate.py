@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import pytest
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import (
     AIRTIME,
@@ -198,9 +199,7 @@ def test_a_node_that_is_short_at_its_full_rate_does_not_swing() -> None:
 
 def test_a_stretched_period_is_declared_before_links_fall() -> None:
     identity = NodeIdentity(1, "uav1", "main", PlatformCode.UAV, 1, b"")
-    protocol = BeaconProtocol(
-        identity, Topology(1, 1, SECOND, 0), Counters(), busy_hz=10.0, relay_bytes_s=0.0
-    )
+    protocol = BeaconProtocol(identity, Topology(1, 1, SECOND, 0), Counters(), Config(relay_bytes_s=0.0))
     protocol.advance(0)
     assert protocol.compose(0).beacon.hello is not None
     assert protocol.compose(PERIOD).beacon.hello is None

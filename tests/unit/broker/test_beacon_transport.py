@@ -35,7 +35,6 @@ class Shell:
             NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformCode.UAV, 1, b""),
             config,
             1,
-            connections=False,
             former=FormerState(),
             now_ns=0,
             chance=lambda: 0.5,

@@ -24,9 +24,7 @@ async def test_a_false_beacon_is_reported_with_the_address_that_it_came_from(
 ) -> None:
     make_swarm(tmp_path, ("uav1", "uav2"))
     identity = NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformCode.UAV, 1, b"")
-    core = BrokerCore(
-        identity, Config(), 1, connections=True, former=FormerState(), now_ns=0, chance=lambda: 0.5
-    )
+    core = BrokerCore(identity, Config(), 1, former=FormerState(), now_ns=0, chance=lambda: 0.5)
     core.add_members(["uav2"], 0)
     found: list[Denial] = []
     reports = ForgeryReports(core, Keys.load(tmp_path / "uav1", "uav1"), DenialReporter(found.append))

@@ -6,6 +6,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from tests.simulation.seeds import examples
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import (
     BODY_LIMIT,
@@ -108,8 +109,7 @@ def protocol() -> BeaconProtocol:
         NodeIdentity(hardware_id(ME), ME, "main", PlatformCode.UAV, 1, b""),
         Topology(hardware_id(ME), 1, SECOND, 0),
         Counters(),
-        busy_hz=10.0,
-        relay_bytes_s=3000.0,
+        Config(relay_bytes_s=3000.0),
     )
     wants = tuple(BoardSubscription(name, "nav/pose", "Pose", POSE) for name in OTHERS)
     own = StructureBroadcast(ME, 1, 2, 3, b"changes")

@@ -5,6 +5,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.broker.config import Config
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, NEVER_NS, Beacon, Header, Hello, OutgoingBeacon
 from swarmd.broker.core.beacon.beacon_codec import (
     ECHO_BYTES,
@@ -81,9 +82,8 @@ class BeaconProtocol:
         identity: NodeIdentity,
         topology: Topology,
         counters: Counters,
+        config: Config,
         *,
-        busy_hz: float,
-        relay_bytes_s: float,
         declared_period: DeclaredPeriod | None = None,
         media: MediumTable | None = None,
         channels: ChannelTable | None = None,
@@ -107,15 +107,15 @@ class BeaconProtocol:
         self._received = ReceivedValues(
             identity.hw, self.relay_cache, counters, topology.neighbours.get, self.checks
         )
-        self.hellos = HelloSchedule(identity, busy_hz)
+        self.hellos = HelloSchedule(identity, config.tick_hz)
         self.structures = StructureBroadcasts(identity.hw)
         self.slowdown = Slowdown()
         self.delay = OwnDelay()
         """A node that is late declares a period by which neighbours keep its links when it is late again."""
         self.reserved_bytes = 0
         """Bytes of the next body kept free for session checks and the signature."""
-        self._busy_hz = busy_hz
-        self._relay_bytes_s = relay_bytes_s
+        self._busy_hz = config.tick_hz
+        self._relay_bytes_s = config.relay_bytes_s
         self._plan = TreePlan(0)
         self._limits_version = 0
         self._forget_ns = NEVER_NS

@@ -27,7 +27,6 @@ from swarmd.broker.core.membership.other_swarms import OtherSwarms
 from swarmd.broker.core.membership.roster.roster_exchange import (
     ApplyRoster,
     RosterAction,
-    RosterExchange,
     SendRoster,
 )
 from swarmd.broker.core.membership.sessions import (
@@ -37,8 +36,9 @@ from swarmd.broker.core.membership.sessions import (
     ReportImpersonation,
     SessionOutcome,
     Sessions,
+    SwarmMembership,
 )
-from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures, SigningKeys
+from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
 from swarmd.broker.core.membership.signatures.signature_checks import CheckedDatagram, SignatureFault
 from swarmd.broker.core.reports.report import NetReport, PublishTables
 from swarmd.broker.core.swarm.clock_batches import ClockBatches
@@ -98,19 +98,17 @@ class BrokerCore:
         config: Config,
         session: int,
         *,
-        connections: bool,
         former: FormerState,
         now_ns: int,
         chance: Callable[[], float],
-        exchange: RosterExchange | None = None,
-        signing: SigningKeys | None = None,
+        membership: SwarmMembership = SwarmMembership(),  # noqa: B008  # immutable
         channels: ChannelTable | None = None,
     ) -> None:
-        """`connections`: whether sessions can be proven over connections; not without keys. `exchange`: of
-        the roster, `signing`: of beacons; None without keys. `channels`: with the rules of the file.
+        """`channels`: the rules of the file, or None if it has none.
 
         `chance`: uniform from 0 to 1, for the jitter of beacons.
         """
+        exchange, signing, connections = membership
         self.identity = identity
         self.counters = Counters()
         topology = Topology(
@@ -126,8 +124,7 @@ class BrokerCore:
             identity,
             topology,
             self.counters,
-            busy_hz=config.tick_hz,
-            relay_bytes_s=config.relay_bytes_s,
+            config,
             declared_period=DeclaredPeriod(former.declared_period_ns, now_ns),
             media=self.media,
             channels=channels,

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final, NamedTuple, Protocol
 
@@ -15,7 +15,7 @@ from swarmd.broker.core.membership.datagram_limiter import DatagramLimiter, memb
 from swarmd.broker.core.swarm.media.medium import MAIN_MEDIUM, Address, MediumProfile
 from swarmd.broker.core.swarm.media.medium_table import MediumAddress, Use
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.exchange.zmq_links import LinkPeer
+from swarmd.broker.exchange.link_events import DatagramEvents, LinkPeer
 from swarmd.broker.sockets import arrival_stamp
 from swarmd.broker.sockets.arrival_stamp import ANCILLARY, Ancillary, ArrivalStamps
 from swarmd.broker.sockets.medium import MediumDatagram
@@ -32,10 +32,6 @@ TURN: Final = 64
 DATAGRAM_MAX: Final = 2048
 SEALS_MAX: Final = 4096
 
-OnContent = Callable[[bytes, LinkPeer], None]
-"""Called with the frame of a datagram, and the neighbour that sealed it."""
-OnPacket = Callable[[bytes, LinkPeer, int], None]
-"""Called with the packet of a datagram, the neighbour that sealed it, and its arrival on the own clock."""
 
 log = logging.getLogger("swarm.broker")
 
@@ -78,16 +74,9 @@ class FrameDatagrams:
         counters: Counters,
         port: int,
         ways: NeighbourMedia | None,
-        *,
-        excludes: Callable[[int], bool],
-        find_peer: Callable[[int], LinkPeer | None],
-        on_frame: OnContent,
-        on_packet: OnPacket,
-        on_sent: Callable[[LinkPeer, Frame], None],
-        on_unsent: Callable[[LinkPeer, Frame], None],
+        events: DatagramEvents,
     ) -> None:
-        """`port`: wanted, that of the connections; `ways`: by which media a neighbour is reached, where there
-        are several; `on_unsent`: takes a frame that could not be sent so.
+        """`port`: wanted, as the connections have it; `ways`: media to neighbours, where there are several.
 
         Raises: ConfigError when no port can be bound.
         """
@@ -96,12 +85,7 @@ class FrameDatagrams:
         self._own = own
         self._clock = clock
         self._counters = counters
-        self._excludes = excludes
-        self._find_peer = find_peer
-        self._on_frame = on_frame
-        self._on_packet = on_packet
-        self._on_sent = on_sent
-        self._on_unsent = on_unsent
+        self._events = events
         self._seals: dict[int, PairSeal] = {}
         self._sequence = 0
         """Of all datagrams of this session: no nonce of a pair is used twice."""
@@ -158,7 +142,7 @@ class FrameDatagrams:
             return False
         if not self._put(peer, self._sealed(seal, frame_datagram.FRAME, data), Use.PACKETS):
             return False
-        self._on_sent(peer, frame)
+        self._events.on_begun(peer, frame)
         return True
 
     def send_packet(self, peer: LinkPeer, data: bytes) -> None:
@@ -200,11 +184,11 @@ class FrameDatagrams:
                 if is_sent:
                     self._count(one.peer, one.frame)
                 else:
-                    self._on_unsent(one.peer, one.frame)
+                    self._events.on_unsent(one.peer, one.frame)
 
     def _count(self, peer: LinkPeer, frame: Frame) -> None:
         self._paths(frame).on_sent(peer.hw, self._clock.now_ns())
-        self._on_sent(peer, frame)
+        self._events.on_begun(peer, frame)
 
     def on_repeated(self, hw: int, frame: Frame) -> None:
         """A frame is repeated to a neighbour, over the connection."""
@@ -283,13 +267,13 @@ class FrameDatagrams:
             counters.refused.malformed += 1
             log.debug("datagram from %s:%d: %s", *address, error)
             return
-        if self._excludes(sender_hw):
+        if self._events.excludes(sender_hw):
             counters.refused.revoked += 1
             return
         if not limiter.may_open(address, sender_hw, self._clock.now_ns()):
             counters.refused.flooded += 1
             return
-        peer = self._find_peer(sender_hw)
+        peer = self._events.find_peer(sender_hw)
         seal = None if peer is None else self._seal_of(peer)
         if peer is None or seal is None:
             limiter.bad(address)
@@ -311,10 +295,10 @@ class FrameDatagrams:
         if content == frame_datagram.PACKET and self._ways is not None:
             self._ways.on_packet(sender_hw, medium)
         if content == frame_datagram.FRAME:
-            self._on_frame(opened.body, peer)
+            self._events.on_datagram_frame(opened.body, peer)
         else:
             mono_ns = arrival if isinstance(arrival, int) else ArrivalStamps().mono_ns(arrival)
-            self._on_packet(opened.body, peer, self._clock.from_mono_ns(mono_ns))
+            self._events.on_packet(opened.body, peer, self._clock.from_mono_ns(mono_ns))
 
     def close(self) -> None:
         """Closes the socket for frames."""

@@ -19,18 +19,15 @@ from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.exchange.frame_datagrams import NeighbourMedia
 from swarmd.broker.exchange.frame_delivery import FrameDelivery
 from swarmd.broker.exchange.frame_links import FrameLinks
-from swarmd.broker.exchange.zmq_links import LinkPeer
+from swarmd.broker.exchange.link_events import LinkPeer
 from swarmd.broker.sockets.pair_seal import PairEnd
 from swarmware.errors import ConfigError, Denied, WireError
-from swarmware.model.access import Access
-from swarmware.model.clock import Clock
 from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id
-from swarmware.transport.appfile.table import AppTable
+from swarmware.node.node import Node
 from swarmware.transport.delivery.answer import ANSWERS, answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import with_node
-from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.roster import RosterChange
@@ -56,30 +53,27 @@ class FrameGateway:
         self,
         config: Config,
         keys: Keys,
-        clock: Clock,
-        messaging: MessageEndpoint,
-        table: AppTable,
+        node: Node,
         core: BrokerCore,
         ways: NeighbourMedia | None,
         denials: DenialReporter,
         on_roster_actions: Callable[[list[RosterAction]], None],
-        access: Access,
     ) -> None:
         """Raises: ConfigError when the port cannot be bound."""
         self._on_roster_actions = on_roster_actions
         self._keys = keys
-        self._clock = clock
-        self._messaging = messaging
+        self._clock = node.clock
+        self._messaging = node.messaging
         self._core = core
         self._counters = core.counters
-        self._accounts = FrameAccounts(core.counters, table)
+        self._accounts = FrameAccounts(core.counters, node.table)
         self._delivery = FrameDelivery(
             keys,
-            messaging,
-            table,
+            node.messaging,
+            node.table,
             core,
             self._accounts,
-            access,
+            node.access_rules.access,
             denials,
             _unit_delay(config),
         )
@@ -99,18 +93,10 @@ class FrameGateway:
             config,
             keys,
             PairEnd(core.identity.hw, core.session, keys.curve_public),
-            clock,
+            node.clock,
             core.counters,
             ways,
-            excludes=self._excludes,
-            find_peer=self._peer,
-            on_frame=self._from_connection,
-            on_roster=self._roster_from_connection,
-            on_datagram=self._from_datagram,
-            on_unknown_key=self._on_unknown_key,
-            on_given_up=self._gave_up,
-            on_sent=self._sent,
-            on_begun=self._sent_datagram,
+            self,
         )
 
     def from_here(self, frame: Frame, data: bytes | None = None) -> None:
@@ -130,13 +116,13 @@ class FrameGateway:
 
     def prepare(self, hw: int) -> None:
         """Makes the keys for datagrams to a neighbour that has introduced itself."""
-        peer = self._peer(hw)
+        peer = self.find_peer(hw)
         if peer is not None:
             self.links.prepare(peer)
 
     def prove(self, hw: int, session: int) -> None:
         """Sends a neighbour the own session over a connection that only the own key opens."""
-        peer = self._peer(hw)
+        peer = self.find_peer(hw)
         if peer is not None and peer.host:
             own_hw = self._core.identity.hw
             payload = session.to_bytes(8, "little")
@@ -169,7 +155,8 @@ class FrameGateway:
             decision = self._forwarder.reroute(item.frame, now_ns)
             self._onward(item.frame, decision, None, relayed=item.relayed)
 
-    def _from_connection(self, data: bytes, user: str) -> None:
+    def on_connection_frame(self, data: bytes, user: str) -> None:
+        """Takes an encoded frame of a connection, and the platform at its other end."""
         arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
         frame = self._decoded(data, user)
         if frame is None:
@@ -198,7 +185,7 @@ class FrameGateway:
             return
         if message.curve_public:
             self.neighbour_gone(hw)  # the frames that wait for a revoked node are refused
-        peer = None if message.curve_public or not self._core.is_up(hw) else self._peer(hw)
+        peer = None if message.curve_public or not self._core.is_up(hw) else self.find_peer(hw)
         if peer is None:
             host = message.host or (target.host if target is not None else "")
             port = message.port or (target.tcp_port if target is not None else 0)
@@ -211,7 +198,8 @@ class FrameGateway:
             peer, Frame(FrameKind.ROSTER, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=message.payload)
         )
 
-    def _roster_from_connection(self, data: bytes, user: str, host: str) -> None:
+    def on_roster_frame(self, data: bytes, user: str, host: str) -> None:
+        """Takes a message about the roster from a connection."""
         refused, exchange = self._counters.refused, self._core.exchange
         frame = self._decoded(data, user)
         if frame is None:
@@ -252,11 +240,13 @@ class FrameGateway:
             if not self._core.is_up(hw):
                 self.neighbour_gone(hw)
 
-    def _excludes(self, hw: int) -> bool:
+    def excludes(self, hw: int) -> bool:
+        """Whether the roster excludes this node."""
         exchange = self._core.exchange
         return exchange is not None and exchange.excludes(hw)
 
-    def _from_datagram(self, data: bytes, peer: LinkPeer) -> None:
+    def on_datagram_frame(self, data: bytes, peer: LinkPeer) -> None:
+        """Takes the frame of a datagram, and the neighbour that sealed it."""
         arrived_ns = self._clock.now_ns()
         frame = self._decoded(data, peer.platform)
         if frame is None:
@@ -266,7 +256,7 @@ class FrameGateway:
             return
         if frame.kind is FrameKind.ROSTER:
             # only from a neighbour without a connection; the seal of the pair has authenticated it
-            self._roster_from_connection(data, "" if self._keys.is_open else peer.platform, peer.host)
+            self.on_roster_frame(data, "" if self._keys.is_open else peer.platform, peer.host)
             return
         if frame.kind not in ANSWERS:
             self._asked_by_datagram.add(peer.hw)
@@ -284,7 +274,7 @@ class FrameGateway:
     def _take(self, frame: Frame, user: str, now_ns: int) -> None:
         """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
         counters = self._counters
-        if self._excludes(frame.sender_hw):
+        if self.excludes(frame.sender_hw):
             counters.refused.revoked += 1  # another member forwarded it
             return
         other_hw = self._other_end(frame, user)
@@ -307,7 +297,8 @@ class FrameGateway:
             frame.extension = with_node(frame.extension, self._core.identity.hw)
         self._onward(frame, decision, None, relayed=True)
 
-    def _on_unknown_key(self, name: str, reason: str) -> None:
+    def on_unknown_key(self, name: str, reason: str) -> None:
+        """Reports a denied handshake."""
         self._delivery.report_denial(name, CONNECT, "", reason, self._clock.now_ns())
 
     def _other_end(self, frame: Frame, user: str) -> int | None:
@@ -328,7 +319,7 @@ class FrameGateway:
     ) -> None:
         """`data`: the frame as it was encoded, unless it has changed since; `relayed`: of another node."""
         if decision.step is ForwardStep.SEND:
-            peer = self._peer(decision.via)
+            peer = self.find_peer(decision.via)
             if peer is not None:
                 signed = frame if relayed else self._signed(frame, decision.via)
                 if signed is None:
@@ -377,7 +368,8 @@ class FrameGateway:
         self.links.on_repeated(peer.hw, frame)
         return False
 
-    def _sent_datagram(self, peer: LinkPeer, frame: Frame) -> None:
+    def on_begun(self, peer: LinkPeer, frame: Frame) -> None:
+        """Counts a frame whose first transmission was a datagram."""
         self._counters.sent_frames += 1
         for channel, size in self._accounts.channels(frame):
             channel.sent(size)
@@ -387,7 +379,7 @@ class FrameGateway:
             data = encode(frame)
         self.links.send(peer, data, frame)
 
-    def _sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
+    def on_sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
         """Counts a frame that a connection took; queued and rerouted frames are not counted."""
         self._counters.sent_frames += 1
         link = self._counters.link(peer.platform, LinkTransport.TCP)
@@ -396,7 +388,8 @@ class FrameGateway:
         for channel, payload_bytes in self._accounts.channels(frame):
             channel.sent(payload_bytes)
 
-    def _peer(self, hw: int) -> LinkPeer | None:
+    def find_peer(self, hw: int) -> LinkPeer | None:
+        """Endpoint and keys of a neighbour, or None for any other node."""
         target = self._core.targets.find(hw)
         if target is None:
             return None
@@ -422,7 +415,8 @@ class FrameGateway:
         """Brings the traffic counters of the connections up to date."""
         self.links.update_counters()
 
-    def _gave_up(self, peer: LinkPeer, transport: LinkTransport, waiting: list[QueuedFrame]) -> None:
+    def on_given_up(self, peer: LinkPeer, transport: LinkTransport, waiting: list[QueuedFrame]) -> None:
+        """Refuses the frames that a link to a neighbour has given up."""
         for item in waiting:
             self._dropped(peer, transport, item.frame)
             self._refuse(item.frame, f"{peer.platform} does not take it")

@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 import msgspec
@@ -28,11 +28,11 @@ from swarmd.broker.core.membership.origins import is_check
 from swarmd.broker.core.swarm.media.medium import MediumProfile
 from swarmd.broker.core.swarm.media.medium_table import Use
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.exchange.frame_datagrams import FrameDatagrams, NeighbourMedia, OnContent
-from swarmd.broker.exchange.zmq_links import LinkPeer, OnFrame, OnRoster, ZmqLinks
+from swarmd.broker.exchange.frame_datagrams import FrameDatagrams, NeighbourMedia
+from swarmd.broker.exchange.link_events import LinkEvents, LinkPeer
+from swarmd.broker.exchange.zmq_links import ZmqLinks
 from swarmd.broker.sockets.medium import MediumDatagram
 from swarmd.broker.sockets.pair_seal import PairEnd
-from swarmd.broker.sockets.zmq.zap import OnUnknownKey
 from swarmware.errors import ConfigError, WireError
 from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind, encode
@@ -54,27 +54,20 @@ class FrameLinks:
         clock: Clock,
         counters: Counters,
         ways: NeighbourMedia | None,
-        *,
-        excludes: Callable[[int], bool],
-        find_peer: Callable[[int], LinkPeer | None],
-        on_frame: OnFrame,
-        on_roster: OnRoster,
-        on_datagram: OnContent,
-        on_unknown_key: OnUnknownKey,
-        on_given_up: Callable[[LinkPeer, LinkTransport, list[QueuedFrame]], None],
-        on_sent: Callable[[LinkPeer, int, Frame], None],
-        on_begun: Callable[[LinkPeer, Frame], None],
+        events: LinkEvents,
     ) -> None:
-        """`on_frame`, `on_datagram`: take a frame that came over a connection, or in datagrams; `on_sent`,
-        `on_begun`: count one that goes these ways; `on_given_up`: refuse those that cannot.
-
-        Raises: ConfigError when a port cannot be bound.
-        """
+        """Raises: ConfigError when a port cannot be bound."""
         self._ways = ways
-        self._find_peer = find_peer
-        self._on_datagram = on_datagram
-        self._on_begun = on_begun
-        self._on_given_up = on_given_up
+        self._events = events
+        # bound here, because a method of its own would cost a call for each frame
+        self.excludes = events.excludes
+        self.find_peer = events.find_peer
+        self.on_connection_frame = events.on_connection_frame
+        self.on_roster_frame = events.on_roster_frame
+        self.on_unknown_key = events.on_unknown_key
+        self.on_sent = events.on_sent
+        self.on_datagram_frame = events.on_datagram_frame
+        self.on_begun = events.on_begun
         self._clock = clock
         self._counters = counters
         self._connections = ZmqLinks(
@@ -83,12 +76,7 @@ class FrameLinks:
             asyncio.get_running_loop(),
             now_ns=clock.now_ns,
             refused=counters.refused,
-            on_frame=on_frame,
-            on_roster=on_roster,
-            on_unknown_key=on_unknown_key,
-            on_given_up=self._drop_from_connection,
-            on_sent=on_sent,
-            on_waiting=self._on_waiting,
+            events=self,
         )
         try:
             self._datagrams = FrameDatagrams(
@@ -99,12 +87,7 @@ class FrameLinks:
                 counters,
                 self._connections.port,
                 ways,
-                excludes=excludes,
-                find_peer=find_peer,
-                on_frame=on_datagram,
-                on_packet=self._on_packet,
-                on_sent=on_begun,
-                on_unsent=self._send_encoded,
+                self,
             )
         except ConfigError:
             self._connections.close()
@@ -160,7 +143,8 @@ class FrameLinks:
         """A frame that may begin as a datagram is repeated to a neighbour."""
         self._datagrams.on_repeated(hw, frame)
 
-    def _send_encoded(self, peer: LinkPeer, frame: Frame) -> None:
+    def on_unsent(self, peer: LinkPeer, frame: Frame) -> None:
+        """Sends or queues a frame that a datagram could not carry."""
         self.send(peer, encode(frame), frame)
 
     def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> None:
@@ -173,12 +157,14 @@ class FrameLinks:
             return
         gone = self._connections.send(peer, data, frame)
         if gone:
-            self._drop_from_connection(peer, gone)
+            self.on_undelivered(peer, gone)
 
-    def _drop_from_connection(self, peer: LinkPeer, gone: list[QueuedFrame]) -> None:
-        self._on_given_up(peer, LinkTransport.TCP, gone)
+    def on_undelivered(self, peer: LinkPeer, frames: list[QueuedFrame]) -> None:
+        """Refuses the frames that a connection has given up."""
+        self._events.on_given_up(peer, LinkTransport.TCP, frames)
 
-    def _on_waiting(self, peer: LinkPeer) -> None:
+    def on_waiting(self, peer: LinkPeer) -> None:
+        """Measures the connection for which frames wait."""
         self._driver.feed(self._core.on_waiting(peer.hw, self._clock.now_ns()))
 
     def _measure_connection(self, hw: int) -> None:
@@ -203,7 +189,7 @@ class FrameLinks:
 
     def on_medium(self, hw: int) -> None:
         """The medium of the packets to a neighbour has changed: what waits for connections follows."""
-        peer = self._find_peer(hw)
+        peer = self.find_peer(hw)
         if peer is not None and not peer.host:
             for queued in self._connections.disconnect(hw):
                 self._send_datagrams(peer, queued)
@@ -214,7 +200,8 @@ class FrameLinks:
         with self._connections.batch(), self._datagrams.batch():
             yield
 
-    def _on_packet(self, data: bytes, peer: LinkPeer, arrived_ns: int) -> None:
+    def on_packet(self, data: bytes, peer: LinkPeer, arrived_ns: int) -> None:
+        """Takes a packet of a neighbour's reliable link."""
         try:
             actions = self._core.on_packet(peer.hw, peer.session, data, arrived_ns, self._clock.now_ns())
         except WireError as error:
@@ -248,7 +235,7 @@ class FrameLinks:
             frames, size = self._connections.waiting(peer.hw)
             _add_waiting(counters.link(peer.platform, LinkTransport.TCP), frames, size)
         for link in self._core.links():
-            found = self._find_peer(link.hw)
+            found = self.find_peer(link.hw)
             if found is None:
                 continue
             row = counters.link(found.platform, LinkTransport.UDP)
@@ -270,24 +257,24 @@ class FrameLinks:
 
     def state(self, hw: int) -> ConnectionStatus:
         """How frames travel to a neighbour."""
-        peer = self._find_peer(hw)
+        peer = self.find_peer(hw)
         if self._core.uses_datagrams(hw) or (peer is not None and not peer.host):
             return ConnectionStatus.DATAGRAMS
         return self._connections.state(hw)
 
     def _perform(self, action: Action) -> None:
-        peer = self._find_peer(action.hw)
+        peer = self.find_peer(action.hw)
         if peer is None:
             return
         match action:
             case SendPacket(session=session) if session == peer.session:
                 self._datagrams.send_packet(peer, action.data)
             case DeliverFrame():
-                self._on_datagram(action.data, peer)
+                self.on_datagram_frame(action.data, peer)
             case FrameBegun():
-                self._on_begun(peer, action.queued.frame)
+                self.on_begun(peer, action.queued.frame)
             case FramesDropped():
-                self._on_given_up(peer, LinkTransport.UDP, action.frames)
+                self._events.on_given_up(peer, LinkTransport.UDP, action.frames)
             case MeasureConnection():
                 self._measure_connection(action.hw)
             case SetBuffer():

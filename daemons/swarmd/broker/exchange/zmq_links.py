@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-import msgspec
 import zmq
 
 from swarmd.broker.config import EVERYWHERE, Config
 from swarmd.broker.core.frames.send_buffer import SIZE_MIN
 from swarmd.broker.core.frames.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
 from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.exchange.link_events import ConnectionEvents, LinkPeer
 from swarmd.broker.sockets.zmq.tcp_count import TcpCount
 from swarmd.broker.sockets.zmq.tcp_socket import TcpSocket
-from swarmd.broker.sockets.zmq.zap import DOMAIN, OnUnknownKey, Zap
+from swarmd.broker.sockets.zmq.zap import DOMAIN, Zap
 from swarmd.broker.sockets.zmq.zmq_socket import POLLOUT, ConnectionMonitor, Socket, ZmqSocket, make_context
 from swarmware.errors import ConfigError
 from swarmware.model.frame import FRAME_LIMIT, KIND_AT, Frame, FrameKind
@@ -42,25 +42,7 @@ BIND_AGAIN_S: Final = 0.005
 KEEPALIVE_S: Final = 60
 """Idle time before TCP keep-alive probes; a dead connection is closed after 90 s."""
 
-OnFrame = Callable[[bytes, str], None]
-"""Called with an encoded frame and the platform at the other end; empty without authentication."""
-OnRoster = Callable[[bytes, str, str], None]
-"""Called with an encoded frame of kind ROSTER, the platform and the address at the other end."""
-
 log = logging.getLogger("swarm.broker")
-
-
-class LinkPeer(msgspec.Struct, frozen=True):
-    """Endpoint and keys of a neighbour."""
-
-    hw: int
-    platform: str
-    host: str
-    port: int
-    curve_public: bytes
-    session: int
-    frame_port: int = 0
-    """UDP port for frames as datagrams; 0: none."""
 
 
 class _Connection:
@@ -96,7 +78,7 @@ class _Connection:
             self._port.socket.send(data, zmq.NOBLOCK)
         except zmq.Again:
             return False
-        self._links.sent_one(self._owner.peer, len(data), frame)
+        self._links.events.on_sent(self._owner.peer, len(data), frame)
         return True
 
     def flush(self, now_ns: int) -> None:
@@ -107,7 +89,7 @@ class _Connection:
         while True:
             waiting, old = queue.peek(connection_class, now_ns)
             if old:
-                self._links.gave_up(self._owner.peer, old)
+                self._links.events.on_undelivered(self._owner.peer, old)
                 continue  # refusals to their senders may have been queued here
             if waiting is None:
                 break
@@ -116,7 +98,7 @@ class _Connection:
             except zmq.Again:
                 break
             queue.pop(connection_class)
-            self._links.sent_one(self._owner.peer, len(waiting.data), waiting.frame)
+            self._links.events.on_sent(self._owner.peer, len(waiting.data), waiting.frame)
             sent = True
         if sent and queue:
             self._port.again()  # a send processes commands: the descriptor may be silent about new room
@@ -201,7 +183,7 @@ class _PeerConnections:
         for connection in tuple(self._connections.values()):
             connection.flush(now_ns)
         if self.queue:
-            self.links.on_waiting(self.peer)
+            self.links.events.on_waiting(self.peer)
 
     def delay(self) -> ConnectionDelay | None:
         """That of the connection with the longer queue."""
@@ -217,7 +199,7 @@ class _PeerConnections:
         log.warning("no frames go to %s: %s", self.peer.platform, reason)
         self.denied = True
         self.denied_until_ns = self.links.now_ns() + DENIED_NS
-        self.links.gave_up(self.peer, self.queue.clear())
+        self.links.events.on_undelivered(self.peer, self.queue.clear())
         # libzmq would reconnect five times a second without end
         self.links.loop.call_soon(self._shut)
 
@@ -242,18 +224,9 @@ class ZmqLinks:
         *,
         now_ns: Callable[[], int],
         refused: Refused,
-        on_frame: OnFrame,
-        on_roster: OnRoster,
-        on_unknown_key: OnUnknownKey,
-        on_given_up: Callable[[LinkPeer, list[QueuedFrame]], None],
-        on_sent: Callable[[LinkPeer, int, Frame], None],
-        on_waiting: Callable[[LinkPeer], None],
+        events: ConnectionEvents,
     ) -> None:
-        """`on_sent`: called with the bytes of a frame that a connection took; `on_waiting`: when frames wait
-        for one.
-
-        Raises: ConfigError when the port cannot be bound.
-        """
+        """Raises: ConfigError when the port cannot be bound."""
         self.loop = loop
         self.keys = keys
         self.now_ns = now_ns
@@ -263,12 +236,8 @@ class ZmqLinks:
         self._accepted = 0
         self._proven = 0
         self._denied = 0
-        self.gave_up = on_given_up
-        self.sent_one = on_sent
-        self.on_waiting = on_waiting
+        self.events = events
         self._heartbeat_ms = round(config.heartbeat_s * 1000)
-        self._on_frame = on_frame
-        self._on_roster = on_roster
         self._refused = refused
         self._rebinding: asyncio.TimerHandle | None = None
         self._peers: dict[int, _PeerConnections] = {}
@@ -276,7 +245,7 @@ class ZmqLinks:
         """Connections with frames that wait for the end of `batch`; None: frames are sent at once."""
         self._context = make_context(SOCKETS_MAX)
         # before the first CURVE socket: without an authenticator libzmq accepts every client
-        self._zap = Zap(self._context, loop, keys, refused, on_unknown_key)
+        self._zap = Zap(self._context, loop, keys, refused, events.on_unknown_key)
         router = self.make_socket(zmq.ROUTER)
         router.setsockopt(zmq.CURVE_SERVER, 1)
         router.setsockopt(zmq.CURVE_SECRETKEY, keys.curve_secret)
@@ -444,9 +413,9 @@ class ZmqLinks:
         self.received_frames += 1
         self.received_bytes += len(data)
         if len(data) > KIND_AT and data[KIND_AT] == FrameKind.ROSTER:
-            self._on_roster(data, user, str(part.get("Peer-Address")))
+            self.events.on_roster_frame(data, user, str(part.get("Peer-Address")))
         else:
-            self._on_frame(data, user)
+            self.events.on_connection_frame(data, user)
 
     def drop_revoked(self) -> None:
         """Ends the connections of revoked members: the port is released and taken again, others reconnect.

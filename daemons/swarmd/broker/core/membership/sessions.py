@@ -6,12 +6,14 @@ one is proven over a connection that only the key of the platform opens; until t
 accepted.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 
 from swarmd.broker.core.beacon.beacon import NEVER_NS
 from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionCheck
+from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange
+from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
 from swarmware.model.digest import blake2b
 
 ALIVE_NS: Final = 1_500_000_000
@@ -29,6 +31,17 @@ CLAIMS_MAX: Final = 256
 PRESENT_MAX: Final = 4096
 PROMPT_QUESTIONS: Final = 3
 """Questions per session that trigger a beacon."""
+
+
+class SwarmMembership(NamedTuple):
+    """How a node with keys takes part in its swarm; without keys all fields have their defaults."""
+
+    exchange: RosterExchange | None = None
+    """Exchange of the roster with neighbours."""
+    signing: SigningKeys | None = None
+    """Keys that sign the own beacons and check those of others."""
+    connections: bool = False
+    """Whether sessions can be proven over connections."""
 
 
 class AdoptSession(msgspec.Struct, frozen=True):
