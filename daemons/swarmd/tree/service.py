@@ -29,8 +29,9 @@ from swarmd.tree.exchange.taps import Peek, Tap
 from swarmd.tree.exchange.tree_exchange import TreeExchange
 from swarmd.tree.operator.config_api import ConfigApi
 from swarmd.tree.operator.operator_api import OperatorApi
+from swarmd.tree.operator.rule_api import RuleApi
 from swarmd.tree.operator.tree_view import TreeView
-from swarmd.tree.operator.type_catalogue import TypeCatalogue
+from swarmd.tree.operator.unit_forwarder import UnitForwarder
 from swarmd.tree.records import change_log
 from swarmd.tree.records.change_log import ChangeLog
 from swarmd.tree.records.denial_log import DenialLog
@@ -104,20 +105,18 @@ class Tree(Service):
         self._denials = DenialLog(module, self._changes)
         rules = RuleStore(node.config.data_path / rule_store.FILE)
         self._driver.defer(self._tree.on_rules(rules.rules, module.now_ns()))
+        view = TreeView(self._tree, self._peek, module.now_ns, module.remote_clocks.to_local)
         self._operator_api = OperatorApi(
             module,
             self._tree,
             self._driver,
             self._stepped,
-            TreeView(self._tree, self._peek, module.now_ns, module.remote_clocks.to_local),
+            UnitForwarder(module, view, config.answer_s),
             self._settings,
-            TypeCatalogue(module.platform, node.applications.table),
             self._changes,
-            rules,
-            access,
             self._denials,
-            config.answer_s,
         )
+        self._rule_api = RuleApi(module, self._tree, self._driver, rules, self._changes, self._denials)
         self._config_api = ConfigApi(module, self._settings)
         self._placement = PlacementMeasurement(module, self._tree, self._exchange)
         self._report = TreeReport(
@@ -147,6 +146,7 @@ class Tree(Service):
             self._take_applications()
             self._exchange.serve()
             self._operator_api.serve()
+            self._rule_api.serve()
             self._config_api.serve()
             self._placement.serve()
             self._changes.serve()

@@ -3,7 +3,7 @@
 import asyncio
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -28,7 +28,7 @@ from swarmware.module.module import Module
 from swarmware.runtime.driver import CoreDriver
 from swarmware.transport.delivery.bitrate_control import BitrateControl
 from swarmware.types.perception import Image
-from swarmware.types.video import VideoDirection, VideoRateChange, VideoSession
+from swarmware.types.video import VideoDirection, VideoRateChange, VideoSession, VideoStart
 
 PAYLOAD_MAX: Final = 1000
 """Maximum payload after the RTP header, which fits in one datagram with the headers of ten hops."""
@@ -40,46 +40,52 @@ KEY_FRAME_BLIND_S: Final = 2.0
 """Key-frame interval for standard receivers, which may join late and cannot request key frames."""
 
 
+class Receiver(NamedTuple):
+    """Receiver of a session, and the path of the packets to it."""
+
+    destination: Destination
+    path: SwarmPath | RtpSocket
+    described: str = ""
+    """Session description (SDP), or empty for a platform."""
+    received_as: str = ""
+    """Stream of the images at the receiving platform, or empty for an address."""
+    hardware: int | None = None
+    """Hardware id of the receiving computer, or None for an address."""
+
+
 class SendingSession:
     """Sends the video of one source to one receiver."""
 
     def __init__(
         self,
         module: Module,
+        config: Config,
         number: int,
-        name: str,
-        destination: Destination,
+        request: VideoStart,
+        receiver: Receiver,
         *,
         source: PictureSource,
         executor: ThreadPoolExecutor,
-        path: SwarmPath | RtpSocket,
-        config: Config,
-        max_bit_s: int,
-        pinned: bool,
         max_hz: float | None,
-        described: str,
-        received_as: str,
-        receiver_hw: int | None,
     ) -> None:
-        """`max_hz`: maximum pictures a second, or None for all; `described`: session description (SDP);
-        `received_as`: stream of the images at the receiving platform; `receiver_hw`: hardware id of the
-        receiving computer, or None if the receiver is an address."""
+        """`max_hz`: maximum pictures a second, or None for all."""
+        destination, max_bit_s = receiver.destination, request.max_bit_s
         now_ns = module.now_ns()
         self.number = number
         """SSRC of the session's RTP packets."""
-        self.name = name
+        self.name = request.source
         self.destination = destination
-        self.receiver_hw = receiver_hw
+        self.receiver_hw = receiver.hardware
         self.has_ended = False
         """True once the receiver has ended the session."""
         self._module = module
         self._source = source
         self._executor = executor
-        self._path = path
-        self._described = described
-        self._received_as = received_as
+        self._path = receiver.path
+        self._described = receiver.described
+        self._received_as = receiver.received_as
         self._started_ns = now_ns
-        bitrate = BitrateControl(max_bit_s, pinned, now_ns)
+        bitrate = BitrateControl(max_bit_s, request.pinned, now_ns)
         sequence = int.from_bytes(os.urandom(2))
         self._core = VideoSender(
             config,

@@ -14,7 +14,7 @@ from swarmd.video.core.destination import Destination, session_description
 from swarmd.video.core.session_table import SessionKey, SessionTable
 from swarmd.video.receiving import ReceivingSession
 from swarmd.video.rtp_socket import RtpSocket, SwarmPath, resolve
-from swarmd.video.sending import SendingSession
+from swarmd.video.sending import Receiver, SendingSession
 from swarmd.video.sources import PictureSource, open_source
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names
@@ -200,34 +200,26 @@ class Video(Service):
         max_hz: float | None,
     ) -> SendingSession:
         number = int.from_bytes(os.urandom(4))
-        described = received_as = ""
-        receiver_hw = None
-        path: SwarmPath | RtpSocket
         if to.platform:
             ask = VideoOpen(number, str(self._address), request.source)
             opened = await self.module.request(names.join(to.platform, OPEN), ask, VideoOpened)
-            receiver, received_as = Address.parse(opened.receiver), opened.path
-            receiver_hw = receiver.hardware
-            path = SwarmPath(partial(self._post, receiver.path))
+            there = Address.parse(opened.receiver)
+            path = SwarmPath(partial(self._post, there.path))
+            receiver = Receiver(to, path, received_as=opened.path, hardware=there.hardware)
         else:
             family, host = await resolve(to.host, to.port)
-            path = RtpSocket(family, host, to.port, partial(self._on_report, number))
+            socket = RtpSocket(family, host, to.port, partial(self._on_report, number))
             described = session_description(number, request.source, host, to.port)
+            receiver = Receiver(to, socket, described)
         return SendingSession(
             self.module,
+            self.config,
             number,
-            request.source,
-            to,
+            request,
+            receiver,
             source=source,
             executor=executor,
-            path=path,
-            config=self.config,
-            max_bit_s=request.max_bit_s,
-            pinned=request.pinned,
             max_hz=max_hz,
-            described=described,
-            received_as=received_as,
-            receiver_hw=receiver_hw,
         )
 
     def _open(self, request: VideoOpen, meta: Meta) -> VideoOpened:

@@ -12,16 +12,15 @@ from swarmd.tree.core.action import Action
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.values.value import check_settable, typed, unpacked, with_field
 from swarmd.tree.operator.setting_effect import SettingEffect
-from swarmd.tree.operator.tree_view import TreeView, json_text
+from swarmd.tree.operator.tree_view import json_text
 from swarmd.tree.operator.type_catalogue import TypeCatalogue
 from swarmd.tree.operator.unit_forwarder import UnitForwarder
 from swarmd.tree.records.change_log import ChangeLog
 from swarmd.tree.records.denial_log import DenialLog
-from swarmd.tree.settings.rule_store import RuleStore
 from swarmd.tree.settings.settings import Settings
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names, paths
-from swarmware.model.access import Access, Verb
+from swarmware.model.access import Verb
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
@@ -32,15 +31,12 @@ from swarmware.types import registry
 from swarmware.types.description import TypeDescription
 from swarmware.types.register import PlatformRemoval, PlatformRemoved
 from swarmware.types.tree import (
-    Rule,
     TreeChange,
     TreeEntry,
     TreeGet,
     TreeList,
     TreeListing,
     TreeReset,
-    TreeRule,
-    TreeRules,
     TreeSet,
     TreeSetDone,
     TreeUndo,
@@ -55,7 +51,7 @@ DEMAND_S: Final = 1.0
 
 
 class OperatorApi:
-    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `rule`, `list`, `forget` and `type`."""
+    """Serves `sys/tree/get`, `set`, `undo`, `reset`, `list`, `forget` and `type`."""
 
     def __init__(
         self,
@@ -63,30 +59,22 @@ class OperatorApi:
         tree: SwarmTree,
         driver: CoreDriver[Action],
         stepped: asyncio.Event,
-        view: TreeView,
+        units: UnitForwarder,
         settings: Settings,
-        types: TypeCatalogue,
         changes: ChangeLog,
-        rules: RuleStore,
-        access: Access,
         denials: DenialLog,
-        answer_s: float,
     ) -> None:
         """`stepped`: set after each step of the tree, which may have brought a structure."""
         self._module = module
         self._tree = tree
         self._driver = driver
         self._stepped = stepped
-        self._view = view
+        self._units = units
+        self._view = units.view
         self._settings = settings
-        self._types = types
+        self._types = TypeCatalogue(module.platform, module.node.applications.table)
         self._changes = changes
-        self._rules = rules
-        self._setting_rule = asyncio.Lock()
-        self._answer_s = answer_s
-        self._access = access
         self._denials = denials
-        self._units = UnitForwarder(module, view, answer_s)
         self._effect = SettingEffect(module)
 
     def serve(self) -> None:
@@ -96,19 +84,9 @@ class OperatorApi:
         serve("sys/tree/set", TreeSet, self._set, reply=TreeSetDone)
         serve("sys/tree/undo", TreeUndo, self._undo, reply=TreeSetDone)
         serve("sys/tree/reset", TreeReset, self._reset, reply=TreeSetDone)
-        serve("sys/tree/rule", TreeRule, self._rule, reply=TreeRules)
         serve("sys/tree/list", TreeList, self._list, reply=TreeListing)
         serve("sys/tree/forget", PlatformRemoval, self._forget, reply=PlatformRemoved)
         serve("sys/tree/type", TypeRequest, self._type, reply=TypeDescription)
-
-    def _check(self, meta: Meta, verb: Verb, path: str) -> None:
-        """Check the rights of a sender, and report a denial. Raises: Denied."""
-        try:
-            self._access.check(meta.sender, verb, path)
-        except Denied as error:
-            assert meta.sender is not None
-            self._denials.record(meta.sender, verb, path, str(error))
-            raise
 
     # -- get
 
@@ -116,7 +94,7 @@ class OperatorApi:
         view = self._view
         platform, local = self._units.split(request.path)
         # also for another platform's: its answer is for this one, or comes from a mirror
-        self._check(meta, Verb.GET, local)
+        self._denials.check(meta, Verb.GET, local)
         if unit := self._units.provider(request.path):
             return await self._get_at(unit, request, meta)
         if self._units.is_own(platform):
@@ -167,7 +145,7 @@ class OperatorApi:
                 names.join(platform, "sys/tree/type"),
                 TypeRequest(name),
                 TypeDescription,
-                timeout_s=self._answer_s,
+                timeout_s=self._units.answer_s,
             )
         except NoAnswer:
             return self._types.kept(platform, name)
@@ -226,7 +204,7 @@ class OperatorApi:
         via = () if meta.sender is None else meta.sender.via
         try:
             verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL
-            self._check(meta, verb, resource.path)
+            self._denials.check(meta, verb, resource.path)
             done = await change(shown, by)
         except SwarmError as error:
             await self._changes.record(TreeChange(shown, by, before, "", str(error), via))
@@ -263,9 +241,9 @@ class OperatorApi:
             raise Denied(f"{shown}: {owner} does not accept values for it now")
         if taker[1].kind == "request":
             cls = self._types.cls(resource.reply)
-            answer = await self._module.request(resource.path, value, cls, timeout_s=self._answer_s)
+            answer = await self._module.request(resource.path, value, cls, timeout_s=self._units.answer_s)
             return TreeSetDone(shown, 0, resource.reply, registry.encode(answer))
-        outcome = await self._module.send(resource.path, value, timeout_s=self._answer_s)
+        outcome = await self._module.send(resource.path, value, timeout_s=self._units.answer_s)
         if not outcome:
             raise NoAnswer(f"{shown}: {outcome}")
         return TreeSetDone(shown, 0, resource.type, registry.encode(value))
@@ -282,34 +260,6 @@ class OperatorApi:
         """The answer to the change of a setting: its applications have taken it, or their time is over."""
         done = TreeSetDone(shown, version, resource.type, registry.encode(value))
         return await self._effect.followed(resource.path, value, done)
-
-    # -- rules of notifications
-
-    async def _rule(self, request: TreeRule, meta: Meta) -> TreeRules:
-        """Rules in force, after the change of one. Raises: Denied, NotFound, InvalidInput, SwarmError."""
-        platform = self._module.platform
-        if request.changes:
-            shown, by = names.join(platform, request.pattern), requester(self._module, meta)
-            before = _rule_text(self._rules.rules, request.pattern)
-            via = () if meta.sender is None else meta.sender.via
-            try:
-                self._check(meta, Verb.SET, request.pattern)
-                async with self._setting_rule:
-                    await self._set_rule(request, shown)
-            except SwarmError as error:
-                await self._changes.record(TreeChange(shown, by, before, "", str(error), via))
-                raise
-            after = _rule_text(self._rules.rules, request.pattern)
-            await self._changes.record(TreeChange(shown, by, before, after, via=via))
-        return TreeRules(platform, self._rules.rules)
-
-    async def _set_rule(self, request: TreeRule, shown: str) -> None:
-        rules = self._rules.changed(request)
-        try:
-            await asyncio.to_thread(self._rules.put, rules)
-        except OSError as error:
-            raise SwarmError(f"rule {shown}: cannot be stored: {error}; the old rules stay") from error
-        self._driver.feed(self._tree.on_rules(rules, self._module.now_ns()))
 
     # -- platforms
 
@@ -365,14 +315,3 @@ def _without_field(path: str) -> tuple[str, str, str]:
     head, rest = (path[:end], path[end:]) if path.startswith("/") and end > 0 else ("", path)
     resource, dot, field = rest.partition(".")
     return head + resource, dot, field
-
-
-def _rule_text(rules: tuple[Rule, ...], pattern: str) -> str:
-    """The rule of a pattern for the record of changes; empty: there is none."""
-    found = next((rule for rule in rules if rule.pattern == pattern), None)
-    if found is None:
-        return ""
-    return (
-        f"rule: deadband {found.deadband:g}, min interval {found.min_interval_s:g} s,"
-        f" max interval {found.max_interval_s:g} s"
-    )

@@ -23,8 +23,8 @@ class UnitForwarder:
 
     def __init__(self, module: Module, view: TreeView, answer_s: float) -> None:
         self._module = module
-        self._view = view
-        self._answer_s = answer_s
+        self.view = view
+        self.answer_s = answer_s
 
     def split(self, path: str) -> tuple[str, str]:
         """Platform or computer, and local path. Raises: InvalidInput; NotFound without a local path."""
@@ -42,7 +42,7 @@ class UnitForwarder:
         name, local = self.split(path)
         if name != self._module.platform:
             return None
-        unit, _ = self._view.find(name, local) or (None, None)
+        unit, _ = self.view.find(name, local) or (None, None)
         return None if unit is None else unit.address
 
     async def forward(
@@ -58,7 +58,7 @@ class UnitForwarder:
             names.join(unit.path, paths.tree_request(verb)),
             request,
             reply,
-            timeout_s=self._answer_s,
+            timeout_s=self.answer_s,
             on_behalf_of=self._requester(meta.sender),
         )
 

@@ -4,8 +4,10 @@ import logging
 from typing import Final
 
 from swarmd.tree.records.change_log import ChangeLog
+from swarmware.errors import Denied
 from swarmware.model import names
 from swarmware.model.access import Sender, Verb
+from swarmware.module.meta import Meta
 from swarmware.module.module import DENIED, Module
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.types.net import Denial
@@ -31,6 +33,15 @@ class DenialLog:
         self._of_processes = module.inbox(DENIED, Denial)
         self.count = 0
         """Number of requests that this tree denied."""
+
+    def check(self, meta: Meta, verb: Verb, path: str) -> None:
+        """Checks the rights of a sender, and reports a denial. Raises: Denied."""
+        try:
+            self._module.node.access_rules.access.check(meta.sender, verb, path)
+        except Denied as error:
+            assert meta.sender is not None
+            self.record(meta.sender, verb, path, str(error))
+            raise
 
     def record(self, sender: Sender, verb: Verb, path: str, reason: str) -> None:
         """Report a denial of this tree; the record of changes has it already."""
