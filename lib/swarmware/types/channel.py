@@ -13,7 +13,7 @@ from swarmware.model.open_enum import OpenEnum
 from swarmware.types.registry import register
 
 RATE_MAX_HZ: Final = 1e6
-"""As good as no limit: it lifts those of later rules."""
+"""A rate above every real one, which lifts the limits of later rules."""
 BUFFER_MAX_BYTES: Final = 64 * 1024 * 1024
 BUFFER_MAX_S: Final = 3600.0
 SPAN_MAX_S: Final = 86_400.0
@@ -42,23 +42,23 @@ class ChannelPriority(OpenEnum):
 
 @register
 class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Settings of a channel; of a rule, those that it does not set are None."""
+    """Settings of a channel, or of a rule, which leaves the fields None that it does not set."""
 
     max_hz: float | None = None
-    """Maximum rate; 0: nothing is sent, 1000000: no limit."""
+    """Maximum rate: 0 sends nothing, and 1000000 sets no limit."""
     protocol: ChannelProtocol | None = None
     compression: str | None = None
     """`none`, `zlib:6`, `zstd:3`, `jpeg:80`, `auto`."""
     buffer_bytes: int | None = None
-    """Maximum size of what waits for its transmission; the oldest is dropped."""
+    """Maximum size of the waiting items; the oldest are dropped."""
     buffer_s: float | None = None
-    """Maximum age of what waits."""
+    """Maximum age of the waiting items."""
     priority: ChannelPriority | None = None
     adaptive: bool | None = None
-    """Of the rate: what the link carries, at most `max_hz`; it is set with `max_hz` and never without."""
+    """True if the rate follows the capacity of the link, up to `max_hz`; set together with `max_hz` only."""
 
     def check(self) -> None:
-        """Checks each setting. Raises: OutOfRange, InvalidInput for one that is not supported."""
+        """Check each setting. Raises: OutOfRange, or InvalidInput for an unsupported setting."""
         if self.max_hz is not None and not 0 <= self.max_hz <= RATE_MAX_HZ:
             raise OutOfRange(f"max_hz {self.max_hz}: expected 0 to {RATE_MAX_HZ:.0f}")
         if self.adaptive and self.max_hz is None:
@@ -89,12 +89,12 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def _is_h264(self) -> bool | None:
-        """None: no compression is set."""
+        """Whether the compression is H.264, or None if no compression is set."""
         return None if self.compression is None else self.compression == Method.H264
 
     @property
     def rate(self) -> str:
-        """The rate as an operator sets it: `5hz`, `max`, `auto`; empty: it is not set."""
+        """The rate as an operator sets it (`5hz`, `max`, `auto`), or "" if it is not set."""
         if self.max_hz is None:
             return ""
         limit = "max" if self.max_hz == RATE_MAX_HZ else f"{self.max_hz:g}hz"
@@ -120,7 +120,7 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def buffer(self) -> str:
-        """Size and time of the buffer, as an operator sets them: `2MB/30s`; empty: none is set."""
+        """Size and time of the buffer as an operator sets them (`2MB/30s`), or "" if neither is set."""
         size = "" if self.buffer_bytes is None else _size_text(self.buffer_bytes)
         age = "" if self.buffer_s is None else f"{self.buffer_s:g}s"
         return "/".join(filter(None, (size, age)))
@@ -136,7 +136,7 @@ def _size_text(size: int) -> str:
 NO_SETTINGS: Final = ChannelSettings()
 SETTING_NAMES: Final = ChannelSettings.__struct_fields__
 _VIDEO_NAMES: Final = frozenset({"protocol", "compression"})
-"""Settings of which each makes images a video."""
+"""Settings that turn images into a video if either is set."""
 LinkPattern = Annotated[str, msgspec.Meta(max_length=100)]
 
 
@@ -147,13 +147,13 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: str
     """Pattern of local paths: `nav/*`."""
     settings: ChannelSettings = NO_SETTINGS
-    """What changes; without any, the rule for pattern and link is removed."""
+    """Changed settings; without any, the rule for pattern and link is removed."""
     for_s: float = 0.0
-    """Time after which the former settings apply again; 0: until they are changed."""
+    """Time after which the former settings apply again, or 0 for a change without an end."""
     link: LinkPattern = ""
-    """Name or pattern of the platforms at the other end; empty: all."""
+    """Name or pattern of the receiving platforms; "" selects all."""
     unset: tuple[str, ...] = ()
-    """Settings that the rule sets no longer."""
+    """Settings to be removed from the rule."""
 
     def __str__(self) -> str:
         """As an operator asked for it."""
@@ -164,15 +164,15 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class UndoChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Takes back the last change by an operator that is still in force (`sys/broker/undo_channel`)."""
+    """Undoes the last change by an operator that is still in force (`sys/broker/undo_channel`)."""
 
 
 @register
 class ClearChannels(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Removes rules that operators have set; those of the file stay (`sys/broker/clear_channels`)."""
+    """Removes rules that operators have set, but no rules of the file (`sys/broker/clear_channels`)."""
 
     pattern: str = ""
-    """The rules with this pattern; empty: all."""
+    """Pattern of the rules to remove; "" removes all."""
 
 
 @register
@@ -182,22 +182,23 @@ class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: str
     settings: ChannelSettings
     remaining_s: float | None = None
-    """Time until its end; None: no end."""
+    """Time until the rule ends, or None if it has no end."""
     link: str = ""
-    """Platforms at the other end; empty: all."""
+    """Receiving platforms; "" selects all."""
     from_file: bool = False
-    """Whether it is one of `channels.toml`."""
+    """Whether the rule comes from `channels.toml`."""
 
     def __str__(self) -> str:
         """As an operator sets it."""
         return _rule_text(self.pattern, self.link, self.settings)
 
     def matches(self, path: str, link: str) -> bool:
-        """Whether it holds for a resource on the way to a platform; `link` empty: to all at once."""
+        """Whether the rule applies to a resource sent to a platform; `link` is "" for beacons, which go to
+        all."""
         return _pattern(self.pattern).matches(path) and self.is_to(link)
 
     def is_to(self, link: str) -> bool:
-        """Whether it holds for what goes to a platform."""
+        """Whether the rule applies to values sent to a platform."""
         return not self.link or (bool(link) and _names(self.link).matches(link))
 
 
@@ -250,25 +251,25 @@ class ChannelLimits(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """All rules in force (board `net/limits`): the first that matches and has a setting decides it."""
 
     limits: tuple[ChannelLimit, ...] = ()
-    """Those of operators, the newest first, then those of the file in their order."""
+    """Rules of operators, the newest first, then the rules of the file in their order."""
     refused: tuple[ChannelRefusal, ...] = ()
-    """In the reply to a change: matching resources to which it does not apply."""
+    """Matching resources to which a change does not apply, in its reply."""
 
 
 @register
 class CompressionState(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What compression did with the values of one resource since the start."""
+    """Result of the compression of one resource's values since the start."""
 
     path: str
     auto: str
-    """Of `auto`: trial, on or off; else empty."""
+    """State of the method `auto` (trial, on or off), or "" with another method."""
     plain_bytes: int
     """Values before their compression, each once for all subscribers."""
     coded_bytes: int
     spent_s: float
     """Processor time."""
     refused: str = ""
-    """Why values were sent without it; empty: they were not."""
+    """Reason for which values were sent uncompressed, or "" if none were."""
 
 
 @register
@@ -279,7 +280,7 @@ class ChannelState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     link: str
     """The subscriber; `*` for a board in beacons, of which `traffic top` shows the counters."""
     settings: ChannelSettings
-    """In force."""
+    """Settings in force on this channel."""
     waiting: int
     """Items in the buffer."""
     waiting_bytes: int
@@ -313,7 +314,7 @@ class ChannelStates(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def settings_of(rules: Iterable[ChannelLimit], path: str, link: str = "") -> ChannelSettings:
-    """The settings of a resource on the way to a platform; `link` empty: to all at once, as in beacons."""
+    """The settings of a resource sent to a platform; `link` is "" for beacons, which go to all."""
     found: dict[str, object] = {}
     for rule in rules:
         if rule.matches(path, link):
@@ -322,7 +323,7 @@ def settings_of(rules: Iterable[ChannelLimit], path: str, link: str = "") -> Cha
                 if value is None or name == "adaptive":
                     continue
                 if name == "max_hz" and name not in found and rule.settings.adaptive:
-                    found["adaptive"] = True  # a rate of another rule is none that follows the link
+                    found["adaptive"] = True  # the rate of another rule is fixed: it must not follow the link
                 found.setdefault(name, value)
     return msgspec.structs.replace(NO_SETTINGS, **found) if found else NO_SETTINGS
 
@@ -335,7 +336,7 @@ def rate_rule(rules: Iterable[ChannelLimit], path: str, link: str = "") -> Chann
 
 
 def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[str] = ()) -> ChannelSettings:
-    """Settings with a change. Video is a protocol and a compression: a change of one takes the other with it.
+    """Settings with a change; a change of the protocol or the compression of a video resets the other, too.
 
     Raises: InvalidInput for the name of a setting that does not exist.
     """
@@ -343,6 +344,8 @@ def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[s
     if "max_hz" in fields or "max_hz" in unset:
         fields["adaptive"] = change.adaptive
     for name in unset:
+        # A fixed rate ends the adaptive one, and the other way round: both are one setting for the
+        # operator.
         if name not in SETTING_NAMES:
             raise InvalidInput(f"channel setting {name!r}: expected one of {', '.join(SETTING_NAMES)}")
         fields[name] = None
@@ -350,6 +353,9 @@ def merged(settings: ChannelSettings, change: ChannelSettings, unset: Iterable[s
     if len(given) == 1 and change.is_video != settings.is_video:
         fields |= dict.fromkeys(_VIDEO_NAMES - given)
     return msgspec.structs.replace(settings, **fields)
+
+
+# Half a video setting is invalid: rtp without h264, or h264 without rtp. The other half follows.
 
 
 def _rule_text(pattern: str, link: str, settings: ChannelSettings) -> str:
@@ -367,7 +373,7 @@ def _names(text: str) -> Pattern:
 
 
 def check_rule_names(pattern: str, link: str) -> None:
-    """Raises: InvalidInput for a pattern of paths or of platforms that is none."""
+    """Check the patterns of a rule. Raises: InvalidInput for an invalid pattern of paths or of platforms."""
     _pattern(pattern)
     if link:
         _names(link)

@@ -25,10 +25,10 @@ class ChassisOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Order to a chassis, which executes each once and states its number in its next report."""
 
     number: int
-    """Number of the order, which rises; an order that is repeated has the same."""
+    """Number of the order, which rises; a repeated order keeps its number."""
     action: ChassisAction
     gains: dict[str, Finite] = {}
-    """Gains by name; of others the chassis keeps its values."""
+    """New gains by name; the chassis keeps its other gains."""
 
 
 @register
@@ -47,12 +47,12 @@ class ChassisReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class ActuatorOutputs(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Outputs of a flight controller to motors and servos; none: the motors stop."""
+    """Outputs of a flight controller to motors and servos; without any, the motors stop."""
 
     motors: tuple[Ratio, ...] = ()
-    """Of each motor controller, from 0 (stopped) to 1 (full), in the order of the airframe."""
+    """Throttle of each motor controller, from 0 (stopped) to 1 (full), in the order of the airframe."""
     servos: tuple[Ratio, ...] = ()
-    """Of each servo, from -1 to 1."""
+    """Deflection of each servo, from -1 to 1."""
 
 
 @register
@@ -60,7 +60,7 @@ class GainsRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Change gains of the controllers of a chassis (`sys/vehicle/gains`)."""
 
     gains: dict[str, Finite]
-    """Gains by name; of others the chassis keeps its values."""
+    """New gains by name; the chassis keeps its other gains."""
 
 
 @register
@@ -96,7 +96,7 @@ class SensorCalibration(msgspec.Struct, frozen=True, array_like=True, gc=False):
     heading_rad: Finite | None = None
     """True heading, 0 is east, counter-clockwise; for the compass."""
     driver: str = ""
-    """Driver of the unit; empty: the first one."""
+    """Driver of the unit; "" selects the first one."""
 
 
 @register
@@ -106,6 +106,6 @@ class SensorCalibrated(msgspec.Struct, frozen=True, array_like=True, gc=False):
     driver: str
     kind: SensorCalibrationKind
     text: str
-    """What was found, for operators."""
+    """Result of the calibration, for operators."""
     missing: tuple[str, ...] = ()
     """Attitudes of the vehicle that are still to be taken; until then nothing is corrected."""

@@ -27,7 +27,8 @@ class ConfigQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request of `sys/node/config`: keys of the configuration by pattern."""
 
     pattern: PathText = "**"
-    """`navigator/*`; the place of a key in its file, `navigator/altitude.kp_1_s`, is found too."""
+    """Pattern of keys: `navigator/*`; the place of a key in its file matches, too:
+    `navigator/altitude.kp_1_s`."""
     meanings: bool = False
     """With the meaning of each key."""
 
@@ -47,19 +48,19 @@ class ConfigKey(msgspec.Struct, frozen=True, array_like=True, gc=False):
     default: bytes
     """MessagePack of the built-in default, or of the first value of a live setting."""
     limits: _Text
-    """Permitted values: an interval, a pattern, or the values themselves; empty: all of the type."""
+    """Permitted values (an interval, a pattern, or a list), or "" if the type is the only limit."""
     live: bool
     """Changes take effect at once; else the file is changed, and the service restarted."""
     service: _Text = ""
-    """Service that reads the file, `node` for node.toml; empty: a live setting without a file."""
+    """Service that reads the file (`node` for node.toml), or "" for a live setting without a file."""
     file: _Text = ""
     """Path of the file at the node, which may be missing."""
     key: _Text = ""
     """Dotted key in the file."""
     line: Count = 0
-    """Line in the file; 0: the file does not have the key."""
+    """Line in the file, or 0 if the file does not have the key."""
     file_value: bytes = b""
-    """MessagePack of the value by the present file; empty: no file, or an invalid one."""
+    """MessagePack of the value in the present file, or b"" if the file is missing or invalid."""
     pending: bool = False
     """The file was changed since the service has read it: `file_value` needs a restart."""
     running: bool = True
@@ -69,7 +70,7 @@ class ConfigKey(msgspec.Struct, frozen=True, array_like=True, gc=False):
     by: _Text = ""
     """Requester of the last change of a live setting."""
     utc_ns: Instant = 0
-    """Wall clock of the platform at the last change; 0: it was never changed."""
+    """Wall clock of the platform at the last change, or 0 if there was no change."""
     meaning: _Text = ""
 
 
@@ -104,9 +105,9 @@ class ConfigChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """MessagePack of the value in force before the change."""
     after: bytes
     overrode: bool = True
-    """False: the value before was that of the file, or the default."""
+    """False if the value before came from the file or the default."""
     overrides: bool = True
-    """False: the value after is that of the file, or the default."""
+    """False if the value after comes from the file or the default."""
 
 
 @register

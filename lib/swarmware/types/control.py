@@ -52,7 +52,7 @@ class Drive(msgspec.Struct, frozen=True, array_like=True, gc=False):
     wz_rad_s: Finite = 0.0
     mode: DriveMode = DriveMode.AUTO
     source: str = ""
-    """navigator, the operator who has the stick, pilot, or empty: none, the vehicle holds."""
+    """navigator, the operator who has the stick, pilot, or "" if the vehicle holds."""
 
     @property
     def setpoint(self) -> Setpoint:
@@ -66,9 +66,9 @@ class ControlState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     mode: DriveMode
     holder: str = ""
-    """Operator who has the stick, `operator@gcs`; empty: none."""
+    """Operator who has the stick (`operator@gcs`), or "" if no operator has it."""
     holder_id: int = 0
-    """Application of the holder: hardware id · 2³² + application id; 0: none."""
+    """Application of the holder (hardware id · 2³² + application id), or 0 if no operator has the stick."""
     since_ns: int = 0
     """Own hardware clock when this mode began."""
     event: str = ""

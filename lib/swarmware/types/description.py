@@ -35,7 +35,7 @@ class FieldDescription(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """MessagePack of the default of a field that is not required."""
     low: int | float | None = None
     high: int | float | None = None
-    """Smallest and largest number, both included; None: no limit."""
+    """Smallest and largest permitted number, each None without such a limit."""
     meaning: _Text = ""
 
     @property
@@ -177,7 +177,7 @@ def _limits(info: Any) -> tuple[int | float | None, int | float | None]:
 
 
 def _packed(value: Any) -> bytes:
-    """A default as MessagePack; empty for one that has none."""
+    """A default as MessagePack, or b"" if there is no default or no MessagePack for it."""
     try:
         return msgspec.msgpack.encode(value)
     except (TypeError, OverflowError, ValueError):

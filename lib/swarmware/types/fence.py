@@ -34,13 +34,14 @@ class FenceState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     exists: bool
     """Whether the vehicle has a fence."""
     inside: bool | None = None
-    """Whether the vehicle is within all limits; None: no fence, or no position."""
+    """Whether the vehicle is within all limits, or None without a fence or a position."""
     leaving: bool | None = None
-    """Whether it is outside, within the margin, or too fast to stop before a limit; None: as `inside`."""
+    """Whether the vehicle is outside, within the margin, or too fast to stop before a limit; None as
+    `inside`."""
     distance_m: Finite | None = None
-    """Distance to the nearest limit: positive inside, negative outside, of the worst limit then."""
+    """Distance to the nearest limit, positive inside; outside the negative distance to the worst limit."""
     limit: FenceLimit = FenceLimit.NONE
-    """Nearest limit; outside the one that is exceeded most."""
+    """Nearest limit; outside the fence, the limit that is exceeded by the largest distance."""
     min_height_m: Finite | None = None
     """Lowest height above the map's origin."""
     max_height_m: Finite | None = None

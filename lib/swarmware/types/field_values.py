@@ -5,11 +5,11 @@ from typing import Any, Final
 import msgspec
 
 DEPTH: Final = 3
-"""Types inside types that are followed: one that holds itself ends there."""
+"""Depth of nested types that are followed; a recursive type ends there."""
 
 
 def field_values(cls: type[msgspec.Struct]) -> dict[str, list[str]]:
-    """Dotted names of the fields, each with the values that it may have; empty: any."""
+    """Dotted names of the fields, each with its permitted values, or [] if any value is permitted."""
     found: dict[str, list[str]] = {}
     _add(found, msgspec.inspect.type_info(cls), "", DEPTH)
     return found

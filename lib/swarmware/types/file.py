@@ -47,7 +47,7 @@ class FileQuery(msgspec.Struct, frozen=True, array_like=True):
     """Which files are listed."""
 
     name: OptionalFileName = ""
-    """Name of one file; empty: all."""
+    """Name of one file; "" lists all."""
 
 
 @register
@@ -97,4 +97,4 @@ class FileReceived(msgspec.Struct, frozen=True, array_like=True):
     size_bytes: int
     digest: bytes
     by: str
-    """Who sent it: role or user, and platform; empty: an application of this platform."""
+    """Sender as role or user and platform, or "" for an application of this platform."""

@@ -84,7 +84,7 @@ class CheckReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
     freeze: str = ""
     """The evaluated data as text: the freeze frame of a fault."""
     level: Literal["", "ok", "warn", "error"] = ""
-    """Level of the state; empty: as registered."""
+    """Level of the state, or "" for the registered level."""
 
 
 @register
@@ -158,7 +158,7 @@ class Readiness(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     ready: bool
     not_ready: tuple[NotReady, ...] = ()
-    """Items that are not ready, each with its reason; empty: the vehicle may be armed."""
+    """Items that are not ready, each with its reason; without any, the vehicle may be armed."""
     items: tuple[str, ...] = ()
     """Items that apply to this vehicle."""
     warnings: tuple[NotReady, ...] = ()
@@ -166,7 +166,7 @@ class Readiness(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     @property
     def reasons(self) -> str:
-        """The items that are not ready in one line; empty: none."""
+        """The items that are not ready in one line, or "" if all are ready."""
         return "; ".join(f"{one.item}: {one.reason}" for one in self.not_ready)
 
 
@@ -259,11 +259,11 @@ class WatchedService(msgspec.Struct, frozen=True, array_like=True, gc=False):
     reason: str = ""
     """Why it was last restarted: `died: signal 9`, `died: exit 1`, `hung: no beat for 3.2 s`."""
     stopped_by: str = ""
-    """Who stopped it: it starts again on request, or with the node; empty: it was not stopped."""
+    """Requester of the stop, or "" if it was not stopped; it starts again on request, or with the node."""
     nice: int = 0
-    """Niceness of its process, set by load: 5, it yields to others; -5, it goes before them."""
+    """Nice value of the process, set by load: 5 is a lower priority, -5 a higher one."""
     cores: tuple[int, ...] = ()
-    """Cores on which it runs, set by load; empty: all."""
+    """Cores on which the service runs, set by load; () permits all."""
 
 
 UNSTOPPABLE: Final[dict[str, str]] = {
@@ -283,7 +283,7 @@ class GuardStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     restarts: int = 0
 
     def why_not_stopped(self, service: str) -> str:
-        """Reason for which an operator cannot stop a service; empty: it can be stopped."""
+        """Reason for which an operator cannot stop a service, or "" if the operator can."""
         if (why := UNSTOPPABLE.get(service)) is not None:
             return f"service {service!r}: cannot be stopped: {why}"
         if self.supervisor == SupervisorKind.SYSTEMD:

@@ -184,7 +184,7 @@ def _schema(info: msgspec.inspect.Type, name: str, defs: dict[str, Any], form: _
         case kinds.ListType() | kinds.VarTupleType() | kinds.SetType() | kinds.FrozenSetType():
             return {"type": "array", "items": _schema(info.item_type, name, defs, form)}
         case _:
-            return {}  # any value: that of a type of the user's own
+            return {}  # a type of the user's own has no schema: any value is valid
 
 
 def _reference(info: msgspec.inspect.StructType, defs: dict[str, Any], form: _Form) -> dict[str, Any]:

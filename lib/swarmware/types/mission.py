@@ -67,11 +67,11 @@ class MissionTask(msgspec.Struct, frozen=True):
     name: str = ""
     """Name of a mission in the ground station's store, or a name for the files."""
     files: tuple[MissionFile, ...] = ()
-    """The mission by content; empty: the stored one."""
+    """The mission by content; without files, the stored mission of this name."""
     params: dict[str, ParamValue] = {}
     """Parameters that replace the defaults in the manifest."""
     members: tuple[str, ...] = ()
-    """Platforms that take part; empty: all known ones."""
+    """Platforms that take part; () assigns all known platforms."""
 
 
 @register
@@ -85,9 +85,9 @@ class OrderReceipt(msgspec.Struct, frozen=True):
     sent_ns: int
     """Ground station's hardware clock when the order left."""
     acked_ns: int
-    """Ground station's hardware clock when the reply arrived; 0: there was none."""
+    """Ground station's hardware clock when the reply arrived, or 0 without a reply."""
     received_ns: int
-    """The platform's own hardware clock when its broker took the order off the link; 0: none is known."""
+    """Platform's own hardware clock when its broker received the order from the link, or 0 if unknown."""
     accepted: bool
     reasons: tuple[str, ...] = ()
     """Reasons of a refusal."""
@@ -167,7 +167,7 @@ class MissionOrder(msgspec.Struct, frozen=True, array_like=True):
     expires_ns: int
     """Expiry on the issuer's hardware clock; an order that arrives later is refused."""
     reactions: str = ""
-    """Reactions of the mission as a JSON array of rows; empty: none."""
+    """Reactions of the mission as a JSON array of rows, or "" without reactions."""
 
 
 @register
@@ -186,9 +186,9 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     reason: str
     then: str = ""
-    """Built-in mission that takes over: land | hold | return; empty: the mission's own `on_failure`."""
+    """Built-in mission that takes over (land | hold | return), or "" for the mission's own `on_failure`."""
     epoch: int = 0
-    """Run to be aborted; 0: any."""
+    """Run to be aborted; 0 aborts any run."""
 
 
 @register
@@ -198,7 +198,7 @@ class ManoeuvreRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     name: str
     """takeoff | goto."""
     params: dict[str, float]
-    """takeoff: altitude_m, speed_m_s; goto: x_m, y_m, z_m, speed_m_s; z_m left out: its present height."""
+    """takeoff: altitude_m, speed_m_s; goto: x_m, y_m, z_m, speed_m_s; without z_m at the present height."""
     reason: str = ""
     force: bool = False
     """takeoff: whether to arm although `health/ready` names items that are not ready."""
@@ -229,7 +229,7 @@ class BarrierResult(msgspec.Struct, frozen=True, array_like=True, gc=False):
     barrier: str
     visit: int
     leave_ns: int | None
-    """Instant at which all leave, on the clock of the platform that publishes it; None: it is broken."""
+    """Instant at which all leave, on the clock of the platform that publishes it, or None if it is broken."""
     by: int = 0
     """Index of the member that decided it: an instant that another member relays was converted twice."""
 
@@ -252,17 +252,17 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     meetings: tuple[BarrierResult, ...] = ()
     """Newest barrier results that the platform knows."""
     progress_ratio: float = 0.0
-    """Share of the mission's blocks that were entered, or what the moving block reports."""
+    """Share of the mission's blocks that were entered, or the progress that the moving block reports."""
     text: str = ""
     """Text for operators."""
     mission: str = ""
-    """Name of the played mission, or of the built-in one that brings the vehicle to safety."""
+    """Name of the played mission, or of the built-in mission that brings the vehicle to safety."""
     kind: PlatformKind = NO_KIND
     """Kind of the platform, for the assignment of roles."""
     drained_by: str = ""
-    """Operator who drained the platform: it takes no role in a new mission; empty: none."""
+    """Operator who drained the platform, which then takes no role in a new mission; else ""."""
     held_by: str = ""
-    """Operator or pilot that drives the vehicle by hand, which holds its mission; empty: none."""
+    """Operator or pilot that drives the vehicle by hand, which holds its mission; else ""."""
 
     forms: ClassVar[tuple[Form, ...]] = (
         Form(
@@ -354,7 +354,7 @@ class MissionProgress(msgspec.Struct, frozen=True):
     mission: str
     epoch: int
     block: str
-    """Id of the block; empty: the mission as a whole."""
+    """Id of the block, or "" for the mission as a whole."""
     type: str
     """Type of the block; of the whole: Mission."""
     event: str
@@ -379,7 +379,7 @@ class MissionStatus(msgspec.Struct, frozen=True):
     unmet: tuple[str, ...] = ()
     """Requirements that do not hold now."""
     ordered_by: str = ""
-    """Authenticated sender of the order, `user@platform`; empty: no order since the start of the node."""
+    """Authenticated sender of the order (`user@platform`), or "" without an order since the node's start."""
     reactions: tuple[ReactionState, ...] = ()
     """Rows of the platform's reactions to faults; empty at a ground station."""
 

@@ -18,15 +18,15 @@ class LinkStatus(OpenEnum):
     """State of the two directions of a link."""
 
     RECEIVED = "heard"
-    """Datagrams arrive here; it is not known yet whether it receives ours."""
+    """Datagrams arrive here; whether the neighbour receives this node is not known yet."""
     UP = "up"
     HALF_OPEN = "half_open"
-    """It does not receive us."""
+    """Datagrams arrive here, but the neighbour does not receive this node."""
     DOWN = "down"
 
 
 class LinkTransport(OpenEnum):
-    """What a link sends by."""
+    """Transport of a link's frames and beacons."""
 
     UDP = "udp"
     """Beacons, and frames as datagrams."""
@@ -63,19 +63,20 @@ class MediumState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One of several media by which a neighbour is received, or was in the last minute."""
 
     medium: str
-    """Its name, the same at both ends."""
+    """Name of the medium, the same at both ends."""
     state: LinkStatus
     address: str
     """Source address of its datagrams; of a serial line the name of the medium."""
     loss_in_ratio: float
     """Share of its last 32 datagrams that did not arrive here."""
     loss_out_ratio: float
-    """The same there, as it reports; 1: it reports none."""
+    """Share of our last 32 datagrams that did not arrive at the neighbour, as it reports; 1 without a
+    report."""
     silent_s: float
     rate_bit_s: float
-    """Configured rate; 0: not known."""
+    """Configured rate, or 0 if unknown."""
     cost: int
-    """Cost of sending by it; 65535: not usable."""
+    """Cost of sending over this medium; 65535 if it is not usable."""
     use: MediumUse
     """Directions whose sender has chosen it for its frames."""
 
@@ -89,7 +90,7 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     unit: str
     hardware: int
     kind: PlatformKind
-    """`other`: one that this node does not know."""
+    """Kind of the platform; `other` for a kind that this node does not know."""
     state: LinkStatus
     address: str
     """Source address of its datagrams, `host:port`."""
@@ -101,18 +102,18 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     loss_in_ratio: float
     """Share of its last 16 datagrams that did not arrive here."""
     loss_out_ratio: float
-    """Share of our datagrams that did not arrive there, as it reports."""
+    """Share of our datagrams that did not arrive at the neighbour, as it reports."""
     rtt_ms: float | None
-    """Round trip of datagrams, without the time they were held; None: not measured yet."""
+    """Round trip of datagrams without their holding time, or None before the first measurement."""
     cost: int
-    """Link cost, expected transmissions in 1/256; 65535: not usable."""
+    """Link cost, expected transmissions in 1/256; 65535 if it is not usable."""
     tree_version: int
     mission: int
     boot_id: int
     transport: ConnectionStatus
     """How frames travel to it; of two connections, for commands and for data, the state of the worse one."""
     multicast: bool
-    """False: it is reached by unicast datagrams, as a seed or because it sends unicast."""
+    """False if the neighbour is reached by unicast datagrams, as a seed or because it sends unicast."""
     media: tuple[MediumState, ...] = ()
     """The media by which it is received, where this node has several."""
 
@@ -141,7 +142,7 @@ class RouteState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     metric: int
     """256 for each hop without loss."""
     hops: int
-    """Estimated from the metric; 1: direct."""
+    """Number of hops, estimated from the metric; 1 for a direct neighbour."""
     tree_version: int
     since_ns: int
     """Own clock when the next hop was selected."""
@@ -163,8 +164,8 @@ class Routes(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
-    """Bytes of one link since the start; udp: with IP headers, tcp: of the frames alone, without those of
-    connections, which `Traffic.tcp_sent_bytes` has as the kernel counts them."""
+    """Bytes of one link since the start: udp with IP headers, tcp the frames alone; `Traffic.tcp_sent_bytes`
+    has the bytes of connections as the kernel counts them."""
 
     platform: str
     """Neighbour; `*` for multicast; `?` for the datagrams of senders that were not accepted: the first ones
@@ -180,21 +181,21 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     """Datagrams overtaken by a later one."""
     duplicates: int = 0
     dropped: int = 0
-    """Frames that were dropped: the queue was full, or they were too old."""
+    """Frames that were dropped because the queue was full or the frame too old."""
     repeated_bytes: int = 0
     """Bytes of frames that were sent again in datagrams, because they or their acknowledgements were lost."""
     offered_frames: int = 0
-    """Frames that this node gave to the link; those that moved to the other transport count for both."""
+    """Frames that this node gave to the link; frames that moved to the other transport count for both."""
     delivered_frames: int = 0
-    """Frames that the neighbour acknowledged; udp alone, connections do not show it."""
+    """Frames that the neighbour acknowledged; udp only, as connections do not show it."""
     waiting_frames: int = 0
-    """Frames that wait for the link now, or have not been acknowledged."""
+    """Frames that wait for the link now, or are not acknowledged yet."""
     waiting_bytes: int = 0
     capacity_bytes_s: float | None = None
-    """What it carried to the neighbour while it was the limit, with headers; udp alone. None: it never was,
-    so its capacity is not known."""
+    """Throughput to the neighbour while the link was the limit, with headers, udp only; None if it never
+    was, so that its capacity is unknown."""
     capacity_ns: int = 0
-    """Own clock when that was measured last."""
+    """Own clock at the last measurement of the capacity."""
 
 
 @register
@@ -231,7 +232,7 @@ class Refused(msgspec.Struct, array_like=True, gc=False):
     """Counters of refused input from outside since the start."""
 
     forged: int = 0
-    """Datagrams without a valid seal of this swarm, which name no other one."""
+    """Datagrams without a valid seal of this swarm, which do not name another swarm."""
     replayed: int = 0
     """Datagrams received before, and forwarded frames that were made too long ago."""
     old_session: int = 0
@@ -318,7 +319,7 @@ class RosterMemberState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     platform: str
     role: str
     serial: int
-    """Number of its admission; another one after it joined again."""
+    """Admission number; changes when the platform rejoins."""
     revoked: bool = False
 
 
@@ -327,7 +328,7 @@ class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The roster that is in force at a node (board `net/roster`, reply of `sys/broker/roster`)."""
 
     version: int = 0
-    """Rises with each change; 0: the node has no keys."""
+    """Version of the roster, which rises with each change; 0 if the node has no keys."""
     key_epoch: int = 0
     """Number of the group key."""
     swarm: str = ""
@@ -340,7 +341,8 @@ class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class SignedRoster(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """A roster with the root's signature (`sys/broker/roster`); empty: only the one in force is asked for."""
+    """A roster with the root's signature, or without text the request for the one in force
+    (`sys/broker/roster`)."""
 
     text: bytes = b""
     """Content of `roster.json`."""
@@ -353,10 +355,10 @@ class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
     roster (events `net/denials`, `tree/denials`)."""
 
     platform: str
-    """Authenticated platform of the sender; with verb `forward` that which forwarded the frame, with verb
-    `relay` the sender of the beacon with the value, with verb `connect` a revoked platform, or the address of
-    an unknown computer, with verb `beacon` the address of a member that forged one of this node, with
-    verb `key` that of a node whose key is not on the roster."""
+    """Authenticated platform of the sender; with verb `forward` the platform that forwarded the
+    frame, with verb `relay` the sender of the beacon with the value, with verb `connect` a revoked platform,
+    or the address of an unknown computer, with verb `beacon` the address of a member that forged a beacon of
+    this node, with verb `key` the address of a node whose key is not on the roster."""
     role: str
     verb: str
     path: str
@@ -364,7 +366,7 @@ class Denial(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Number since the last report of the same refusal."""
     reason: str
     caller: str = ""
-    """User of the sender's computer; empty: the platform itself."""
+    """User of the sender's computer, or "" for the platform itself."""
     via: tuple[str, ...] = ()
     """Platforms that forwarded it, the first one first; only the last one is certain."""
 
@@ -374,7 +376,7 @@ class OtherSwarm(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Another swarm on the same network, received in the last minute."""
 
     root: str
-    """The first four digits of the fingerprint of its root; empty: nodes without keys."""
+    """The first four digits of the fingerprint of its root, or "" for nodes without keys."""
     datagrams: int
     """Number since it was received first."""
     addresses: tuple[str, ...]
@@ -417,7 +419,7 @@ class Traffic(msgspec.Struct, frozen=True, array_like=True, gc=False):
     slowed_ticks: int = 0
     """Beacons that were delayed because the processor was overloaded."""
     slowdown: float = 1.0
-    """Factor by which beacons are sent less often because the processor is overloaded; 1: it keeps up."""
+    """Factor by which beacons are sent less often because the processor is overloaded; 1 without overload."""
     other_swarms: tuple[OtherSwarm, ...] = ()
     """Other swarms that this node receives."""
 
@@ -475,8 +477,8 @@ class TreePlan(msgspec.Struct, frozen=True, array_like=True, gc=False):
     offers: tuple[BoardPublication, ...] = ()
     wants: tuple[BoardSubscription, ...] = ()
     mission: Uint32 = 0
-    """Digest of the active mission, announced to neighbours; 0: none."""
+    """Digest of the active mission, announced to neighbours, or 0 without a mission."""
     broadcast: StructureBroadcast | None = None
-    """Own structure, for the beacons; None: it is too large for them."""
+    """Own structure for the beacons, or None if it is too large for them."""
     needs: tuple[str, ...] = ()
     """Neighbours whose structure is needed."""

@@ -44,16 +44,16 @@ class LinkOutage(msgspec.Struct, frozen=True, array_like=True, gc=False):
     cause: OutageCause
     phase: OutagePhase
     detected_after_s: float
-    """From the last datagram, or the last one that it confirmed, until the link counted as lost."""
+    """Time from the last datagram, or the last acknowledged one, until the link counted as lost."""
     down_for_s: float | None = None
-    """From the same instant until something arrived again; None: it is still lost."""
+    """Time from the same instant until a datagram arrived again, or None while the link is lost."""
     recovered_in_s: float | None = None
-    """From the first datagram until both directions were proven and routes used the link."""
+    """Time from the first datagram until both directions were proven and routes used the link."""
     drained_in_s: float | None = None
-    """From then until no frame waited for the link any more; None: it was lost again before, or a minute was
-    not enough."""
+    """Time from the recovery until no frame waited for the link any more, or None if the link was lost
+    before, or a minute was not enough."""
     backlog_frames: int = 0
-    """Most frames that waited for the link after it was up."""
+    """Maximum number of frames that waited for the link after it was up."""
     backlog_bytes: int = 0
 
     @property
@@ -78,7 +78,7 @@ class NodeLinks(msgspec.Struct, frozen=True, array_like=True, gc=False):
     half_open: int
     """Neighbours that are received, and do not receive this node."""
     best_loss_ratio: float | None
-    """Loss of the worse direction of the best measured link; None: none was measured."""
+    """Loss of the worse direction of the best measured link, or None before a measurement."""
     worst_loss_ratio: float | None
     worst_rtt_ms: float | None
     outages: int

@@ -47,7 +47,7 @@ class RemoteInput(msgspec.Struct, frozen=True, array_like=True, gc=False):
     payload_bytes: int = 0
     """Their payloads."""
     delay_mean_ms: float | None = None
-    """Time from the stamp of a value to its arrival; None: no value, or the clock is unknown."""
+    """Time from the stamp of a value to its arrival, or None without a value or a known clock."""
     delay_p95_ms: float | None = None
     delay_worst_ms: float | None = None
 

@@ -30,7 +30,7 @@ class Form(msgspec.Struct, frozen=True):
     """Condition by which a reader recognises this layout."""
     parts: tuple[Part, ...]
     rest: str = ""
-    """Content after the parts up to the end of the payload; empty: none."""
+    """Content after the parts up to the end of the payload, or "" without such content."""
 
 
 def packer(parts: tuple[Part, ...]) -> struct.Struct:

@@ -28,13 +28,13 @@ class ReactionState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Name of the row."""
     phase: ReactionPhase
     action: str
-    """Action of the row, or the one that was taken."""
+    """Action of the row; while the row is active, the action that was taken."""
     since_ns: int
-    """Own hardware clock when the phase began; 0: since the start of the daemon."""
+    """Own hardware clock when the phase began, or 0 since the start of the daemon."""
     reason: str = ""
     """Reason of a row that is pending or active."""
     note: str = ""
-    """Why the row can never act, such as a field that does not exist; empty: it can."""
+    """Reason for which the row can never act, such as a field that does not exist; else ""."""
 
 
 @register
@@ -42,7 +42,7 @@ class Reactions(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """State of all rows (board `mission/reactions`), on change."""
 
     rows: tuple[ReactionState, ...] = ()
-    """In the order of their file, those of the mission first."""
+    """States in the order of their file; the rows of the mission come first."""
 
 
 @register

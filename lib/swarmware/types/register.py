@@ -49,7 +49,7 @@ class KnownUnit(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     table: ApplicationTable
     hops: int
-    """0: this unit; 1: a neighbour; more: known through others (S1.55)."""
+    """Number of hops: 0 for this unit, 1 for a neighbour, more for a unit known through others (S1.55)."""
     age_s: float
     """Since its master made the table, or since it was received where clocks cannot be compared."""
 
@@ -67,12 +67,12 @@ class PartnerUnit(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     table: ApplicationTable
     hops: int
-    """1: a neighbour; more: known through others."""
+    """Number of hops: 1 for a neighbour, more for a unit known through others."""
     made_ns: int
     """When its master made the table, or when it was received where clocks cannot be compared: hardware clock
     of this node."""
     unreachable_since_ns: int | None = None
-    """When it was last reachable, hardware clock of this node; None: it is reachable."""
+    """Instant when it was last reachable, hardware clock of this node, or None while it is reachable."""
 
 
 @register

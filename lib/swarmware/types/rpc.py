@@ -20,7 +20,7 @@ class Reply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     kind: str = ""
     """Class name of the error, when not ok."""
     error: str = ""
-    """Message of the error: what was invalid, where, and what was expected."""
+    """Message of the error: the invalid value, its place, and the expected value."""
 
 
 @register
@@ -42,7 +42,7 @@ class StreamSnapshot(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """State of the owner of a stream after one of its items."""
 
     sequence: int
-    """Sequence of the newest item that is in the state; 0: there was none."""
+    """Sequence of the newest item in the state, or 0 without an item."""
     stamp_ns: int
     """Hardware clock of the owner when the state was taken."""
     body: bytes

@@ -61,7 +61,7 @@ class AppStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Maximum lateness of the event loop since the last report."""
     note: str = ""
     messages: MessageCounters | None = None
-    """Message counters of the whole process; None: all are zero."""
+    """Message counters of the whole process, or None if all are zero."""
     failures: int = 0
     """Restarts after a failure among `restarts`."""
 

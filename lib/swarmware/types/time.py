@@ -73,14 +73,14 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     conv_epoch: Uint32
     """Counts the steps of either clock; functions of different epochs must not be mixed."""
     hops: int = 1
-    """1: measured directly; more: composed over that many links."""
+    """Number of links over which it was composed; 1 if it was measured directly."""
     via: str = ""
     """Node over which it was composed; empty when measured directly."""
     samples: int = 0
     """Exchanges of its estimation; an initial value from a partner has none."""
     rtt_ns: int = 0
-    """Smallest round trip of the last one or two windows, with the error of the skew; 0: composed, or none
-    yet."""
+    """Smallest round trip of the last one or two windows, with the error of the skew, or 0 if composed or
+    before the first measurement."""
     suspect: bool = False
     """A partner's function contradicts it beyond both bounds (S1.70)."""
 
@@ -222,7 +222,7 @@ class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
     functions: tuple[Conversion, ...] = ()
 
     def of(self, platform: str, unit: str = "main") -> Conversion | None:
-        """The function of one unit; None when it is unknown."""
+        """The function of one unit, or None if it is unknown."""
         for function in self.functions:
             if function.platform == platform and function.unit == unit:
                 return function
@@ -237,7 +237,7 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
     unit: str
     hardware: int
     boot_id: int
-    """Start of their clock: another one is another clock."""
+    """Start of their clock; a changed value means a new clock."""
     received_ns: Instant
     """Our clock at its arrival."""
     lower_ns: Instant
@@ -245,7 +245,7 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
     sent_ns: Instant = 0
     """Our clock when the datagram that they echo left."""
     upper_ns: Instant | None = None
-    """Their receive time minus our send time of that one: upper bound; None: no echo in this datagram."""
+    """Their receive time minus our send time of the echoed datagram: upper bound, or None without an echo."""
 
 
 @register

@@ -10,7 +10,7 @@ from swarmware.types.bounds import Count, Finite, Hertz, Instant, PathText, Seco
 from swarmware.types.registry import register
 
 PATTERNS_LIMIT: Final = 1000
-"""Maximum patterns of one subscription: ten times those of all modules of a node."""
+"""Maximum patterns of one subscription: ten times the number for all modules of a node."""
 RULES_LIMIT: Final = 200
 BOARD_LIMITS_LIMIT: Final = 64
 """Limits of rates that concern one subscriber; an operator sets a handful."""
@@ -47,7 +47,8 @@ class TreeGet(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request of `sys/tree/get`: the newest value of a resource, or of the copy that a node has of it."""
 
     path: str
-    """`nav/pose` of the platform that is asked; `/uav3/nav/pose` of another one: its copy at the own node."""
+    """`nav/pose` of the platform that is asked; `/uav3/nav/pose` for the own node's copy of another
+    platform's value."""
     fresh: bool = False
     """Refuse a copy: only the owner has the present value."""
 
@@ -65,16 +66,16 @@ class TreeValue(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Hardware clock of the owner."""
     sequence: int
     version: int
-    """For compare-and-set: of a setting its count of changes, of anything else its sequence."""
+    """Version for compare-and-set: the count of changes of a setting, or else the sequence."""
     age_s: float | None
-    """None: the owner's clock is not known here."""
+    """Age of the value, or None if the owner's clock is not known here."""
     quality: Quality
     """`live`, `stale` or `lost`."""
     unit: str = ""
     owner: str = ""
     source: ValueSource = ValueSource.OWN
     measured_hz: float | None = None
-    """Rate at which the owner has written the newest values; None: not known."""
+    """Rate at which the owner has written the newest values, or None if unknown."""
 
 
 @register
@@ -135,7 +136,7 @@ class TypeRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     name: Annotated[str, msgspec.Meta(max_length=200)]
     platform: str = ""
-    """Platform that has the type; empty: the one that is asked."""
+    """Platform that has the type; "" selects the platform that answers."""
 
 
 @register
@@ -145,10 +146,10 @@ class Rule(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: PathText
     """Pattern of the local paths to which it applies."""
     deadband: Finite = 0.0
-    """A number must differ by more than this from the value sent last; 0: any change."""
+    """Difference from the value sent last above which a number is sent; 0 sends any change."""
     min_interval_s: Seconds = 0.0
     max_interval_s: Seconds = 0.0
-    """Send again after this time even without a change; 0: never."""
+    """Interval after which an unchanged value is sent again, or 0 if it is not."""
 
 
 @register
@@ -156,8 +157,8 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """One resource of an answer of `sys/tree/list`."""
 
     # no `Resource` inside: that one refuses what contradicts itself or is not known here, but the listing of
-    # a later version is shown as it is; the path is global here, age and quality are those at one node
-
+    # The entry holds no `Resource`, which refuses contradictions and unknown kinds: a listing of a later
+    # version is shown unchanged. The path is global here; age and quality are local to one node.
     path: str
     """Global."""
     kind: Kind
@@ -169,7 +170,7 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     link: str = "request"
     owner: str = ""
     age_s: float | None = None
-    """None: no value here, or the owner's clock is not known."""
+    """Age of the value, or None without a value here or a known clock of the owner."""
     quality: Quality = Quality.NONE
     range: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
@@ -177,11 +178,11 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     reply: str = ""
     description: str = ""
     confirm: str = ""
-    """Effect of setting it, which an operator must confirm; empty: no confirmation."""
+    """Effect of setting it, which an operator must confirm, or "" without a confirmation."""
     measured_hz: float | None = None
-    """Rate at which the owner has written the newest values; None: not known."""
+    """Rate at which the owner has written the newest values, or None if unknown."""
     rule: Rule | None = None
-    """Rule of an operator for its notifications; None: none, or known to its owner only."""
+    """Rule of an operator for its notifications, or None without a rule, or if only its owner knows it."""
 
     @classmethod
     def of(
@@ -203,7 +204,7 @@ _OF_RESOURCE: Final = tuple(
     for field in TreeEntry.__struct_fields__
     if field not in {"path", "age_s", "quality", "measured_hz", "rule"}
 )
-"""Fields of an entry that are those of its resource."""
+"""Fields that an entry copies from its resource."""
 
 
 @register
@@ -214,9 +215,9 @@ class TreePlatform(msgspec.Struct, frozen=True, array_like=True, gc=False):
     reachable: bool
     resources: int
     digest: int
-    """Of the structure; 0: not known yet."""
+    """Digest of the structure, or 0 while it is unknown."""
     followed: bool = True
-    """Whether this node keeps its copy of the structure up to date; else it requests it when it needs it."""
+    """Whether this node keeps its copy of the structure up to date; otherwise it is requested on demand."""
 
 
 @register
@@ -243,8 +244,8 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: str = ""
     """Reason of a refusal; empty when it was executed."""
     via: tuple[str, ...] = ()
-    """Platforms that forwarded the request, the first one first; empty: it came directly. Only the last one
-    is certain."""
+    """Platforms that forwarded the request, the first one first; () if it came directly. Only the last one is
+    authenticated."""
 
 
 @register
@@ -254,13 +255,13 @@ class TreeLogQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: PathText = "**"
     """Pattern of local paths."""
     by: Annotated[str, msgspec.Meta(max_length=200)] = ""
-    """Part of the requester's name; empty: all requesters."""
+    """Part of the requester's name; "" selects all requesters."""
     since_utc_ns: int = 0
     """Only changes from this instant on, by the wall clock of the platform."""
     refused: bool = False
     """Only refused changes."""
     limit: int = 100
-    """The newest of them."""
+    """Maximum number of changes; the newest are taken."""
 
 
 @register
@@ -294,7 +295,7 @@ class TreeRule(msgspec.Struct, frozen=True, array_like=True, gc=False):
     deadband: Finite | None = None
     min_interval_s: Seconds | None = None
     max_interval_s: Seconds | None = None
-    """None: as it is; 0 in a new rule."""
+    """None keeps the present value, or sets 0 in a new rule."""
     reset: bool = False
     """Remove the rule of exactly this pattern."""
 
@@ -341,13 +342,14 @@ class TreeStats(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: int = 0
     """Items of other platforms, and own operations, that failed and were skipped."""
     digest: int = 0
-    """Of the structure of this platform."""
+    """Digest of this platform's structure."""
     followed: int = 0
-    """Reachable platforms that this one follows: neighbours, and those whose data its applications read."""
+    """Reachable platforms that this one follows: neighbours, and platforms whose data its applications
+    read."""
     structures: int = 0
-    """Of these, those whose structure agrees here by digest with what they announce."""
+    """Followed platforms whose local structure digest matches the announced one."""
     subscriptions: int = 0
-    """Of these, those that hold exactly the subscription of this platform, by digest; or there is none."""
+    """Followed platforms that hold this platform's subscription by digest, or need none."""
     denied: int = 0
     """Requests that the rules of access do not permit their senders."""
 
@@ -383,9 +385,9 @@ class StructureRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
     digest: int
     """Epoch and digest of the requester's own tree, for the other direction."""
     held: int = 0
-    """Digest of the structure that the requester already has; 0: none."""
+    """Digest of the structure that the requester already has, or 0 without one."""
     full: bool = False
-    """The asker does not have the template of the former answer: send everything."""
+    """True if the requester does not have the template of the former answer and needs the whole structure."""
 
 
 @register
@@ -435,7 +437,7 @@ class BoardLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: PathText
     """Local paths of the owner."""
     max_hz: Hertz
-    """0: nothing is sent."""
+    """Maximum rate; 0 sends nothing."""
 
 
 BoardLimits = Annotated[tuple[BoardLimit, ...], msgspec.Meta(max_length=BOARD_LIMITS_LIMIT)]
@@ -483,16 +485,16 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Counts the notifications of one lane in one epoch, without gaps: the receiver takes them in order."""
     items: tuple[TreeItem, ...] = ()
     base: int = 0
-    """Digest that the structure had before; 0: no change of the structure in here."""
+    """Digest of the structure before the change, or 0 without a change of the structure."""
     digest: int = 0
     structure: bytes = b""
     """As `StructureReply.data` in form 1."""
     lane: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
-    """0: events, settings and the structure; 1: streams; 2: boards; 3: former values of boards. Each counts
-    its own serials."""
+    """Lane: 0 for events, settings and the structure, 1 for streams, 2 for boards, 3 for former values of
+    boards. Each lane counts its own serials."""
     first: Count = 0
-    """Oldest serial of the lane that the owner still retransmits; 0: this one."""
+    """Oldest serial of the lane that the owner still retransmits, or 0 for this notification's serial."""
     lapsed: bool = False
     """The owner has no subscription of the receiver any more; all other fields are empty."""
     limits: BoardLimits | None = None
-    """Limits now in force of what is subscribed; None: they have not changed."""
+    """Limits now in force for the subscribed resources, or None if they have not changed."""

@@ -23,16 +23,16 @@ class Limits(Protocol):
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The permitted texts; empty: any."""
+        """The permitted texts, or () if any text is permitted."""
         ...
 
 
 def value_of(cls: type[msgspec.Struct], plain: Any, path: str, name: str = "") -> msgspec.Struct:
-    """The value of a type from a map or a list of its fields; of one with the field `value` only, from that.
+    """The value of a type from a map or list of its fields, or from the plain value of its only field `value`.
 
     Types inside it are given in the same way. `path`: place for the error. `name`: of the type, if its class
     has another one.
-    Raises: TypeMismatch with the place and what was expected.
+    Raises: TypeMismatch with the place and the expected value.
     """
     name = name or cls.__name__
     fields = list(cls.__struct_encode_fields__)
@@ -63,7 +63,7 @@ def value_of(cls: type[msgspec.Struct], plain: Any, path: str, name: str = "") -
 def field_value(kind: Any, plain: Any, where: str) -> Any:
     """The value of one field from plain data.
 
-    Raises: TypeMismatch with the place and what was expected.
+    Raises: TypeMismatch with the place and the expected value.
     """
     try:
         made = _inside(msgspec.inspect.type_info(kind), plain, where)
@@ -78,7 +78,7 @@ def field_value(kind: Any, plain: Any, where: str) -> Any:
 def check_limits(limits: Limits, value: msgspec.Struct, path: str) -> None:
     """Check a plain value against the range and the choices of its resource.
 
-    Raises: OutOfRange with what was expected.
+    Raises: OutOfRange with the expected range or choices.
     """
     number = getattr(value, "value", None)
     if limits.range is not None and isinstance(number, int | float):

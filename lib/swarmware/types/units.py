@@ -44,7 +44,8 @@ _SHORT: Final = frozenset({"_m", "_s", "_v", "_a", "_w", "_n", "_k"})
 
 
 def unit_of(name: str, *, whole: bool = False) -> str:
-    """Unit of a field; empty: none. A `whole` number with a short name is a count, not metres or seconds."""
+    """Unit of a field, or "" without one. A `whole` number with a short name is a count, not metres or
+    seconds."""
     ending, unit = next(((e, u) for e, u in UNITS if name.endswith(e)), ("", ""))
     return "" if whole and ending in _SHORT else unit
 

@@ -39,9 +39,9 @@ _FAR_BYTES: Final = _FAR.size + _REST.size
 _NEAR_MAX: Final = (1 << 23) - 1
 
 ACCURACY_MIN_M: Final = 0.01
-"""Smallest standard deviation that filters use for a fix: that of a carrier-phase solution."""
+"""Smallest standard deviation that filters use for a fix, typical of a carrier-phase solution."""
 ACCURACY_UNKNOWN_M: Final = 15.0
-"""Standard deviation of a fix whose receiver states none: that of a poor sky without corrections."""
+"""Standard deviation of a fix whose receiver states none, typical of a poor sky without corrections."""
 
 _MM: Final = 1000.0
 _CM: Final = 100.0
@@ -146,12 +146,13 @@ class Pose(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def _pack_attitude(q: tuple[float, float, float, float]) -> int:
-    """Which component is the largest, and the others: `q` and `-q` are the same attitude."""
+    """Index of the largest component, and the other three; `q` and `-q` are the same attitude."""
     if not abs(sum(part * part for part in q) - 1) < _UNIT_ERROR:
         raise InvalidInput(f"attitude {q}: no unit quaternion")
     largest = max(range(4), key=lambda index: abs(q[index]))
     scale = -_PART if q[largest] < 0 else _PART
     packed = largest
+    # The largest is left out, as it follows from the unit length: near 0 the root would lose precision.
     for index in range(4):
         if index != largest:
             part = round(q[index] * scale) + _PART_ZERO
@@ -223,9 +224,9 @@ class Imu(msgspec.Struct, frozen=True, array_like=True, gc=False):
     yaw_rad: float | None = None
     """Heading from its own attitude filter (gyro and compass), 0 is east, counter-clockwise."""
     roll_rad: float | None = None
-    """Roll from an attitude filter; None: the vehicle stays level."""
+    """Roll from an attitude filter, or None if the vehicle stays level."""
     pitch_rad: float | None = None
-    """Pitch, positive with the nose down; None as roll."""
+    """Pitch, positive with the nose down, or None as `roll_rad`."""
 
 
 @register
@@ -242,9 +243,9 @@ class MotorControllerState(msgspec.Struct, frozen=True, array_like=True, gc=Fals
     """State of one motor, as its controller measures it."""
 
     speed_erpm: Finite
-    """Electrical revolutions a minute: those of the shaft times the pairs of poles."""
+    """Electrical revolutions a minute: the shaft's revolutions times the pairs of poles."""
     current_a: Finite
-    """Current of the motor; negative: it brakes."""
+    """Current of the motor, negative while it brakes."""
     duty_ratio: Finite
     """Part of the voltage of the battery, -1 to 1."""
     voltage_v: Finite | None = None
@@ -338,7 +339,7 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: str = ""
     """Reason of a refusal; empty when it was executed."""
     overridden: str = ""
-    """Items that were not ready when the arming was forced; empty: it was not forced, or all were ready."""
+    """Items that were not ready when the arming was forced, or "" if nothing was overridden."""
 
 
 class GoalKind(OpenEnum):
@@ -403,7 +404,7 @@ class Goal(msgspec.Struct, frozen=True, array_like=True, gc=False):
     course: tuple[tuple[Finite, Finite], ...] = ()
     """Formation: waypoints of the leader; every member knows them."""
     advance: bool = False
-    """Formation: move along the course; False: keep the slots at rest."""
+    """Formation: whether to move along the course; otherwise the slots are at rest."""
 
 
 @register
@@ -421,7 +422,7 @@ class NavStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     error: NavError = NavError.NONE
     """Error that determines how the motion of a mission ends."""
     circle_m: Finite = 0.0
-    """Radius of the circle on which a vehicle that cannot stop keeps a place; 0: it stops there."""
+    """Radius of the circle on which a vehicle that cannot stop keeps a place, or 0 if it can stop."""
 
 
 @register
@@ -471,14 +472,14 @@ class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class LineLoad(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What drivers ask of one line or bus to their devices, by their settings."""
+    """Load that drivers put on one line or bus to their devices, by their settings."""
 
     device: str
     """Device file or interface: `/dev/i2c-1`, `can0`."""
     drivers: tuple[str, ...]
     asked_bit_s: float
     capacity_bit_s: float
-    """What it carries, configured or as usual for its kind; 0: not known."""
+    """Capacity, configured or as usual for its kind, or 0 if unknown."""
 
 
 @register

@@ -119,7 +119,7 @@ class VideoSession(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Received pictures that could not be decoded; sent packets that waited too long."""
     key_frames_asked: int = 0
     refused: int = 0
-    """Packets that were damaged or of others."""
+    """Packets that were damaged or of another session."""
     queueing_s: float = 0.0
     """Queue in the link, by the round trips."""
     waiting_s: float = 0.0
@@ -150,4 +150,4 @@ class VideoChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     other: str
     change: str
     by: str = ""
-    """Who asked for it; empty: the node itself."""
+    """Requester, or "" for the node itself."""
