@@ -8,7 +8,7 @@ if TYPE_CHECKING:
 
 
 class SwarmError(Exception):
-    """Root of all expected errors; the message states the error, its place, and what was expected."""
+    """Root of all expected errors; the message states the error, its place, and the expected value."""
 
     exit_code: ClassVar[int] = 1
 

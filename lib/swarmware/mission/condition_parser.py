@@ -53,7 +53,7 @@ def parse(text: str, own: str = "") -> ConditionExpression:
     """Parse the text of a condition.
 
     `own`: path of the resource whose fields the names without a path are; empty: they are short names.
-    Raises: MissionError with the place in the text and what was expected.
+    Raises: MissionError with the place in the text and the expected value.
     """
     if len(text) > LENGTH_LIMIT:
         raise MissionError(f"condition of {len(text)} characters: expected at most {LENGTH_LIMIT}")

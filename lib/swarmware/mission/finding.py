@@ -21,7 +21,7 @@ class Finding(msgspec.Struct, frozen=True):
     rule: str
     """Short name of the rule, for filters: syntax, unknown-block, deadlock, …"""
     message: str
-    """The error, and what was expected."""
+    """The error, and the expected value."""
     trace: tuple[str, ...] = ()
     """Counter-example: the outcomes of blocks that lead to this state, in order."""
     column: int = 0

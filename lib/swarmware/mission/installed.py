@@ -20,7 +20,7 @@ class InstalledBlocks(msgspec.Struct, frozen=True):
     """Classes by the name of their type."""
     types: tuple[BlockType, ...]
     unusable: tuple[str, ...]
-    """Entry points that are left out, each with the reason and what was expected."""
+    """Entry points that are left out, each with the reason and the expected value."""
 
     @property
     def catalogue(self) -> Catalogue:

@@ -1,4 +1,4 @@
-"""Loads a mission from a file's text: each error with line, JSON pointer and what was expected."""
+"""Loads a mission from a file's text: each error with line, JSON pointer and the expected value."""
 
 from collections.abc import Iterable
 from itertools import islice

@@ -74,7 +74,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 def read_manifest(text: str, source: str) -> Manifest:
     """Read a manifest; `source` is named in errors.
 
-    Raises: ConfigError with source, line, key and what was expected.
+    Raises: ConfigError with source, line, key and the expected value.
     """
     manifest = convert(document.toml(text, source), Manifest, source, text)
     for path, message in _contradictions(manifest):

@@ -72,7 +72,7 @@ class MultirotorAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     def __post_init__(self) -> None:
         """Checks that it can hover.
 
-        Raises: InvalidInput with the key and what was expected.
+        Raises: InvalidInput with the key and the expected value.
         """
         if len(self.rotors) < _MIN_ROTORS:
             raise InvalidInput(f"key rotors: {len(self.rotors)} given; expected at least {_MIN_ROTORS}")

@@ -11,7 +11,7 @@ from swarmware.model.config import convert
 def load_airframe(share_dir: Path, name: str) -> Airframe:
     """The airframe of a file of share/swarm/airframes.
 
-    Raises: ConfigError with file, key and what was expected; for an unknown name with the known ones.
+    Raises: ConfigError with file, key and the expected value; for an unknown name with the known ones.
     """
     path = paths.airframe(share_dir, name)
     try:

@@ -1,4 +1,4 @@
-"""Configuration files: TOML as typed Structs; each error names file, line, key and what was expected."""
+"""Configuration files: TOML as typed Structs; each error names file, line, key and the expected value."""
 
 import os
 from pathlib import Path
@@ -202,7 +202,7 @@ def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
 def load(path: Path, cls: type[T]) -> T:
     """The file as a Struct.
 
-    Raises: ConfigError with file, key and what was expected.
+    Raises: ConfigError with file, key and the expected value.
     """
     try:
         text = document.read(path)
@@ -214,7 +214,7 @@ def load(path: Path, cls: type[T]) -> T:
 def parse(text: str, cls: type[T], source: str) -> T:
     """The TOML text as a Struct; `source` is named in errors.
 
-    Raises: ConfigError with source, line, key and what was expected.
+    Raises: ConfigError with source, line, key and the expected value.
     """
     return convert(document.toml(text, source), cls, source, text)
 
@@ -222,7 +222,7 @@ def parse(text: str, cls: type[T], source: str) -> T:
 def convert(raw: Any, cls: type[T], source: str, text: str = "") -> T:
     """Plain TOML or JSON data as a Struct; `source` is named in errors, `text` is the TOML for their lines.
 
-    Raises: ConfigError with source, key and what was expected.
+    Raises: ConfigError with source, key and the expected value.
     """
     try:
         return msgspec.convert(raw, cls, strict=True)

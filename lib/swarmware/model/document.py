@@ -106,7 +106,7 @@ def toml(content: str, source: str, *, finite: bool = True) -> dict[str, Any]:
 def json(content: str, cls: type[T], source: str) -> T:
     """Parse JSON as a typed value.
 
-    Raises: ConfigError naming source, line or key, and what was expected.
+    Raises: ConfigError naming source, line or key, and the expected value.
     """
     data = content.encode()
     try:

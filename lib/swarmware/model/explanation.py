@@ -1,4 +1,4 @@
-"""Explains an error of msgspec to the author of a document: the key, its value, and what was expected."""
+"""Explains an error of msgspec to the author of a document: the key, its value, and the expected value."""
 
 import re
 from collections.abc import Hashable, Iterator, Mapping
@@ -32,13 +32,13 @@ class Explanation(msgspec.Struct, frozen=True):
     path: KeyPath
     """Keys and indices of the value, from the top; empty: the whole document."""
     error: str
-    """The error, and what was expected."""
+    """The error, and the expected value."""
     value: str = ""
     """The value as text; empty: a long one, or none."""
 
     @property
     def text(self) -> str:
-        """The key, the error, what was expected, and the value."""
+        """The key, the error, the expected value, and the value."""
         key = f"key {key_text(self.path)}: " if self.path else ""
         return f"{key}{self.error}" + (f" (it is {self.value})" if self.value else "")
 

@@ -212,7 +212,7 @@ class FixedWingAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     def __post_init__(self) -> None:
         """Checks that the airspeeds have a margin from the stall, and that the catapult reaches them.
 
-        Raises: InvalidInput with the key and what was expected.
+        Raises: InvalidInput with the key and the expected value.
         """
         limits, stall = self.limits, self.stall_m_s
         if limits.airspeed_min_m_s < _STALL_MARGIN * stall:

@@ -126,7 +126,7 @@ class HelicopterAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     def __post_init__(self) -> None:
         """Checks that it can hover, and that the cyclic controls tilt the disc about both axes.
 
-        Raises: InvalidInput with the key and what was expected.
+        Raises: InvalidInput with the key and the expected value.
         """
         hover = self.collective(self.body.mass_kg * _GRAVITY_M_S2)
         if not -1.0 < hover < _HOVER_COLLECTIVE_MAX:

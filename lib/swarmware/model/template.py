@@ -101,7 +101,7 @@ def load(name: str, folder: Path, files: dict[Path, TemplateFile] | None = None)
 
     `files`: those that were read for other templates, which share their bases; those read now are added.
 
-    Raises: ConfigError naming file, path and what was expected.
+    Raises: ConfigError naming file, path and the expected value.
     """
     files = {} if files is None else files
     merged: dict[str, dict[str, Any]] = {}

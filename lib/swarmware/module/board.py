@@ -114,7 +114,7 @@ class BoardReader(Generic[T]):
     async def changed(self, timeout_s: float | None = None) -> T:
         """Wait for a value that `value` or `changed` has not returned yet.
 
-        Raises: NoAnswer when there is none within the time-out.
+        Raises: NoAnswer when none arrives within the time-out.
         """
         deadline = Deadline(timeout_s)
         self.listen()

@@ -90,7 +90,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
     async def changed(self, timeout_s: float | None = None) -> tuple[str, ...]:
         """Platforms with a value that was not reported yet, see `news`; waits for the first.
 
-        Raises: NoAnswer when there is none within the time-out.
+        Raises: NoAnswer when none arrives within the time-out.
         """
         deadline = Deadline(timeout_s)
         if not self._listening:

@@ -71,7 +71,7 @@ class Inbox(Generic[T]):
     async def next(self, timeout_s: float | None = None) -> T:
         """Wait for the next message.
 
-        Raises: NoAnswer when there is none within the time-out.
+        Raises: NoAnswer when none arrives within the time-out.
         """
         deadline = Deadline(timeout_s)
         while True:

@@ -57,7 +57,7 @@ class Partners:
     async def changed(self, timeout_s: float | None = None) -> tuple[Partner, ...]:
         """Wait for a table that was not read yet; returns all partners.
 
-        Raises: NoAnswer when there is none within the time-out.
+        Raises: NoAnswer when none arrives within the time-out.
         """
         return self._partners(await self._board.changed(timeout_s))
 

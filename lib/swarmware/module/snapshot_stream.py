@@ -52,7 +52,7 @@ class SnapshotStream(Generic[T, S]):
     async def next(self, timeout_s: float | None = None) -> T | S:
         """Wait for the next item or snapshot.
 
-        Raises: NoAnswer when there is none within the time-out.
+        Raises: NoAnswer when none arrives within the time-out.
         """
         deadline = Deadline(timeout_s)
         while True:

@@ -88,7 +88,7 @@ class StreamReader(Generic[T]):
     async def next(self, timeout_s: float | None = None) -> T:
         """Wait for the next item.
 
-        Raises: NoAnswer when there is none within the time-out.
+        Raises: NoAnswer when none arrives within the time-out.
         """
         deadline: Deadline | None = None
         while True:

@@ -1,4 +1,4 @@
-"""Expected errors in one line: what failed, where, and what was expected."""
+"""Expected errors in one line: what failed, where, and the expected value."""
 
 import errno
 import os

@@ -44,7 +44,7 @@ class Process:
     async def line(self, timeout_s: float = READY_S) -> str:
         """Wait for the next line of its standard output.
 
-        Raises: NoAnswer when there is none within the time-out, or the process has ended.
+        Raises: NoAnswer when none arrives within the time-out, or the process has ended.
         """
         assert self._child.stdout is not None
         try:

@@ -53,7 +53,7 @@ class SealKey:
         return sealed
 
     def open(self, nonce: bytes, box: bytes, clear: bytes) -> bytes | None:
-        """The body that was sealed; None: another key sealed it, or it was changed.
+        """The decrypted body, or None if another key sealed it or it was changed.
 
         Raises: InvalidInput when the nonce has another size.
         """
@@ -147,7 +147,7 @@ def seal_box(public: bytes, data: bytes) -> bytes:
 
 
 def open_box(public: bytes, secret: bytes, box: bytes) -> bytes | None:
-    """The data that `seal_box` encrypted for this key pair; None: for another one, or it was changed.
+    """The data that `seal_box` encrypted for this key pair, or None for another key pair or changed data.
 
     Raises: InvalidInput when a key has another size.
     """
@@ -177,6 +177,6 @@ def _sized(value: bytes, size: int, what: str) -> bytes:
 
 
 def _done(code: int) -> None:
-    """Holds what libsodium cannot refuse, as the sizes were checked."""
+    """Raise an error for a call that cannot fail, because the sizes were checked."""
     if code:
         raise SwarmError(f"libsodium refused with code {code}")

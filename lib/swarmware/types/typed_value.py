@@ -28,7 +28,7 @@ class Limits(Protocol):
 
 
 def value_of(cls: type[msgspec.Struct], plain: Any, path: str, name: str = "") -> msgspec.Struct:
-    """The value of a type from a map or list of its fields, or from the plain value of its only field `value`.
+    """A value of a type, from a map or list of its fields, or from the plain value of its only field `value`.
 
     Types inside it are given in the same way. `path`: place for the error. `name`: of the type, if its class
     has another one.

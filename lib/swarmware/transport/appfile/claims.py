@@ -28,8 +28,8 @@ class LivingApplication(NamedTuple):
 class AddressClaims:
     """The applications of a node, and who of them serves each address.
 
-    Paths of the daemons are served by the user of the node alone. At every other path an application of that
-    user precedes those of other users; then the claim that was known before stands, then the older one.
+    Paths of the daemons are served by the node's user only. At every other path an application of that
+    user precedes other users' applications; then the former claim precedes, then the older one.
     """
 
     def __init__(
@@ -37,13 +37,14 @@ class AddressClaims:
     ) -> None:
         self._by_id: dict[int, LivingApplication] = {}
         for one in applications:
+            # The id is a hash of name and instance, so that two names can have the same one.
             held = self._by_id.get(one.entry.app_id)
             if held is None or (one.is_own and not held.is_own):  # two names with one id
                 self._by_id[one.entry.app_id] = one
         self.of_node = [one.entry for one in self._by_id.values() if one.is_own]
         """Applications of the node's own user, and of root."""
         self.entries = self.of_node + [one.entry for one in self._by_id.values() if not one.is_own]
-        """All applications, those of the node's own user first."""
+        """All applications; the node's own user's come first."""
         self.refused: tuple[str, ...] = ()
         """Claims that do not count, a line for each application and each contested path."""
         self._by_path: dict[str, tuple[LivingApplication, Served]] = {}

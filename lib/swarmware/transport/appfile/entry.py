@@ -103,14 +103,14 @@ def decode(data: bytes, source: str, *, whole: bool = True) -> AppEntry:
 
 
 def _head(text: str, source: str) -> AppEntry | None:
-    """The keys before the first table, which TOML has first; None: `serves` is not among them.
+    """The keys before the first table, which TOML has first, or None if `serves` is not among them.
 
     They are a third of the text, whose parsing takes most of the time in which a client joins.
     """
     try:
         found = document.toml(text.partition("\n[")[0], source, finite=False)
     except ConfigError:
-        return None  # that was not a table, but a line of a value
+        return None  # the line that begins with [ belongs to a value, not to a table
     return msgspec.convert(found, AppEntry) if "serves" in found else None
 
 

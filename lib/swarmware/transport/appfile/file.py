@@ -31,7 +31,7 @@ class AppFile:
 
     `announce` is called after each change. `config` and `live` are in the file from the beginning: a process
     that finds the file of a guard decides by it which process starts the next one.
-    Raises: Conflict when the instance, or every instance, is taken; Denied when the name is that of a daemon,
+    Raises: Conflict when the instance, or every instance, is taken; Denied when a daemon has the name,
     and this process runs as another user than the node.
     """
 

@@ -55,10 +55,10 @@ class AppTable:
         self._folder_name = str(paths.applications(run_dir))
         self._folder_ns = 0
         self._owners: frozenset[int] | None = None
-        """Users whose applications belong to the node: that of its run directory, and root."""
+        """Users whose applications belong to the node: the owner of its run directory, and root."""
         self._files: dict[str, tuple[_Stamp, LivingApplication]] = {}
         self._names: list[str] = []
-        """Names of the files, in their order."""
+        """File names in natural order, so that `a#10` comes after `a#2`."""
         self._refused: dict[str, _LeftOut] = {}
         """Files that were left out, by their names."""
         self._claims = AddressClaims()
@@ -117,7 +117,7 @@ class AppTable:
             try:
                 fd = open_shared(f"{self._folder_name}/{name}", limit_bytes=FILE_LIMIT)
             except FileNotFoundError:
-                continue  # it has just left
+                continue  # the application left after the listing
             except WireError as error:
                 self._refused[name] = _LeftOut(None, str(error), certain_ns=0)
                 continue

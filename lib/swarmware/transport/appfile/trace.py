@@ -1,4 +1,4 @@
-"""Detects how an application ended: one that left has removed its file, one that died has not.
+"""Detects how an application ended: an orderly end removes its file, a death does not.
 
 The master moves the files of dead applications aside, which frees the name and keeps the trace.
 """
@@ -23,7 +23,7 @@ MOMENT_S: Final = 0.02
 def forget(path: Path) -> None:
     """Removes the trace of the application that had this file before.
 
-    That of another user stays; it is distinguished by its process.
+    Another user's trace stays; `died` distinguishes it by its process.
     """
     discard(path.with_suffix(DEAD_SUFFIX))
 
@@ -59,7 +59,7 @@ def _left(run_dir: Path, stem: str) -> list[AppEntry]:
         path = paths.applications(run_dir) / f"{stem}{suffix}"
         try:
             fd = open_shared(path, limit_bytes=FILE_LIMIT)
-        except (OSError, WireError):  # there is none with this suffix, or another user's
+        except (OSError, WireError):  # no file with this suffix, or another user's
             continue
         try:
             if is_daemon and os.fstat(fd).st_uid not in node_users(run_dir):

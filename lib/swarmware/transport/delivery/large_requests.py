@@ -40,7 +40,7 @@ def fetch_element(sequence: int, number: int) -> bytes:
 
 
 def _fetched(extension: bytes) -> tuple[int, int] | None:
-    """Sequence and number in a request for a part of a reply; None: it is another request.
+    """Sequence and number in a request for a part of a reply, or None for any other request.
 
     Raises: WireError for an element of another length.
     """
@@ -57,7 +57,7 @@ def _fetched(extension: bytes) -> tuple[int, int] | None:
 
 
 def held_bytes(reply: Reply) -> int | None:
-    """Size of the body that a reply states, which must be requested in parts; None: the reply is whole.
+    """Size of a reply's body that must be requested in parts, or None if the reply is whole.
 
     Raises: WireError for a size that no reply has.
     """

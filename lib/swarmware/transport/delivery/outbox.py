@@ -32,7 +32,7 @@ class Transmit(msgspec.Struct, frozen=True):
 
     frame: Frame
     retransmission: bool
-    """It is a retransmission: look the receiver up again, because it may have died."""
+    """True for a retransmission: the receiver is looked up again, because it may have died."""
 
 
 class Complete(msgspec.Struct, frozen=True):
@@ -54,7 +54,7 @@ class _Pending(msgspec.Struct):
     times_sent: int = 1
     absent_since_ns: int | None = None
     reached: bool = False
-    """It was passed to an application, which has died if it is absent later."""
+    """True if it was passed to an application, which has died if it is absent later."""
     soft_refusal: Outcome | None = None
     """Newest temporary refusal: the outcome if no other follows before the time-out."""
 
@@ -92,6 +92,7 @@ class Outbox:
         """A new message or request."""
         key = (frame.sender_app, frame.data_id, frame.sequence)
         pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
+        # A known receiver starts with its measured round trip instead of the initial timeout.
         round_trip = self._rtt.get(_way(frame))
         wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.initial_ns
         expires_ns = now_ns + timeout_ns
@@ -141,7 +142,7 @@ class Outbox:
             pending.absent_since_ns = pending.soft_refusal = None
 
     def drop(self, key: Key) -> None:
-        """Remove it: the sender does not wait any longer."""
+        """Remove a message or request whose sender does not wait any longer."""
         self._pending.pop(key, None)
 
     def on_timer(self, now_ns: int) -> list[Action]:
@@ -164,7 +165,8 @@ class Outbox:
         return actions
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called; None: no deadline."""
+        """Instant at which `on_timer` must be called, or None without a deadline."""
+        # Answered entries stay in the heap until they surface: removing one inside it costs a full scan.
         while self._due and self._due[0][2] not in self._pending:
             heapq.heappop(self._due)
         return self._due[0][0] if self._due else None

@@ -32,7 +32,7 @@ _LENGTH: Final = _PART.size - 2
 
 
 class PartHeader(msgspec.Struct, frozen=True, gc=False):
-    """Which part of which value a frame has."""
+    """Position of a frame's part in the split value."""
 
     first: int
     """Sequence of the frame with part 0."""
@@ -47,7 +47,7 @@ class PartHeader(msgspec.Struct, frozen=True, gc=False):
 
 
 def part_header(extension: bytes) -> PartHeader | None:
-    """The part that an extension states; None: the frame is whole.
+    """The part that an extension states, or None if the frame is whole.
 
     Raises: WireError for a part that cannot be.
     """
@@ -114,9 +114,9 @@ class PartAssembly:
         return self._held
 
     def on_frame(self, frame: Frame, take: Callable[[Frame], Outcome | None], now_ns: int) -> Outcome | None:
-        """Take a frame of a message: a whole one goes to `take`, as does one whose last part this is.
+        """Take a frame of a message; `take` gets whole messages, and split ones with their last part.
 
-        Returns the outcome of the frame; None: there is no room, and its sender repeats it.
+        Returns the outcome of the frame, or None without room, so that its sender repeats it.
         """
         try:
             header = part_header(frame.extension)
@@ -132,6 +132,8 @@ class PartAssembly:
                 detail = f"no room for a value of {header.total} bytes; {self._held} of others arrive"
                 return Outcome(Status.REFUSED, self._where, detail)
             value = self._values[key] = _Incomplete(header)
+            # The whole size counts from the first part on, so that a value that begins can also be
+            # completed.
             self._held += header.total
         if (header.count, header.total) != (value.header.count, value.header.total):
             return Outcome(Status.REFUSED, self._where, "its parts do not fit each other")
@@ -153,7 +155,7 @@ class PartAssembly:
         payload = b"".join(value.parts[number] for number in range(value.header.count))
         outcome = take(msgspec.structs.replace(last, sequence=value.header.first, payload=payload))
         if outcome is None:
-            del value.parts[part_number(last)]  # it is repeated
+            del value.parts[part_number(last)]  # the sender repeats this part, which then completes the value
             value.size -= len(last.payload)
         else:
             self._drop(key)

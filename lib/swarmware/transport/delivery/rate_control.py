@@ -1,4 +1,4 @@
-"""How much may be in flight to a neighbour: a window that follows the queueing delay, not the loss.
+"""Congestion window of the link to a neighbour, which follows the queueing delay, not the loss.
 
 A radio loses packets that no queue dropped, so loss alone does not show congestion (RFC 9002 would stop at a
 few packets). The sign is the growth of the round trip above its minimum, as in LEDBAT (RFC 6817); loss
@@ -9,23 +9,23 @@ from collections import deque
 from typing import Final
 
 TARGET_NS: Final = 25_000_000
-"""Queueing delay that the window fills at most: a command that waits behind it is still fast."""
+"""Maximum queueing delay that the window fills; a command behind it still arrives fast."""
 FALL_NS: Final = 17_000_000
-"""Round trip with the queue that the window fills: a link that falls to a tenth of its rate at once needs ten
-times as long for what is in flight, which shall be less than 200 ms."""
+"""Round trip with the queue that the window fills: if the link falls to a tenth of its rate at once, the
+packets in flight need ten times as long, which shall be less than 200 ms."""
 QUEUE_PACKETS: Final = 2
-"""Least queue, in packets."""
+"""Minimum permitted queue, in packets."""
 QUEUE_SHARE: Final = 4
-"""Least queue as part of a round trip: beside what a long way has in flight, so little of it counts."""
+"""Divisor of the round trip for the minimum permitted queue, which is small beside a long path's data."""
 PACKET_BYTES: Final = 1240
 WINDOW_FIRST: Final = 10 * PACKET_BYTES
 """RFC 9002, section 7.2."""
 WINDOW_MIN: Final = 2 * PACKET_BYTES
 WINDOW_MAX: Final = 2 * 1024 * 1024
 BASE_NS: Final = 5_000_000_000
-"""The minimum of the round trip is that of the present and of the former interval of this length."""
+"""Interval of the minimum round trip, which is taken over the present and the former one."""
 SAMPLES_MIN: Final = 4
-"""Round trips in a round: fewer say little where delays scatter."""
+"""Minimum samples in a round; fewer are too uncertain where delays scatter."""
 NEWEST: Final = 8
 """Round trips that show the present queue (RFC 9406, section 4.2)."""
 GROWTH: Final = 0.12
@@ -33,12 +33,13 @@ GROWTH: Final = 0.12
 LOSS_PACKETS: Final = 60
 """Packets after which the loss is judged."""
 LOSS_EXCESS: Final = 0.2
-"""Loss above the usual one of the link that counts as a full queue."""
+"""Loss in excess of the link's usual loss that counts as a full queue."""
 PACING_GAIN: Final = 1.25
-"""RFC 9002, section 7.7: the window is sent a little faster than in a round trip."""
+"""Gain of the pacing rate: the window is sent a little faster than in a round trip (RFC 9002, section
+7.7)."""
 BURST: Final = 4 * PACKET_BYTES
 BUSY_NS: Final = TARGET_NS // 5
-"""Queueing delay that shows that the link carries what it can, or half of the target."""
+"""Queueing delay that shows a saturated link, unless half of the target is less."""
 BUSY_ROUNDS: Final = 4
 """Round trips without a break in which packets were acknowledged."""
 CAPACITY_NS: Final = 1_000_000_000
@@ -49,12 +50,12 @@ class RateControl:
     """The congestion window of a link, and its pace."""
 
     def __init__(self, now_ns: int, usual_loss: float = 0.0, base_ns: int | None = None) -> None:
-        """`base_ns`: round trip without a queue, as beacons measured it; None: not known."""
+        """`base_ns`: round trip without a queue, as beacons measured it, or None if unknown."""
         self.window = float(WINDOW_FIRST)
         self.in_flight = 0
         self._usual_loss = usual_loss
         self._starting = True
-        """The window doubles in each round until a queue is seen."""
+        """True while the window doubles in each round, until a queue is measured."""
         self._base_ns = base_ns
         self._former_base_ns: int | None = None
         self._base_since_ns = now_ns
@@ -64,13 +65,13 @@ class RateControl:
         self._passed = 0
         """Bytes that left the link in this round, acknowledged or lost."""
         self._is_used = False
-        """The window was the limit in this round."""
+        """True if the window was the limit in this round."""
         self._arrived = 0
         """Bytes that were acknowledged in this round."""
         self.capacity_bytes_s: float | None = None
-        """Bytes per second that arrived while the link was the limit; None: it never was."""
+        """Bytes per second that arrived while the link was the limit, or None if it never was."""
         self.capacity_ns = now_ns
-        """When that was measured last."""
+        """Instant of the last measurement of the capacity."""
         self._acknowledged_packets = 0
         self._lost_packets = 0
         self._allowance = float(BURST)
@@ -79,8 +80,10 @@ class RateControl:
 
     @property
     def queueing_ns(self) -> int:
-        """The last round trips above their minimum of the last seconds; the least of them, because delays
-        scatter."""
+        """Queueing delay: the smallest of the newest round trips above the minimum of the last seconds.
+
+        Not their mean, because delays scatter.
+        """
         base_ns = self.base_ns
         return 0 if base_ns is None or not self._newest_ns else max(0, min(self._newest_ns) - base_ns)
 
@@ -91,15 +94,16 @@ class RateControl:
         return min(known) if known else None
 
     def has_room(self, reserve: bool) -> bool:
-        """Whether another packet may be in flight; `reserve`: it carries commands, which go before others."""
+        """Whether another packet may be in flight; `reserve` for packets with commands, which have
+        priority."""
         return self.in_flight < (1.5 * self.window + BURST if reserve else self.window)
 
     def on_limited(self) -> None:
-        """More would be sent, if the window were larger."""
+        """The window holds packets back."""
         self._is_used = True
 
     def wait_ns(self, smoothed_ns: int, now_ns: int) -> int:
-        """Time until the pace allows the next packet; 0: now."""
+        """Time until the pace allows the next packet, or 0 if it is allowed now."""
         pace = PACING_GAIN * self.window / max(smoothed_ns, 1_000_000)
         self._allowance = min(self._allowance + pace * (now_ns - self._paced_ns), BURST)
         self._paced_ns = now_ns
@@ -115,6 +119,7 @@ class RateControl:
     def on_round_trip(self, sample_ns: int, now_ns: int) -> None:
         """A round trip was measured."""
         if now_ns - self._base_since_ns >= BASE_NS:
+            # Two intervals, so that the minimum never rests on a few samples just after a change.
             self._former_base_ns, self._base_ns = self._base_ns, None
             self._base_since_ns = now_ns
         self._base_ns = sample_ns if self._base_ns is None else min(self._base_ns, sample_ns)
@@ -148,7 +153,7 @@ class RateControl:
         self._starting = False
 
     def on_queue(self) -> None:
-        """What was sent by another way fills the queue of the link."""
+        """Traffic of another transport fills the queue of the link."""
         self.window = float(WINDOW_MIN)
         self._starting = False
 
@@ -158,7 +163,7 @@ class RateControl:
         return min(TARGET_NS, max(FALL_NS - base_ns, base_ns // QUEUE_SHARE, QUEUE_PACKETS * packet_ns))
 
     def on_round(self, smoothed_ns: int, now_ns: int) -> None:
-        """Adapts the window when a round trip has passed and enough of it was measured."""
+        """Adapt the window after a round trip with enough samples."""
         if now_ns - self._round_ns < smoothed_ns or self._samples < SAMPLES_MIN:
             return
         queueing_ns, elapsed_ns = self.queueing_ns, now_ns - self._round_ns
@@ -173,8 +178,9 @@ class RateControl:
         if queueing_ns > target_ns:
             self._starting = False
             if self.window <= WINDOW_MIN:
-                # two packets in flight fill no queue: the link itself has become slower
+                # two packets in flight fill no queue, so the link itself has become slower
                 self._base_ns, self._former_base_ns = min(self._newest_ns), None
+            # Aim at half of the target queue; a single round never more than halves the window.
             fitting = self._passed / elapsed_ns * (base_ns + target_ns / 2)
             self.window = max(self.window / 2, min(self.window * 0.95, fitting), WINDOW_MIN)
         elif self._exceeds_usual_loss():
@@ -182,6 +188,7 @@ class RateControl:
             self.window = max(self.window * 0.8, WINDOW_MIN)
         elif self._is_used:
             share = 1 - queueing_ns / target_ns
+            # A beginning queue ends the doubling early: the next doubling would overshoot the target.
             if self._starting and share < 0.7:
                 self._starting = False
             growth = self.window if self._starting else max(GROWTH * self.window, PACKET_BYTES) * share
@@ -191,7 +198,7 @@ class RateControl:
         self._is_used = False
 
     def _on_busy(self, elapsed_ns: int, now_ns: int) -> None:
-        """The link was the limit in this round: what arrived is what it carries."""
+        """The link was the limit in this round, so that the arrived bytes show its capacity."""
         found = self._arrived * 1e9 / elapsed_ns
         before = found if self.capacity_bytes_s is None else self.capacity_bytes_s
         self.capacity_bytes_s = before + min(1.0, elapsed_ns / CAPACITY_NS) * (found - before)
@@ -204,7 +211,7 @@ class RateControl:
         loss = self._lost_packets / packets
         self._acknowledged_packets = self._lost_packets = 0
         exceeds = loss > self._usual_loss + LOSS_EXCESS
-        # down at once, up slowly: what stays is the link's own loss
+        # down at once, up slowly, so that a lasting loss counts as the link's own
         weight = 0.5 if loss < self._usual_loss else 0.1
         self._usual_loss += weight * (loss - self._usual_loss)
         return exceeds

@@ -19,7 +19,7 @@ class StreamResync(Generic[T]):
         self._last: tuple[int, int] | None = None
         """Sequence and stamp of the newest item or snapshot that was passed on."""
         self.needs_snapshot = True
-        """Whether the next thing to be passed on is a snapshot: at first, and after each gap."""
+        """Whether a snapshot must be passed on next: at first, and after each gap."""
         self.gaps = 0
         """Items that did not arrive."""
 
@@ -32,13 +32,13 @@ class StreamResync(Generic[T]):
         if sequence == last + 1:
             self._last = sequence, stamp_ns
             self._ready.append(item)
-        elif sequence > last + 1 or stamp_ns > last_ns:  # a smaller number: the owner has restarted
+        elif sequence > last + 1 or stamp_ns > last_ns:  # smaller, but later: a restarted owner
             self.gaps += max(0, sequence - last - 1)
             self.needs_snapshot = True
             self._held.append((sequence, stamp_ns, item))
 
     def on_snapshot(self, sequence: int, stamp_ns: int) -> bool:
-        """The state after the item with this sequence has come; false: items after it are missing, too."""
+        """Take the state after the item with this sequence; returns False if later items are missing, too."""
         held = [one for one in self._held if one[0] > sequence or one[1] > stamp_ns]
         if held and held[0][0] != sequence + 1:
             return False
@@ -50,5 +50,5 @@ class StreamResync(Generic[T]):
         return True
 
     def take(self) -> T | None:
-        """The next item in order; None: there is none, or a snapshot comes first."""
+        """The next item in order, or None without an item, or if a snapshot comes first."""
         return self._ready.popleft() if self._ready else None

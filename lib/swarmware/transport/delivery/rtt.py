@@ -10,7 +10,7 @@ class RetransmitLimits(msgspec.Struct, frozen=True):
     """Limits of the time between two transmissions."""
 
     initial_ns: int
-    """Until a round trip was measured."""
+    """Timeout before the first measured round trip."""
     min_ns: int
     max_ns: int
 
@@ -40,7 +40,7 @@ class RttEstimator:
 
     @property
     def smoothed_ns(self) -> int:
-        """Smoothed round trip; 0: none was measured."""
+        """Smoothed round trip, or 0 before the first measurement."""
         return round(self._smoothed_ns)
 
     @property

@@ -96,7 +96,7 @@ def _via_element(via: tuple[str, ...], room: int) -> bytes:
 
 
 def _elements(extension: bytes) -> dict[int, bytes]:
-    """Content of the first element of each tag; those that end behind the extension are left out."""
+    """Content of the first element of each tag; elements that end behind the extension are left out."""
     found: dict[int, bytes] = {}
     at, size = 0, len(extension)
     while at + 2 <= size:
@@ -108,13 +108,15 @@ def _elements(extension: bytes) -> dict[int, bytes]:
 
 
 def sender_of(extension: bytes) -> Sender | None:
-    """The sender in an extension; None: this platform itself, or a swarm without keys."""
+    """The sender in an extension, or None for this platform itself or a swarm without keys."""
     return _sender_in(_elements(extension))
 
 
 def sender_and_arrival_ns(extension: bytes) -> tuple[Sender | None, int | None]:
-    """The sender as `sender_of`, and when this platform's broker received the frame from a link, on the own
-    clock; None: from no link."""
+    """The sender as `sender_of`, and the arrival of the frame from a link at this platform's broker.
+
+    Units: own clock in ns, or None if the frame crossed no link.
+    """
     found = _elements(extension)
     arrival = found.get(_ARRIVAL_TAG, b"")
     return _sender_in(found), int.from_bytes(arrival, "little", signed=True) if len(arrival) == 8 else None
@@ -129,7 +131,7 @@ def _sender_in(found: dict[int, bytes]) -> Sender | None:
 
 @lru_cache(maxsize=256)
 def caller_of(extension: bytes) -> Caller | None:
-    """The caller in an extension; None: the platform of the sender itself."""
+    """The caller in an extension, or None for the sender's platform itself."""
     content = _elements(extension).get(_CALLER_TAG, b"")
     if len(content) < 2 or content[0] not in _ROLES:
         return None

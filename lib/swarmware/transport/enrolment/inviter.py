@@ -81,19 +81,19 @@ class Inviter:
         nonce: Callable[[], bytes],
         now_ns: int,
     ) -> None:
-        """`former`: numbers of earlier tokens, and why they are refused; `nonce`: 12 random bytes."""
+        """`former`: numbers of earlier tokens, with the reason of their refusal; `nonce`: 12 random bytes."""
         self._open = {one.token.number: one for one in invitations}
         self._former = former
         self._nonce = nonce
         self._keys: dict[bytes, bytes] = {}
         """Public key of the node that joined, by the number of its token."""
         self._unconfirmed: dict[bytes, int] = {}
-        """Until when the receipt of a node that joined is waited for, by the number of its token."""
+        """End of the wait for the receipt of a node that joined, by the number of its token."""
         self._expired: set[bytes] = set()
         self._all = _Bucket(ATTEMPTS_OF_ALL, 10.0, now_ns)
         self._sources: dict[str, _Bucket] = {}
         self.garbage = 0
-        """Requests that were none, or that another secret sealed."""
+        """Received bytes that are not a request, or that another secret sealed."""
         self.limited = 0
         """Connections beyond the limits."""
 
@@ -104,7 +104,8 @@ class Inviter:
         return tuple(one for number, one in self._open.items() if number not in ended)
 
     def deadline_ns(self) -> int | None:
-        """When the next invitation expires, or the wait for a receipt ends; None: there is neither."""
+        """Instant of the next expiry of an invitation or of the wait for a receipt, or None without
+        either."""
         return min((*(one.deadline_ns for one in self.pending), *self._unconfirmed.values()), default=None)
 
     def expire(self, now_ns: int) -> tuple[Invitation, ...]:
@@ -121,7 +122,7 @@ class Inviter:
         return tuple(self._open[number] for number in over)
 
     def on_receipt(self, data: bytes) -> Invitation | None:
-        """The invitation of a node that now has what its answer gave it; None for bytes without a receipt."""
+        """The invitation of a node that has stored its credentials, or None for bytes without a receipt."""
         for number in self._unconfirmed:
             invitation = self._open[number]
             try:
@@ -133,7 +134,7 @@ class Inviter:
         return None
 
     def on_connection(self, address: str, now_ns: int) -> bool:
-        """Whether a connection of this address may send a request; one beyond the limits is closed."""
+        """Whether a connection of this address may send a request; beyond the limits it is closed."""
         bucket = self._sources.get(address)
         if bucket is None:
             if len(self._sources) >= ADDRESSES_MAX:
@@ -145,7 +146,7 @@ class Inviter:
         return False
 
     def on_request(self, data: bytes, utc_ns: int, now_ns: int) -> Admission | bytes | None:
-        """What follows from a request: an admission, the bytes of a refusal, or None for garbage."""
+        """Decision on a request: an admission, the bytes of a refusal, or None for garbage."""
         try:
             number = number_of(data)
         except WireError:
@@ -178,7 +179,7 @@ class Inviter:
     ) -> bytes:
         """The answer to a node that is on the roster now; its token is used.
 
-        `broker_port`: UDP port of the broker on this computer, a seed of the node; 0: it has none.
+        `broker_port`: UDP port of the broker on this computer, a seed of the node, or 0 without one.
         """
         found = admission.invitation
         self._keys[found.token.number] = admission.request.sign_public
@@ -192,7 +193,7 @@ class Inviter:
         return self._answer(admission.invitation, JoinAnswer(utc_ns, JoinRefusal.FAILED, reason))
 
     def _judge(self, found: Invitation, request: JoinRequest, now_ns: int) -> tuple[int, str]:
-        """The refusal of a request and its reason; 0: it may join."""
+        """The refusal of a request and its reason, or 0 if the node may join."""
         number = found.token.number
         if request.platform != found.platform:
             return JoinRefusal.OTHER_PLATFORM, f"the invitation is for {found.platform}"

@@ -38,18 +38,18 @@ _NEEDS_NEW: Final = {JoinRefusal.UNKNOWN, JoinRefusal.USED, JoinRefusal.EXPIRED,
 
 
 class Credentials(msgspec.Struct, frozen=True):
-    """What a node that joined writes to its folder of keys."""
+    """Credentials that a joined node writes to its folder of keys."""
 
     seed: bytes
     root_public: bytes
     roster: bytes
     """The signed roster; it is verified where it is decoded."""
     ahead_s: float | None = None
-    """This node's wall clock minus that of the inviter; None: not known."""
+    """This node's wall clock minus the inviter's, or None if unknown."""
     broker_port: int = 0
-    """UDP port of the broker on the inviter's computer; 0: it has none that stays the same."""
+    """UDP port of the broker on the inviter's computer, or 0 without a fixed one."""
     inviter: str = ""
-    """Address of the inviter's computer; empty: the credentials were in a file."""
+    """Address of the inviter's computer, or "" if the credentials came in a file."""
 
 
 class Joiner:
@@ -75,7 +75,7 @@ class Joiner:
 
         `utc_ns`: this node's wall clock.
         Raises: Denied, NotFound, InvalidInput or SwarmError with the inviter's reason; WireError for an
-        answer that is not of the inviter.
+        answer of any other computer.
         """
         answer = open_answer(self._token, data)
         if isinstance(answer, JoinRefusal):

@@ -59,7 +59,7 @@ class JoinRequest(msgspec.Struct, frozen=True, array_like=True):
     sign_public: bytes
     """Ed25519 public key of the node's new identity."""
     proof: bytes
-    """That it holds the key, as `proof_of` makes it."""
+    """Proof that the node holds the key, made by `proof_of`."""
 
 
 class JoinAnswer(msgspec.Struct, frozen=True, array_like=True):
@@ -68,13 +68,13 @@ class JoinAnswer(msgspec.Struct, frozen=True, array_like=True):
     utc_ns: int
     """Wall clock of the inviter."""
     refusal: int = 0
-    """A `JoinRefusal`; 0: admitted."""
+    """A `JoinRefusal`, or 0 for an admission."""
     reason: str = ""
     root_public: bytes = b""
     roster: bytes = b""
     """The roster with the new member, as the root signed it."""
     broker_port: int = 0
-    """UDP port of the broker on the inviter's computer; 0: none that stays the same."""
+    """UDP port of the broker on the inviter's computer, or 0 without a fixed one."""
 
 
 class JoinReceipt(msgspec.Struct, frozen=True, array_like=True):

@@ -31,7 +31,7 @@ _VALUES: Final = {letter: value for value, letter in enumerate(_ALPHABET)} | {"o
 
 
 class JoinToken(msgspec.Struct, frozen=True):
-    """What a node needs to join: a secret, the root that it must find, and where the inviter listens."""
+    """Token for a node that joins: a secret, the fingerprint of the root, and the inviter's addresses."""
 
     secret: bytes
     fingerprint: bytes
@@ -39,7 +39,7 @@ class JoinToken(msgspec.Struct, frozen=True):
     expires_utc_s: int
     """End of its validity, by the inviter's wall clock."""
     hosts: tuple[str, ...] = ()
-    """Addresses or names of the inviter's computer; none: the invitation is in a file."""
+    """Addresses or names of the inviter's computer, or () if the invitation is in a file."""
     port: int = 0
 
     @property

@@ -25,8 +25,8 @@ log = logging.getLogger("swarm.messages")
 class Callers:
     """Roles of the users of this computer on this node.
 
-    Root, the user of the node and that of this process have the rights of the platform: they could read its
-    keys, or change its programs. The access rules are read when another user has connected.
+    Root, the user of the node and the user of this process have the rights of the platform: they could read
+    its keys, or change its programs. The access rules are read when another user has connected.
     """
 
     def __init__(self, rules: AccessRules, platform: str, node_uid: int) -> None:
@@ -41,7 +41,7 @@ class Callers:
         """Number of denied messages and requests of users of this computer."""
 
     def caller(self, uid: int) -> Caller | None:
-        """The caller with this user id; None: it has the rights of the platform."""
+        """The caller with this user id, or None if it has the rights of the platform."""
         if uid in self._trusted:
             return None
         operators = self._rules.operators
@@ -66,15 +66,15 @@ class Callers:
             raise
 
     def add_listener(self, listener: "Callable[[Denial], None]") -> None:
-        """Add a function that gets the reports of denials; of several ones the first gets them."""
+        """Add a function for the reports of denials; only the first of several is called."""
         self._listeners[listener] = None
 
     def remove_listener(self, listener: "Callable[[Denial], None]") -> None:
-        """Remove what `add_listener` added."""
+        """Remove a function that `add_listener` added."""
         self._listeners.pop(listener, None)
 
     def _report(self, caller: Caller, path: str, reason: str, now_ns: int) -> None:
-        # only a process that denies needs it
+        # imported here, because only a process that denies needs it
         from swarmware.transport.security.denial_reporter import DenialReporter
         from swarmware.types.net import Denial
 

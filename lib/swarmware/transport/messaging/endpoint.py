@@ -46,13 +46,13 @@ CONVERSION_NS: Final = 100_000_000
 """Time for which the clock function of another unit is cached, in ns; it changes once a second."""
 
 MessageHandler = Callable[[Frame], Outcome | None]
-"""Takes a message and returns its outcome; None: the inbox is full, and the sender retransmits."""
+"""Takes a message and returns its outcome, or None with a full inbox, so that the sender retransmits."""
 RequestHandler = Callable[[Frame, Callable[[Reply], None]], None]
 """Takes a request; calls the function with the reply, at once or later."""
 Gateway = Callable[[Frame], None]
 """Function of the broker that takes frames for other platforms, if the broker is in this process."""
 Relay = Callable[[Frame, bytes | None], None]
-"""Takes such a frame of another process of this node, decoded and in its received bytes; None: changed."""
+"""Takes such a frame of another process of this node, decoded and as received bytes, or None if changed."""
 Batch = Callable[[], AbstractContextManager[None]]
 """Context manager that queues frames for other platforms and sends them when it ends."""
 
@@ -64,7 +64,7 @@ class Clocks(Protocol):
     """Clock functions of other hardware units."""
 
     def conversion(self, hardware: int) -> Conversion | None:
-        """The function of one unit's clock; None when it is not known."""
+        """The function of one unit's clock, or None if it is unknown."""
         ...
 
 
@@ -81,7 +81,7 @@ class MessageEndpoint:
         table: AppTable,
         callers: Callers | None = None,
     ) -> None:
-        """`callers`: None: all processes that can connect have the rights of the platform.
+        """`callers`: roles of users, or None if all processes that can connect have the platform's rights.
 
         Raises: InvalidInput when the socket's path is too long.
         """
@@ -215,7 +215,7 @@ class MessageEndpoint:
     def set_gateway(
         self, gateway: Gateway | None, batch: Batch = nullcontext, *, relay: Relay | None = None
     ) -> None:
-        """Frames for other platforms go to this function, those of other processes to `relay`."""
+        """Set the function for frames to other platforms; `relay` takes the ones from other processes."""
         self._gateway = gateway
         self._relay = relay
         self._batch = batch
@@ -230,7 +230,7 @@ class MessageEndpoint:
         """Deliver a frame from another platform."""
         self._refresh_for(frame)
         decision = self._router.route(frame)
-        if isinstance(decision, ToProcess):  # it passes: nothing changes in the router
+        if isinstance(decision, ToProcess):  # a passing frame does not change the router
             self._transport.send(decision.address, encode(frame), urgent=frame.is_urgent)
         else:
             self._driver.feed(self._router.on_frame(frame, None, self._clock.now_ns()))
@@ -258,12 +258,13 @@ class MessageEndpoint:
         except WireError as error:
             self._on_malformed(str(error))
             return
+        # Only frames of other users are checked: the trusted users could change the programs themselves.
         caller = None if self._callers is None else self._callers.caller(connection.uid)
         if caller is not None:
             self._on_frame_of_user(frame, caller, connection)
             return
         if self._relay is not None and self._router.is_for_gateway(frame):
-            self._relay(frame, data)  # it passes: nothing changes in the router
+            self._relay(frame, data)  # a passing frame does not change the router
             return
         if self._router.is_served(frame):
             self._driver.feed(self._router.on_arrival(frame, connection, self._clock.now_ns()))
@@ -293,7 +294,7 @@ class MessageEndpoint:
             self._refresh_for(frame)
             path = self._table.path_of(frame.data_id)
             if path is None:
-                # also when an application is about to state it: without its path no right can be checked
+                # also while an application is about to declare it: without its path no right can be checked
                 refusal = self._router.on_refusal(frame, (Status.ABSENT, ABSENT), connection, now_ns)
                 self._driver.feed(refusal)
                 return
@@ -329,8 +330,8 @@ class MessageEndpoint:
     def _refresh_for(self, frame: Frame) -> None:
         """Look for changed applications, if the route of the frame depends on them.
 
-        Not where it leads to a process with which a connection stands: one that no longer serves the address
-        passes the frame on or refuses it, and a retransmission looks again.
+        An open connection to the process saves the look-up: if it no longer serves the address, it passes the
+        frame on or refuses it, and a retransmission looks again.
         """
         if not self._router.needs_applications(frame):
             return
@@ -436,6 +437,7 @@ class MessageEndpoint:
         """Close the sockets; messages and requests without an outcome end as unreachable."""
         self._driver.stop()
         gone = Outcome(Status.UNREACHABLE, self._platform, "this application ends")
+        # A copy of the keys: completing one removes it from the table.
         for key in [*self._messages, *self._requests]:
             self._complete(key, gone)
         self._transport.close()

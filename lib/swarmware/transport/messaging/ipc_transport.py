@@ -92,7 +92,7 @@ class IpcConnection:
         on_closed: "Callable[[IpcConnection], None]",
         address: str = "",
     ) -> None:
-        """`address`: to which this process connected; empty: another process connected to this one."""
+        """`address`: peer to which this process connected, or "" if the peer connected to this one."""
         self.address = address
         self._transport = transport
         self._loop = transport.loop
@@ -111,7 +111,7 @@ class IpcConnection:
         """Received messages that are not delivered yet."""
         self._waits_for_room = False
         self._is_broken = False
-        """The peer does not read any more; bytes that it has sent are still read."""
+        """True if the peer does not read any more; bytes that it has sent are still read."""
         self.is_closed = False
         self._loop.add_reader(self._fd, self._on_readable)
         self.flush()

@@ -179,7 +179,7 @@ class MessageRouter:
         self._probed_ns = -PROBE_NS
 
     def counters(self) -> MessageCounters:
-        """Counters since the start: frames that were not delivered, and those sent or received more than
+        """Counters since the start of frames that were not delivered, or were sent or received more than
         once."""
         return msgspec.structs.replace(
             self._counters, repeated=self._outbox.resent, duplicates=self._received.duplicates
@@ -228,19 +228,19 @@ class MessageRouter:
         return served is None or frame.receiver_app not in (ANY, served.app_id)
 
     def is_for_gateway(self, frame: Frame) -> bool:
-        """Whether its route is `ToGateway`."""
+        """Whether the route of the frame is `ToGateway`."""
         return self.has_gateway and frame.receiver_hw not in (self._hardware, ANY)
 
     def leaves_node(self, frame: Frame) -> bool:
-        """Whether its receiver is another node."""
+        """Whether the receiver of the frame is another node."""
         return frame.receiver_hw not in (self._hardware, ANY)
 
     def is_own(self, frame: Frame) -> bool:
-        """Whether its sender is of this node."""
+        """Whether the sender of the frame belongs to this node."""
         return frame.sender_hw == self._hardware
 
     def is_served(self, frame: Frame) -> bool:
-        """Whether its route is `Deliver`."""
+        """Whether the route of the frame is `Deliver`."""
         served = self._served.get(frame.data_id)
         return (
             served is not None
@@ -256,7 +256,7 @@ class MessageRouter:
         if frame.kind in ANSWERS:
             if frame.receiver_app in self._own_apps:
                 return Settle(frame)
-            return self._to_process(frame) or Drop("unclaimed_answers")  # it left before the answer
+            return self._to_process(frame) or Drop("unclaimed_answers")  # the receiver left before the answer
         if not answerable(frame) and frame.kind is not FrameKind.RTP:
             return Drop("unanswerable")  # every other frame of this process requests an answer
         served = self._served.get(frame.data_id)
@@ -281,7 +281,7 @@ class MessageRouter:
         return self._by_application.get(frame.receiver_app)
 
     def _to_process(self, frame: Frame) -> ToProcess | None:
-        address = self.process_of(frame)  # the own one: this process does not serve the data id
+        address = self.process_of(frame)  # own address: this process does not serve it
         return None if address is None or address == self._address else ToProcess(address, frame)
 
     # -- own messages and requests
@@ -315,7 +315,7 @@ class MessageRouter:
         return self._own(self._outbox.on_timer(now_ns), now_ns)
 
     def deadline_ns(self) -> int | None:
-        """Instant at which `on_timer` must be called; None: no deadline."""
+        """Instant at which `on_timer` must be called, or None without a deadline."""
         return self._outbox.deadline_ns()
 
     def on_repeat(self, frame: Frame, now_ns: int) -> list[Action]:
@@ -331,6 +331,7 @@ class MessageRouter:
             elif not action.retransmission:
                 out += self._send(action.frame, now_ns)
             else:
+                # The receiver may have died; each check costs a lock for every application.
                 if now_ns - self._probed_ns >= PROBE_NS:
                     self._probed_ns = now_ns
                     out.append(Probe())
@@ -424,7 +425,7 @@ class MessageRouter:
     def on_arrival(self, frame: Frame, via: Via, now_ns: int) -> list[Action]:
         """A message or request for a handler of this process has arrived."""
         served = self._served.get(frame.data_id)
-        if frame.kind is FrameKind.RTP:  # its sender waits for nothing, and no right was checked
+        if frame.kind is FrameKind.RTP:  # no answer is awaited, and no right was checked: datagrams only
             takes_it = served is not None and served.takes is Takes.DATAGRAMS
             return [HandOver(frame, via, Takes.DATAGRAMS)] if takes_it else []
         if served is None:
@@ -434,12 +435,13 @@ class MessageRouter:
         if seen is not None:
             return self._answer_duplicate(frame, seen, via, now_ns)
         if self.expired(frame, now_ns):
-            self._counters.expired += 1  # its sender has got the outcome `expired`: it must not be delivered
+            self._counters.expired += 1  # its sender has the outcome `expired` already: no delivery
             return []
         if served.takes is not (Takes.REQUESTS if frame.kind is FrameKind.REQUEST else Takes.MESSAGES):
             detail = f"this path takes {served.takes.value} only"
             return self._refuse(frame, Status.REFUSED, detail, via, now_ns)
         if served.takes is Takes.REQUESTS:
+            # Before the handler runs: a retransmission meanwhile must not start it a second time.
             self._received.begin(origin, now_ns)
         return [HandOver(frame, via, served.takes)]
 
@@ -462,7 +464,7 @@ class MessageRouter:
         return self.on_handler_reply(frame, via, lost, now_ns)
 
     def on_outcome(self, frame: Frame, via: Via, outcome: Outcome | None, now_ns: int) -> list[Action]:
-        """The handler's outcome of a message; None: its inbox is full, and the sender retransmits."""
+        """Take the handler's outcome of a message, or None with a full inbox: the sender then retransmits."""
         if outcome is None:
             self._counters.no_room += 1
             return self._refuse(frame, Status.UNREACHABLE, FULL, via, now_ns)

@@ -17,7 +17,7 @@ _Kind = tuple[str, str, str, str]
 
 
 class _Refusal(msgspec.Struct, gc=False):
-    """What is known of one kind of refusal."""
+    """State of one kind of refusal."""
 
     denial: Denial
     """The newest one."""
@@ -36,10 +36,11 @@ class DenialReports:
         self._burst = 0
 
     def report(self, denial: Denial, now_ns: int) -> Denial | None:
-        """The report that is due now, with the number of such denials since the last one; None: later."""
+        """The report that is due now, with the count since the last one, or None if it is due later."""
         key = denial.platform, denial.caller, denial.verb, denial.path
         known = self._kinds.pop(key, None)
         if len(self._kinds) >= REFUSALS_MAX:
+            # The first kind is the stalest, as each new denial moves its kind to the end.
             del self._kinds[next(iter(self._kinds))]
         if known is None:
             may_begin = self._may_begin(now_ns)
@@ -50,12 +51,12 @@ class DenialReports:
         return _reported(known, now_ns) if now_ns - known.reported_ns >= REPORT_NS else None
 
     def deadline_ns(self) -> int | None:
-        """Instant at which `due` has a report; None: every denial was reported."""
+        """Instant at which `due` has a report, or None if every denial was reported."""
         waiting = [one.reported_ns for one in self._kinds.values() if one.count]
         return min(waiting) + REPORT_NS if waiting else None
 
     def due(self, now_ns: int) -> list[Denial]:
-        """The reports of what was counted after the last one, when nothing more came; some at a time."""
+        """Overdue reports of denials since their last report, at most `NEW_BURST` at a time."""
         late = [one for one in self._kinds.values() if one.count and now_ns - one.reported_ns >= REPORT_NS]
         for one in late[NEW_BURST:]:
             one.reported_ns = now_ns

@@ -163,7 +163,7 @@ class Root:
         return self.signed
 
     def _last_serial(self) -> int:
-        """The highest serial that was ever given."""
+        """Highest serial that was ever assigned, also to revoked members."""
         roster = self.roster
         return max((*roster.revoked, *(member.serial for member in roster.members)), default=0)
 
@@ -198,7 +198,7 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str], sw
 
 
 def _former_keys(members: list[RosterMember], candidate: Candidate) -> list[RosterMember]:
-    """The last entries of a platform with other keys than the one that it comes with."""
+    """The newest roster entries of a platform with other keys than its present one."""
     former = [
         msgspec.structs.replace(each, group_box=b"")
         for each in members

@@ -1,9 +1,9 @@
 """Access to a node's folders: by its own user only, or by the members of a group, too.
 
 The mode of the run directory decides: the group that may read it may join. Members then create application
-files, sockets and doorbells beside those of the node's own user, read its boards and write their own. Folders
-are sticky: only its owner, or the owner of the folder, can remove a file. No bit is
-set that makes files inherit the group: the hardened units may not set it.
+files, sockets and doorbells beside the own user's, read its boards and write their own. Folders are sticky:
+only its owner, or the owner of the folder, can remove a file. No bit is set that makes files inherit the
+group, because the hardened units may not set it.
 """
 
 import os
@@ -36,13 +36,13 @@ def make_folder(path: Path, like: Path) -> None:
 def share_folder(path: Path, like: Path) -> None:
     """Give a folder that this process created the group of another one.
 
-    That of a guest is not sticky, so that the owner of the node can remove files from it.
+    A guest's folder is not sticky, so that the owner of the node can remove files from it.
     """
     share(path, like, _GUEST_FOLDER if is_guest(like) else _SHARED_FOLDER)
 
 
 def share(target: Path | int, folder: Path, mode: int) -> None:
-    """Give a file that this process created the group of its folder and this mode; not in a private folder.
+    """Give a file of this process the group of its folder and this mode, except in a private folder.
 
     A file of root is given to the owner of the folder, whose processes could not use it otherwise.
     """
@@ -60,14 +60,14 @@ def share(target: Path | int, folder: Path, mode: int) -> None:
 
 
 def node_users(run_dir: Path) -> frozenset[int]:
-    """Users whose files a node trusts: that of its run directory, and root."""
+    """Users whose files a node trusts: the owner of its run directory, and root."""
     return frozenset({0, run_dir.stat().st_uid})
 
 
 def check_folder(path: Path, users: frozenset[int]) -> None:
     """Check that the folder, if it exists, belongs to one of the users, and not all users may write it.
 
-    Raises: Denied when it is another user's, or no folder.
+    Raises: Denied when it belongs to another user, or is not a folder.
     """
     try:
         found = path.lstat()

@@ -72,7 +72,7 @@ class ReaderNotifier:
             folder.close()
 
     def names(self) -> tuple[str, ...]:
-        """The doorbells in the folder, those of dead processes included until the next `notify()`."""
+        """The doorbells in the folder, including dead processes' until the next `notify()`."""
         self._look()
         return self._names
 

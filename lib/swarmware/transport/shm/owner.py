@@ -21,7 +21,7 @@ class Owner(msgspec.Struct, frozen=True):
     """The process that writes a ring."""
 
     pid: int
-    """pid of the owner; 0: none."""
+    """pid of the owner, or 0 without an owner."""
     start_ticks: int
     boot_id: int
 

@@ -47,17 +47,17 @@ class ReadersFolder:
             os.fchmod(self._fd, MODE)  # new: the umask applies to mkdir
 
     def changed(self) -> bool:
-        """Whether it has to be listed (again), or was removed, which does not change its time."""
+        """Whether the folder must be listed (again), or was removed, which does not change its time."""
         status = os.fstat(self._fd)
         return status.st_mtime_ns != self._seen_ns or status.st_nlink == 0
 
     @property
     def gone(self) -> bool:
-        """Whether it is not at its path any more."""
+        """Whether the folder was removed from its path."""
         return os.fstat(self._fd).st_nlink == 0
 
     def names(self, limit: int = ENTRIES) -> tuple[str, ...]:
-        """The doorbells in it; invalid names, and those beyond the limit of a user, are ignored."""
+        """Names of the doorbells; invalid names, and names beyond the limit of a user, are ignored."""
         at_ns = os.fstat(self._fd).st_mtime_ns
         found = []
         of_user: Counter[int] = Counter()
@@ -72,7 +72,7 @@ class ReadersFolder:
                         if of_user[status.st_uid] <= limit:
                             found.append(entry.name)
         self.crowded = of_user[os.geteuid()] > ENTRIES
-        # one that is added now may not change the time: list it again next time
+        # an entry that is added now may get the same time stamp: list the folder again next time
         self._seen_ns = at_ns if utc_ns() - at_ns > GRANULE_NS else -1
         return tuple(found)
 

@@ -1,7 +1,7 @@
-"""Reaping: removes files of dead processes from a node's folders, never those of living ones.
+"""Reaping: removes files of dead processes from a node's folders, never a living process's.
 
 The lock decides, not the pid: the kernel releases it with its holder, in any PID namespace. Rings
-of dead writers are removed, too: do this when a node starts or ends, not while a service restarts.
+of dead writers are removed, too, so reap when a node starts or ends, not while a service restarts.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ _MARK = layout.MAGIC.to_bytes(8, "little")
 
 
 class Reaped(msgspec.Struct, frozen=True):
-    """Removed files, and those that could not be removed."""
+    """Removed files, and files that could not be removed."""
 
     removed: tuple[Path, ...]
     denied: tuple[Path, ...]
@@ -54,7 +54,7 @@ def _sweep(shm_dir: Path, bells_dir: Path, *, even_used: bool) -> Reaped:
     tables = [path for path in found if _is_table(path)]
     removed: list[Path] = []
     denied: list[Path] = []
-    # tables after rings: a remaining ring has a living writer
+    # tables after rings: a ring that remains has a living writer, which needs its table
     for path in (*rings, *tables, *_fifos(bells_dir)):
         try:
             if path in rings:
@@ -83,7 +83,7 @@ def _unlinked(path: Path) -> bool:
 
 
 def _folders(shm_dir: Path) -> tuple[Path, ...]:
-    """The folder of the node's own rings, then those of its mirrors."""
+    """The folder of the node's own rings, then the folders of its mirrors."""
     return (shm_dir, *mirror_folders(shm_dir))
 
 

@@ -61,7 +61,7 @@ class RingWriter:
         self._map, self.taken_over = ringfile.claim(path, geometry, mode, resume)
         self._words = memoryview(self._map).cast("Q")
         self._lineage = self._words[layout.W_EPOCH]
-        self._name = str(path)  # a check by this takes a third of the time of one by `Path`
+        self._name = str(path)  # a check by a string takes a third of the time of a check by `Path`
         self._file = path.lstat()
         self._stride = geometry.stride
         self._checked = geometry.checked
@@ -74,7 +74,7 @@ class RingWriter:
 
     @property
     def sequence(self) -> int:
-        """Sequence of the newest frame written; 0: none yet."""
+        """Sequence of the newest frame written, or 0 before the first."""
         return self._sequence
 
     def write(self, data: Bytes) -> int:
@@ -162,7 +162,7 @@ class RingWriter:
     def intact(self, *, at_path: bool = False) -> bool:
         """Whether the file at the path is still this one, complete and with a valid header.
 
-        `at_path`: it is known to be this one, because the folder has not changed since a check.
+        `at_path`: true if the folder has not changed since a check, so that only the size is read.
         """
         if self._map.closed:
             return True
@@ -194,7 +194,7 @@ class RingWriter:
         self.abandon()
         if not self._cut():
             self._words[_MOVED] = (
-                1  # it is no longer at its path: readers that have mapped it must reopen the path
+                1  # the file is no longer at its path: readers that have mapped it must reopen the path
             )
         self._words.release()
         _close(self._map)
@@ -236,7 +236,7 @@ class RingReader:
     """One reader of a ring; the file is mapped read-only.
 
     `after`: `next()` begins after this sequence and counts overwritten frames as lost; use 0 for a reader
-    that waited for the ring. None: it begins with the first frame written from now on.
+    that waited for the ring. With None it begins with the first frame written from now on.
     Raises: NotFound, Denied, WireError when the file is not a ring.
     """
 
@@ -306,7 +306,7 @@ class RingReader:
         return fresh
 
     def same_epoch(self, former: "RingReader") -> bool:
-        """Whether its sequences continue those of a former file at the path."""
+        """Whether the sequences continue the numbering of a former file at the path."""
         return self.epoch == former.epoch
 
     @property
@@ -315,7 +315,7 @@ class RingReader:
         return layout.read_owner(self._words)
 
     def owner_alive(self) -> bool:
-        """Whether the ring has a writer. One of another PID namespace is detected by its lock."""
+        """Whether the ring has a writer; its lock shows a writer of another PID namespace."""
         if self.owner.alive():
             return True
         try:
@@ -328,11 +328,11 @@ class RingReader:
             os.close(fd)
 
     def newest(self) -> bytes | None:
-        """A copy of the newest frame; None before the first."""
+        """A copy of the newest frame, or None before the first."""
         return self._latest(self._copy)
 
     def oldest(self) -> bytes | None:
-        """A copy of the oldest frame that is still in the ring; None when there is only one."""
+        """A copy of the oldest frame that is still in the ring, or None if there is only one."""
         newest = self._words[_NEWEST]
         for sequence in range(max(newest - self.slots, self._first) + 1, newest):
             data = self._copy(sequence)
@@ -341,11 +341,11 @@ class RingReader:
         return None
 
     def view(self) -> View | None:
-        """The newest frame in place, without a copy; None before the first."""
+        """The newest frame in place, without a copy, or None before the first."""
         return self._latest(self._look)
 
     def next(self) -> bytes | None:
-        """A copy of the next frame in order; None when there is none yet.
+        """A copy of the next frame in order, or None before it is written.
 
         Overwritten frames are skipped and counted in `lost`: every sequence is either returned once or
         counted.
@@ -396,7 +396,7 @@ class RingReader:
         self.position = wanted - 1
 
     def _copy(self, sequence: int) -> bytes | None:
-        """The bytes of one frame; None when it is missing, or was overwritten during the copy."""
+        """The bytes of one frame, or None if it is missing or was overwritten during the copy."""
         words = self._words
         base = _HEADER_BYTES + sequence % self.slots * self._stride
         slot = base >> 3
@@ -409,6 +409,8 @@ class RingReader:
         start = base + _SLOT_HEADER_BYTES
         if self._checked:
             data = self._map[start : start + length]
+            # The writer marks the slot before its first byte; the checksum also finds stores that became
+            # visible in another order, which no fence prevents here.
             whole = words[slot] == sequence and crc32(data, sequence & _SEED_MASK) == meta >> 32
         else:
             self._fence()

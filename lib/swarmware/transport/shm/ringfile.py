@@ -25,7 +25,7 @@ from swarmware.transport.shm.shared_file import discard, open_cleared, open_shar
 LOCK_WAIT_S = 0.25
 """Wait for a lock without a living owner in the header: others probe it for microseconds."""
 ATTEMPTS = 100
-"""Each one is lost to another process that made or removed the file meanwhile."""
+"""Maximum attempts; each fails only if another process made or removed the file meanwhile."""
 
 
 @contextlib.contextmanager
@@ -83,7 +83,7 @@ EpochPosition = tuple[int, int]
 def claim(
     path: Path, geometry: Geometry, mode: int, resume: EpochPosition | None = None
 ) -> tuple[mmap.mmap, bool]:
-    """Become the only writer of the ring at the path; True: an earlier ring is continued in place.
+    """Become the only writer of the ring at the path; returns its map, and True if it continues an old ring.
 
     The lock is held by the map. `resume`: position from which the writer of a damaged ring continues.
     Raises: RingBusy, RingFull, Denied.
@@ -109,14 +109,14 @@ def claim(
 
 
 def _lock_existing(path: Path) -> int | None:
-    """Locked descriptor of the file at the path; None when there is none."""
+    """Locked descriptor of the file at the path, or None without a file."""
     while True:
         try:
             fd = open_shared(path, os.O_RDWR)
         except FileNotFoundError:
             return None
         except (WireError, PermissionError):
-            # no file, or of a member of the node's group: the owner of the folder removes both
+            # not a regular file, or a group member's: the owner of the folder may remove both
             if not discard(path):
                 raise
             continue
@@ -150,7 +150,7 @@ def _map(fd: int, file_bytes: int) -> mmap.mmap:
 
 
 def _take_over(fd: int, path: Path, geometry: Geometry) -> mmap.mmap | None:
-    """Continue a ring whose owner has ended; None when it has another layout or is damaged."""
+    """Continue a ring whose owner has ended, or return None if it has another layout or is damaged."""
     file_bytes = os.fstat(fd).st_size
     if file_bytes != geometry.file_bytes:
         return None
@@ -196,11 +196,12 @@ def _newest_complete(ring: mmap.mmap, words: memoryview, geometry: Geometry) -> 
 def _make(
     path: Path, geometry: Geometry, mode: int, old_fd: int | None, resume: EpochPosition | None
 ) -> mmap.mmap | None:
-    """Create a ring at the path, or replace the locked old one; None: another process was faster."""
+    """Create a ring at the path, or replace the locked old one; returns None if another process was
+    faster."""
     unfinished = path.with_name(path.name + layout.UNFINISHED_SUFFIX)
     fd = _open_unfinished(unfinished, mode)
     try:
-        # one that reaps holds the lock for a moment
+        # a process that reaps holds the lock for a moment
         if not (try_lock(fd) or lock_within(fd, LOCK_WAIT_S)):
             raise RingBusy(f"{unfinished}: another process is making this ring")
         if not stands_at(fd, unfinished):
@@ -228,7 +229,7 @@ def _make(
 def _open_unfinished(path: Path, mode: int) -> int:
     try:
         return open_cleared(path, os.O_RDWR | os.O_CREAT, mode)
-    except PermissionError:  # of a member of the node's group
+    except PermissionError:  # the file belongs to a member of the node's group
         if not discard(path):
             raise
     return open_shared(path, os.O_RDWR | os.O_CREAT, mode)
@@ -277,7 +278,7 @@ def mark_moved(fd: int) -> None:
 
 
 def unlink_ring(fd: int, path: Path) -> bool:
-    """Remove the ring whose lock is held; False when another file is at the path."""
+    """Remove the ring whose lock is held; returns False if another file is at the path."""
     if not stands_at(fd, path):
         return False
     mark_moved(fd)

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from typing import Final
 
 BLOCK_BYTES: Final = 16 * 1024
-"""Bytes of a block: at 1 Mbit/s one takes 0.13 s."""
+"""Bytes of a block, which takes 0.13 s at 1 Mbit/s."""
 FILE_BYTES_MAX: Final = 4 * 1024**3
 RANGES_MAX: Final = 256
-"""Ranges of missing blocks that are stated at once; the others are stated when these have arrived."""
+"""Maximum ranges of missing blocks in one report; further ranges follow in later reports."""
 _MISSING: Final = 0
 _HELD: Final = 1
 
@@ -35,7 +35,7 @@ class BlockSet:
         return self._missing
 
     def add(self, number: int) -> bool:
-        """A block has arrived; False: it was held."""
+        """Mark a block as held; returns False if it was held before."""
         if self._marks[number] != _MISSING:
             return False
         self._marks[number] = _HELD

@@ -1,4 +1,4 @@
-"""Which blocks of a file are asked for, or sent, next, and how many at a time. Sans-io."""
+"""Order of the blocks of a file that are requested or sent, with a window of blocks in flight. Sans-io."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -8,18 +8,18 @@ from swarmware.runtime.backoff import pause_after
 
 FIRST: Final = 2.0
 GROWTH: Final = 0.5
-"""Growth of the window with each block that arrives; the link itself controls its rate."""
+"""Growth of the window with each arrived block; the link controls its own rate."""
 LIMIT: Final = 16.0
-"""Blocks on their way at most: 256 KiB, which fill 50 Mbit/s at 40 ms."""
+"""Maximum blocks in flight: 256 KiB, which fill 50 Mbit/s at 40 ms."""
 
 TIMEOUT_S: Final = 6.0
 """Time for one block at first, retransmissions included."""
 TIMEOUTS_S: Final = (12.0, 24.0, 48.0)
-"""That time after the first, second, … failure: each try of a block begins at its start."""
+"""Time for one block after the first, second, … failure; each attempt sends the whole block."""
 
 
 class BlockWindow:
-    """The blocks that wait, and a window of those on their way, which answers widen and failures halve."""
+    """Waiting blocks, and a window of blocks in flight, which answers widen and failures halve."""
 
     def __init__(self, ranges: Iterable[tuple[int, int]]) -> None:
         """`ranges`: first and last number of the missing blocks."""
@@ -30,15 +30,15 @@ class BlockWindow:
         self._size = FIRST
         self._failures = 0
         self.timeout_s = TIMEOUT_S
-        """Time after which a block that is sent or asked for now has failed."""
+        """Time after which a block that is sent or requested now has failed."""
 
     @property
     def is_done(self) -> bool:
-        """Whether no block waits or is on its way."""
+        """Whether no block waits or is in flight."""
         return not self._waiting and not self._under_way
 
     def take(self) -> int | None:
-        """The next block; None: the window is full, or none waits."""
+        """The next block, or None with a full window or without a waiting block."""
         if not self._waiting or len(self._under_way) >= int(self._size):
             return None
         number = self._waiting.popleft()
@@ -51,7 +51,7 @@ class BlockWindow:
         self._size = min(self._size + GROWTH, LIMIT)
 
     def on_failed(self, number: int) -> None:
-        """There was no answer for a block: it goes first when the link is back."""
+        """Put a block without an answer first in the queue."""
         if number in self._under_way:
             self._under_way.remove(number)
             self._waiting.appendleft(number)
