@@ -34,7 +34,7 @@ def test_the_later_path_of_a_pair_is_named() -> None:
     assert clashes(BOARDS) == {OTHER: BOARDS[0]}
     assert clashes([BOARDS[0], BOARDS[0], text, branch]) == {}
     assert clash_text(OTHER, BOARDS[0]) == (
-        f"{OTHER}: its number {BOARDS[0].data_id:#010x} in frames is that of {ONE} (Float);"
+        f"{OTHER}: its number {BOARDS[0].data_id:#010x} in frames belongs to {ONE} (Float);"
         " expected another name for one of them"
     )
 
@@ -50,7 +50,7 @@ def test_a_template_with_such_a_pair_is_refused(tmp_path: Path) -> None:
 async def test_an_application_cannot_declare_such_a_pair(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as module:
         module.writer(ONE, Float).write(Float(1.0))
-        with pytest.raises(Conflict, match=f"{OTHER}: its number .* is that of {ONE}"):
+        with pytest.raises(Conflict, match=f"{OTHER}: its number .* belongs to {ONE}"):
             module.writer(OTHER, Float)
         with pytest.raises(Conflict, match=OTHER):
             module.inbox(OTHER, Float)
@@ -69,7 +69,7 @@ async def test_two_applications_of_a_node_cannot_declare_such_a_pair(
             while node.table.serving_path(ONE) is None:
                 node.table.refresh(probe=True)
                 await asyncio.sleep(0)
-            with pytest.raises(Conflict, match=f"{OTHER}: its number .* is that of {ONE}"):
+            with pytest.raises(Conflict, match=f"{OTHER}: its number .* belongs to {ONE}"):
                 second.inbox(OTHER, Float)
             with pytest.raises(Conflict, match=OTHER):
                 second.writer(OTHER, Float)

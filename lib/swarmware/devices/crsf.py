@@ -32,7 +32,7 @@ class RcLink(msgspec.Struct, frozen=True, gc=False):
     """Quality of the radio link to the receiver."""
 
     quality_ratio: float
-    """Part of the frames that arrived, 0 to 1; 0: the transmitter is lost."""
+    """Share of the frames that arrived, 0 to 1, or 0 if the transmitter is lost."""
 
 
 def channels_frame(positions: Sequence[float]) -> bytes:
@@ -45,7 +45,7 @@ def channels_frame(positions: Sequence[float]) -> bytes:
 
 
 def link_frame(quality_ratio: float) -> bytes:
-    """The frame of the quality of the link; what is not known is zero."""
+    """The frame of the quality of the link, with zeros for unknown fields."""
     return _frame(_LINK_TYPE, bytes([0, 0, round(100 * quality_ratio)]) + bytes(_LINK_BYTES - 3))
 
 
@@ -116,7 +116,7 @@ class CrsfDecoder:
 
 
 def _content(body: bytes) -> RcChannels | RcLink | None:
-    """The content of a frame; None: of another type. Raises: WireError."""
+    """The content of a frame, or None for another type. Raises: WireError."""
     kind, payload = body[0], body[1:]
     if kind == _CHANNELS_TYPE:
         if len(payload) != _CHANNELS_BYTES:

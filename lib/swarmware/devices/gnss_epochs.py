@@ -34,7 +34,7 @@ def between_s(one_s: float, other_s: float) -> float:
 class Epochs:
     """Selects the message that gives the fix of each epoch.
 
-    A message gives no fix while a better kind arrives, also one that says "no fix". A message without height
+    A message gives no fix while a better kind arrives, even if that says "no fix". A message without height
     must arrive twice before it counts: the better message of the same epoch may follow it.
     """
 
@@ -46,7 +46,7 @@ class Epochs:
         self._last: Position | None = None
 
     def take(self, position: Position) -> GnssFix | None:
-        """The fix of the epoch; None if another message gives it, or the receiver has none."""
+        """The fix of the epoch, or None if another message gives it or the receiver has no fix."""
         rank = KINDS.index(position.kind)
         self._best = min(self._best, rank)
         self._counts[position.kind] += 1

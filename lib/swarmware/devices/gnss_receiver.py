@@ -68,7 +68,7 @@ class ReceiverDecoder:
                 yield fix
 
     def _skip_noise(self) -> bool:
-        """Removes what is before the next start; False if there is none."""
+        """Remove the bytes before the next start; returns False without a start."""
         start = _START.search(self._open)
         noise = bytes(self._open[: start.start() if start else len(self._open)])
         if noise.strip() and not self._in_noise:
@@ -79,9 +79,9 @@ class ReceiverDecoder:
         return start is not None
 
     def _sentence(self) -> list[str] | None:
-        """Fields of the sentence at the start; None if its end is missing.
+        """Fields of the sentence at the start, or None if its end is missing.
 
-        Raises: WireError when there is none, after removing it.
+        Raises: WireError when the start begins no sentence, after removing it.
         """
         body = _BODY.match(self._open)
         size = body.end() if body else 0
@@ -95,14 +95,15 @@ class ReceiverDecoder:
             self._drop(size)
             raise WireError(NO_SENTENCE)
         line = bytes(self._open[:whole])
-        # what stands in the place of a checksum may be the next start
+        # bytes in the place of an invalid checksum may be the next start
         self._drop(whole if _WHOLE.fullmatch(line) else size + 1)
         return fields_of(line)
 
     def _frame(self) -> ubx.UbxFrame | None:
-        """The frame at the start; None if its end is missing.
+        """The frame at the start, or None if its end is missing.
 
-        Raises: WireError when there is none, after removing its first byte: valid messages may follow.
+        Raises: WireError when the start begins no frame, after removing its first byte: valid messages may
+        follow.
         """
         opened = bytes(self._open)
         try:
@@ -142,7 +143,7 @@ class ReceiverDecoder:
 
 
 def _add(counts: Counter[str], reason: str) -> None:
-    """Counts a reason; what a receiver sends is part of some, and must not fill the memory."""
+    """Count a reason; bytes of the receiver are part of some, so that their number is limited."""
     counts[reason if reason in counts or len(counts) < _REASONS else _OTHER] += 1
 
 

@@ -19,7 +19,7 @@ _NO_FIX: Final = frozenset({"0", "6", "7", "8", ""})
 _MODES: Final = {"R": 4, "F": 5, "D": 2, "P": 3, "A": 1}
 """Quality by the mode of GNS, RMC and GLL, the best one first: other modes have no measured position."""
 _DILUTION: Final = 2.0
-"""Dilution of a fix whose sentence states none, or zero: that of a few satellites in a clear sky."""
+"""Dilution of a fix whose sentence states none, or zero; typical of a few satellites in a clear sky."""
 _NUMBER: Final = re.compile(r"-?([0-9]+(\.[0-9]*)?|\.[0-9]+)")
 _TIME: Final = re.compile(r"([01][0-9]|2[0-3])([0-5][0-9])([0-5][0-9]|60)(\.[0-9]*)?")
 _CHECKSUM: Final = re.compile(rb"[0-9A-Fa-f]{2}")

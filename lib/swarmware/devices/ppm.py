@@ -18,7 +18,7 @@ _CHANNELS_MIN: Final = 4
 
 
 class PpmDecoder:
-    """Decodes the instants of rising edges. `refused`: what was not understood, by the reason."""
+    """Decodes the instants of rising edges; `refused` counts refused frames by reason."""
 
     def __init__(self) -> None:
         self.refused: Counter[str] = Counter()
@@ -26,7 +26,7 @@ class PpmDecoder:
         """Valid frames so far."""
         self._edge_ns: int | None = None
         self._widths_us: list[float] | None = None
-        """Channels since the pause; None: the next pause is waited for."""
+        """Channels since the pause, or None while the next pause is awaited."""
 
     def edge(self, stamp_ns: int) -> RcChannels | None:
         """Takes an edge; the channels at the end of a frame, else None."""

@@ -14,9 +14,9 @@ FLATTENING: Final = 1 / 298.257223563
 GRAVITY_M_S2: Final = 9.80665
 """Standard gravity, by definition of the third CGPM (1901)."""
 GNSS_HEIGHT_RATIO: Final = 1.5
-"""Error of the height of a GNSS fix by that of its position: all satellites are above the receiver."""
+"""Ratio of the vertical to the horizontal error of a GNSS fix, as all satellites are above the receiver."""
 ORIGIN_ACC_M: Final = 10.0
-"""Error of a fix above which no map begins there: that of a usual dilution of two, without corrections."""
+"""Error of a fix above which no map begins there, typical of a dilution of two without corrections."""
 
 _E2: Final = FLATTENING * (2 - FLATTENING)
 
@@ -39,7 +39,7 @@ class LocalMap:
 
     Radii of curvature of the ellipsoid at the origin; the Earth's curve is added to the height. pymap3d is
     exact at any distance, and takes nine times as long for one point (3.2 and 0.4 µs); a vehicle converts
-    each fix of its receiver, whose error is larger than that of the approximation. A test holds the error
+    each fix of its receiver, whose error exceeds the approximation's. A test holds the error
     against the exact transformation through Earth-centred coordinates.
     """
 

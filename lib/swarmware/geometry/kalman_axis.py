@@ -42,7 +42,7 @@ class KalmanAxis:
     def predict(self, accel: float, dt_s: float, accel_sigma: float | None = None) -> None:
         """Predicts the state and its covariance by dt at constant acceleration.
 
-        `accel_sigma`: of this acceleration, where it is not that of the measured ones.
+        `accel_sigma`: standard deviation of this acceleration, if it differs from measured accelerations.
         """
         half = dt_s * dt_s / 2
         self.p += self.v * dt_s + accel * half

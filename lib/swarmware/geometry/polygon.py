@@ -66,7 +66,7 @@ def crosses(polygon: Sequence[Point], start: Point, end: Point) -> bool:
 
 
 def self_intersection(polygon: Sequence[Point]) -> tuple[int, int] | None:
-    """Numbers of the first two edges that meet beside their common point; None: the polygon is simple.
+    """Numbers of the first two edges that meet beside their common point, or None for a simple polygon.
 
     Edge n, from 0, starts at point n; an edge without length is named twice.
     """

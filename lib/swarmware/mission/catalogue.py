@@ -60,7 +60,7 @@ class Barrier(Params, frozen=True):
     quorum: Literal["all"] | Annotated[int, msgspec.Meta(ge=1, le=1_000)] = "all"
     """Number of members that open it: all that are present, or a number."""
     roles: tuple[Name, ...] = ()
-    """Roles that participate; empty: all."""
+    """Roles that participate; without any, all do."""
 
 
 class Wait(Params, frozen=True):
@@ -160,7 +160,7 @@ class Hold(Params, frozen=True):
     """Stay at the present position."""
 
     s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
-    """Time to hold; 0: only until the vehicle is at rest, where it then stays."""
+    """Time to hold, or 0 to end as soon as the vehicle is at rest, where it then stays."""
 
     @property
     def lasts_s(self) -> float:
@@ -178,9 +178,9 @@ class WaitForSensor(Params, frozen=True):
     sensor: Annotated[str, msgspec.Meta(min_length=1, max_length=200)] = "sensor/**"
     """Path of the sensor, or a pattern of several, of which one suffices: `sensor/gnss`, `sensor/*`."""
     measures: Annotated[str, msgspec.Meta(max_length=64)] = ""
-    """What it measures: a type (`Barometer`) or a field of one (`temperature_degc`); empty: anything."""
+    """Measured quantity: a type (`Barometer`) or a field (`temperature_degc`); "" accepts any."""
     until: Annotated[str, msgspec.Meta(max_length=500)] = ""
-    """Condition on the fields of its value: `satellites >= 6`; empty: any fresh value."""
+    """Condition on the fields of its value: `satellites >= 6`; "" accepts any fresh value."""
 
     def __post_init__(self) -> None:
         """Check the pattern and the condition."""
@@ -223,19 +223,19 @@ class BlockType(msgspec.Struct, frozen=True):
     """Purpose of the block, one sentence."""
     params: type[Params] = Nothing
     control: bool = False
-    """The player executes it; otherwise a plug-in does."""
+    """True if the player executes it, otherwise a plug-in."""
     timeout_s: float | None = None
-    """Default time-out; None: none."""
+    """Default time-out, or None without one."""
     kinds: tuple[PlatformKind, ...] = ()
-    """Kinds of platform that can execute it; empty: all."""
+    """Kinds of platform that can execute it; () means all."""
     errors: tuple[str, ...] = ()
     """Kinds of error with which it may end."""
     motion: bool = False
-    """It moves the vehicle; when cancelled it commands hold."""
+    """True if it moves the vehicle; a cancelled motion commands hold."""
     airborne: bool = False
     """A vehicle that flies must be in the air when it begins."""
     instant: bool = False
-    """It takes no time: a loop of only such blocks is a livelock."""
+    """True if it takes no time; a loop of only such blocks is a livelock."""
     aliases: tuple[tuple[str, str], ...] = ()
     """Alternative spellings of parameters."""
 
@@ -364,7 +364,7 @@ BLOCKS: Final = (
     ),
     BlockType(
         BlockName.WAIT_FOR_SENSOR,
-        "Waits until a sensor delivers values, also one that is plugged in meanwhile.",
+        "Waits until a sensor delivers values, also a sensor that is plugged in meanwhile.",
         WaitForSensor,
         timeout_s=60.0,
     ),
@@ -385,7 +385,7 @@ class Catalogue:
             self.types[block.name] = block
 
     def find(self, name: str) -> BlockType | None:
-        """The block type of that name; None: unknown."""
+        """The block type of that name, or None if it is unknown."""
         return self.types.get(name)
 
 

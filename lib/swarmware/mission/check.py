@@ -30,7 +30,7 @@ _GRAPH_RULES = frozenset({"edge", "no-such-block", "into-start", "start", "shape
 def check_files(paths: Iterable[Path], catalogue: Catalogue | None = None) -> list[Finding]:
     """Findings of mission files and of mission folders (those with a mission.toml), in this order.
 
-    Without a catalogue: the built-in blocks and those of installed packages.
+    Without a catalogue, the built-in blocks and installed packages' blocks are known.
     Raises: NotFound when a path does not exist.
     """
     catalogue = catalogue or installed()
@@ -58,7 +58,7 @@ def check_text(
 ) -> tuple[Reading, list[Finding]]:
     """Reads and checks one member's mission: the mission as read, and all findings.
 
-    `kinds`: of the platforms that may play it; empty: the binding's.
+    `kinds`: kinds of the platforms that may play it, or () for the binding's kind.
     """
     players = tuple(kinds) or (binding.kind,)
     reading = read(text, file, binding, catalogue or built_in())
@@ -150,5 +150,5 @@ class _PointerLines:
             return None
 
     def line(self, pointer: str) -> int:
-        """Line of the pointer; 0: the file has an error."""
+        """Line of the pointer, or 0 if the file has an error."""
         return self._source.line(pointer) if self._source else 0

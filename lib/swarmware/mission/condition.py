@@ -33,7 +33,7 @@ class Lookup(Protocol):
         ...
 
     def age_s(self, path: str) -> float | None:
-        """Age of the newest value; None when there is none."""
+        """Age of the newest value, or None without a value."""
         ...
 
 
@@ -133,7 +133,7 @@ class ConditionExpression(msgspec.Struct, frozen=True):
         ]
 
     def next_change_s(self, lookup: Lookup) -> float | None:
-        """Time until an age may change the result without a new value; None: none will."""
+        """Time until an age may change the result without a new value, or None if no age can."""
         comparisons = (node for node in _nodes(self.node) if isinstance(node, Compare))
         ahead = [after_s for node in comparisons if (after_s := _crossing_s(node, lookup)) is not None]
         return min(ahead, default=None)
@@ -188,6 +188,8 @@ def _truth(node: Node, lookup: Lookup) -> bool | None:
     if isinstance(node, Both | Either):
         decisive = isinstance(node, Either)
         left_truth, right_truth = _truth(node.left, lookup), _truth(node.right, lookup)
+        # One false side decides `and`, one true side decides `or`, even if the other value is unknown
+        # (Kleene).
         if decisive in (left_truth, right_truth):
             return decisive
         return None if left_truth is None or right_truth is None else not decisive

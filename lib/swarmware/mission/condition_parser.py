@@ -52,7 +52,7 @@ _TOKEN = re.compile(
 def parse(text: str, own: str = "") -> ConditionExpression:
     """Parse the text of a condition.
 
-    `own`: path of the resource whose fields the names without a path are; empty: they are short names.
+    `own`: path of the resource whose fields are named without a path, or "" if such names are short names.
     Raises: MissionError with the place in the text and the expected value.
     """
     if len(text) > LENGTH_LIMIT:

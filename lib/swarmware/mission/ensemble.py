@@ -28,7 +28,7 @@ class EnsembleRole(msgspec.Struct, frozen=True):
     kinds: tuple[PlatformKind, ...]
     mission: MissionDefinition
     take: int
-    """Number of platforms with this role; 0: any."""
+    """Number of platforms with this role, or 0 for any number."""
     line: Callable[[str], int]
     """Line of a JSON pointer."""
 
@@ -165,6 +165,6 @@ def _barriers(roles: list[EnsembleRole]) -> list[Finding]:
                 message = f"barrier {barrier!r} is not for role {other.name!r}: expected {', '.join(wanted)}"
                 found.append(other.finding(other_block, "barrier", message))
             elif (other_params.quorum, other_params.roles) != (params.quorum, params.roles):
-                message = f"barrier {barrier!r}: quorum or roles differ from those of role {role.name!r}"
+                message = f"barrier {barrier!r}: quorum or roles differ from role {role.name!r}"
                 found.append(other.finding(other_block, "barrier", message))
     return found

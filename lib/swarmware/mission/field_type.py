@@ -19,9 +19,9 @@ class FieldType(msgspec.Struct, frozen=True):
 
     name: str
     sort: str = ""
-    """Number, truth value or string; empty: the type is not installed."""
+    """Number, truth value or string, or "" if the type is not installed."""
     choices: tuple[str, ...] = ()
-    """Permitted strings; empty: any."""
+    """Permitted strings, or () if any string is permitted."""
     span: tuple[float, float] | None = None
     """Minimum and maximum of the number."""
 

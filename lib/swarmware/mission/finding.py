@@ -14,7 +14,7 @@ class Finding(msgspec.Struct, frozen=True):
 
     file: str
     line: int
-    """Line, from 1; 0: the whole file."""
+    """Line, from 1, or 0 for the whole file."""
     pointer: str
     """JSON pointer of the value (RFC 6901), such as /mission/b3/next."""
     severity: Severity
@@ -25,7 +25,7 @@ class Finding(msgspec.Struct, frozen=True):
     trace: tuple[str, ...] = ()
     """Counter-example: the outcomes of blocks that lead to this state, in order."""
     column: int = 0
-    """Column, from 1; 0: the whole value."""
+    """Column, from 1, or 0 for the whole value."""
 
     def __str__(self) -> str:
         place = f"{self.file}:{self.line}" if self.line else self.file

@@ -47,7 +47,7 @@ class Folder(msgspec.Struct, frozen=True):
     hash: str
     """BLAKE2b-128 of names and contents, hex."""
     manifest_text: str = ""
-    """Text of the manifest; empty: it was made for a single file."""
+    """Text of the manifest, or "" if it was made for a single file."""
 
     def place(self, file: str) -> str:
         """Name of a file in findings."""
@@ -188,7 +188,7 @@ def _member_role(file: str, text: str, catalogue: Catalogue) -> RoleSpec:
     """The role of the member whose id is the folder of its file: a platform's name, or a number."""
     member = file.rpartition("/")[0]
     platform = "" if member.isdecimal() else member
-    # a name may be that of the ground station, too
+    # the name may belong to the ground station, too
     kinds, params = _able(text, file, catalogue, (*VEHICLES, PlatformKind.GCS) if platform else VEHICLES)
     return RoleSpec(name=member, file=file, kinds=kinds, take=1, platform=platform, params={**params})
 

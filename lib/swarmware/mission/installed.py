@@ -20,7 +20,7 @@ class InstalledBlocks(msgspec.Struct, frozen=True):
     """Classes by the name of their type."""
     types: tuple[BlockType, ...]
     unusable: tuple[str, ...]
-    """Entry points that are left out, each with the reason and the expected value."""
+    """Unusable entry points, each with the reason and the expected value."""
 
     @property
     def catalogue(self) -> Catalogue:
@@ -29,12 +29,12 @@ class InstalledBlocks(msgspec.Struct, frozen=True):
 
 
 def installed() -> Catalogue:
-    """The catalogue of the built-in blocks and those of installed packages."""
+    """The catalogue of the built-in blocks and installed packages' blocks."""
     return installed_blocks().catalogue
 
 
 def installed_blocks() -> InstalledBlocks:
-    """The blocks of installed packages; one that is invalid is left out, and stops no other."""
+    """The blocks of installed packages; an invalid block is left out, and stops no other."""
     owners = dict.fromkeys((block.name for block in BLOCKS), "built-in")
     classes: dict[str, type] = {}
     types: list[BlockType] = []
@@ -47,7 +47,7 @@ def installed_blocks() -> InstalledBlocks:
         if isinstance(found, str):
             unusable.append(f"{BLOCK_GROUP}:{point.name} ({point.value}): {found}")
             continue
-        owners[found.spec.name] = f"that of {point.value}"
+        owners[found.spec.name] = f"a block of {point.value}"
         classes[found.spec.name] = found.cls
         types.append(found.spec)
     return InstalledBlocks(classes, tuple(types), tuple(unusable))
@@ -73,7 +73,7 @@ def _loaded(point: EntryPoint) -> _Block | str:
 
 
 def _invalid(spec: Any) -> str:
-    """What is invalid in the type of a package's block; empty: nothing."""
+    """Error in the type of a package's block, or "" if it is valid."""
     if not isinstance(spec.name, str) or not spec.name.isidentifier():
         return f"spec.name {spec.name!r}: expected one word, such as TakePhoto"
     if not isinstance(spec.params, type) or not issubclass(spec.params, Params):

@@ -47,9 +47,9 @@ class RoleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     kinds: Annotated[tuple[PlatformKind, ...], msgspec.Meta(min_length=1)]
     """Kinds of platform that can have the role."""
     take: Annotated[int, msgspec.Meta(ge=0, le=1_000)] = 0
-    """Number of platforms with the role; 0: all remaining ones of these kinds."""
+    """Number of platforms with the role, or 0 for all remaining platforms of these kinds."""
     platform: Annotated[str, msgspec.Meta(max_length=64)] = ""
-    """Name of the only platform that can have the role; empty: any one of these kinds."""
+    """Name of the only platform that can have the role, or "" for any of these kinds."""
     required: bool = True
     """The mission does not start without a platform for this role."""
     params: dict[str, ParamValue | Series] = {}
@@ -83,7 +83,7 @@ def read_manifest(text: str, source: str) -> Manifest:
 
 
 def _contradictions(manifest: Manifest) -> Iterator[tuple[KeyPath, str]]:
-    """What the types do not express."""
+    """Check constraints that the types do not express."""
     for number, message in misnamed(manifest.reaction):
         yield ("reaction", number, "name"), message
     names: list[str] = []

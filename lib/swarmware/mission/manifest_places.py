@@ -109,7 +109,7 @@ class ManifestPlaces:
 
 
 def _text_at(source: JsonSource, pointer: str) -> str:
-    """The text at a JSON pointer; empty: another value."""
+    """The text at a JSON pointer, or "" if the value is not a text."""
     value = source.value
     for part in pointer.split("/")[1:]:
         key = part.replace("~1", "/").replace("~0", "~")

@@ -64,7 +64,7 @@ class Failure(msgspec.Struct, frozen=True):
     message: str
     trace: tuple[str, ...]
     certain: bool
-    """It happens in every run."""
+    """True if it happens in every run."""
 
 
 class TooLarge(msgspec.Struct, frozen=True):
@@ -72,12 +72,12 @@ class TooLarge(msgspec.Struct, frozen=True):
 
     role: str
     blocks: tuple[str, ...]
-    """Its barriers; the most at which a member was seen to wait at once, if it waits at several."""
+    """Barriers of the role; if a member waits at several, the largest set at which it waits at once."""
     at_once: bool = False
 
 
 def search(parts: list[Participant], budget: Budget) -> Hang | Failure | TooLarge | None:
-    """The shortest path to a deadlock, else to a failure; None: there is neither."""
+    """The shortest path to a deadlock, else to a failure, or None without either."""
     ensemble = _Ensemble(parts, budget, Faults.ALL)
     if not ensemble.explore():
         return ensemble.widest
@@ -253,7 +253,7 @@ class _Ensemble:
         if len(group) >= needed:
             yield [SUCCESS] * len(group), True, "opened"
             if params.quorum == "all" and len(participants) > 1 and self._faults is Faults.ALL:
-                # of equal members, one that is late represents all
+                # a late member represents all members in the same state
                 alike = {(n, members[n][i]): number for number, (n, i, _) in enumerate(group)}
                 for late in alike.values():
                     yield (

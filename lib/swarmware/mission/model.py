@@ -41,7 +41,7 @@ class Block(msgspec.Struct, frozen=True):
     params: Params
     edges: tuple[Edge, ...]
     timeout_s: float | None
-    """Time-out of the block; None: none."""
+    """Time-out of the block, or None without one."""
     pointer: str
 
     @property
@@ -74,7 +74,7 @@ class MissionDefinition(msgspec.Struct, frozen=True, dict=True):
     start: str
     on_failure: str = "land"
     on_link_loss: str = ""
-    """One of LINK_LOSS; empty: by the setting of the platform."""
+    """One of LINK_LOSS, or "" for the setting of the platform."""
     requires: tuple[ConditionExpression, ...] = ()
     """Conditions that are checked before the start and every second."""
 

@@ -28,7 +28,7 @@ class Transition(msgspec.Struct, frozen=True):
     outcome: BlockOutcome
     inputs: frozenset[str]
     outputs: tuple[str, ...]
-    """Output places; empty: the transition of an End."""
+    """Output places, or () for the transition of an End."""
     path: tuple[str, ...] = ()
     """Labels of the transitions that a reduction has merged into this one, in order."""
     passes: frozenset[str] = frozenset()
@@ -48,7 +48,7 @@ class Net(msgspec.Struct, frozen=True):
     owner: dict[str, str]
     """Block of each place."""
     instant: frozenset[str]
-    """Places that a token leaves in no time, including those of the Ends."""
+    """Places that a token leaves in no time, including the places of Ends."""
     within: dict[str, frozenset[str]] = {}
     """Further blocks that a token in this place passes, after all instantaneous transitions."""
 
@@ -70,9 +70,9 @@ class Faults(Enum):
     NONE = "none"
     """Every block succeeds; only barriers may break."""
     HANDLED = "handled"
-    """Those that have a successor."""
+    """Only errors and time-outs that have a successor."""
     ALL = "all"
-    """Also those without a successor, which end the mission."""
+    """Also errors and time-outs without a successor, which end the mission."""
 
 
 _FAULTLESS: Final = frozenset({OutcomeKind.OK, OutcomeKind.CASE, OutcomeKind.TRUE, OutcomeKind.FALSE})
@@ -132,7 +132,7 @@ class Firing(msgspec.Struct, frozen=True):
     labels: tuple[str, ...]
     inputs: Marking
     outputs: Marking
-    """Marking of the output places; 0: the transition of an End."""
+    """Marking of the output places, or 0 for the transition of an End."""
     twice: Marking
     """Output places that it marks twice."""
     passes: frozenset[str]

@@ -19,7 +19,7 @@ class OutcomeKind(StrEnum):
     """Of a DecisionRandom."""
     CANCELLED = "cancelled"
     ABANDONED = "abandoned"
-    """It was cancelled and did not end."""
+    """Cancelled, but the block did not end in time."""
     FAILS = "fails"
     """In a net: an error or a time-out without a successor, which ends the mission."""
 
@@ -29,7 +29,7 @@ class BlockOutcome(msgspec.Struct, frozen=True):
 
     kind: OutcomeKind
     error: str = ""
-    """Kind of an error, such as `blocked`; empty: any error, which has the general error successor."""
+    """Kind of an error, such as `blocked`, or "" for any error, which has the general error successor."""
     branch: int | None = None
     """Index of a Decision's case, or of a Fork's successor."""
 

@@ -116,14 +116,14 @@ class _BranchWalk:
                 shape.append((barrier.quorum, barrier.roles, block.timeout_s is not None, ways))
             elif place in self._net.instant or any(end for _, end in ways):
                 shape.append((place in self._net.instant, frozenset(end for _, end in ways)))
-            # a pause is the same as none: nothing depends on its length
+            # pauses are ignored, as no result depends on their length
             before = [number for number in self._from[place] if self._net.transitions[number].outputs]
             before = [number for number in before if self._net.transitions[number].outputs[0] in following]
             place = next(iter(following))
         return None
 
     def _ends_with(self, transition: Transition) -> str:
-        """The way in which it ends the mission; empty: it does not."""
+        """Way in which the transition ends the mission, or "" if it does not."""
         if not transition.outputs:
             return "fails"
         return "ends" if transition.outputs[0] in self._ends else ""

@@ -26,7 +26,7 @@ class Participant(msgspec.Struct, frozen=True):
     copies: int
     """Number of its members in the search."""
     take: int = 0
-    """Number of its members in the ensemble; 0: any."""
+    """Number of its members in the ensemble, or 0 for any number."""
     station: bool = False
     """A ground station: a barrier that does not name its role does not need a lost one."""
 
@@ -146,5 +146,5 @@ class RoleSteps:
 
 
 def _fire(marking: Marking, step: Firing) -> Marking:
-    """The marking after the step; 0: the mission has ended."""
+    """The marking after the step, or 0 if the mission has ended."""
     return marking & ~step.inputs | step.outputs if step.outputs else 0

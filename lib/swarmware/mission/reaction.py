@@ -13,7 +13,7 @@ Action = Literal["warn", "hold", "return", "land", "emergency-land"]
 
 WARN: Final = "warn"
 STRENGTH: Final[dict[str, int]] = {WARN: 0, "hold": 1, "return": 2, "land": 3, "emergency-land": 4}
-"""Order of the actions: one never replaces a stronger one that runs."""
+"""Strength of the actions: a weaker action never replaces a running stronger one."""
 
 LINK_LOSS: Final = "link_loss"
 """Row of a lost link, whose action and hold time are settings."""
@@ -45,11 +45,11 @@ class ReactionRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Whether the action stays in force while the condition holds: weaker orders are refused then. Otherwise
     it is taken once, and an order that follows stands."""
     possible: Condition | None = None
-    """Condition under which the action is possible; left out: always."""
+    """Condition under which the action is possible; without it, the action always is."""
     otherwise: Action | None = None
     """Stronger action where `possible` does not hold, or is unknown."""
     says: Annotated[str, msgspec.Meta(max_length=100)] = ""
-    """Reason for operators; empty: the condition."""
+    """Reason for operators, or "" to show the condition."""
 
     def __post_init__(self) -> None:
         """Check the conditions, and constraints between fields."""
@@ -88,7 +88,7 @@ def misnamed(rows: Iterable[ReactionRow]) -> Iterator[tuple[int, str]]:
 
 
 def encode_rows(rows: tuple[ReactionRow, ...]) -> str:
-    """The rows as a JSON array; empty: there are none."""
+    """The rows as a JSON array, or "" without rows."""
     return msgspec.json.encode(rows).decode() if rows else ""
 
 

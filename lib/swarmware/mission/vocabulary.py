@@ -88,7 +88,7 @@ class Vocabulary:
         types: Callable[[str], type[msgspec.Struct]] = registry.find,
         quantities: Callable[[], Collection[str]] = registry.quantities,
     ) -> None:
-        """`types`: finds a payload type by its name; raises NotFound for one that is not known.
+        """`types`: finds a payload type by its name; raises NotFound for an unknown type.
 
         `quantities`: names of the known types and of their fields.
         """
@@ -161,7 +161,7 @@ class Vocabulary:
                 yield from found[0]
 
     def _class(self, name: str) -> type[msgspec.Struct] | None:
-        """The type of that name; None: not installed."""
+        """The type of that name, or None if it is not installed."""
         try:
             return self._types(name)
         except NotFound:

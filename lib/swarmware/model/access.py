@@ -93,7 +93,7 @@ class Sender(msgspec.Struct, frozen=True, gc=False):
     platform: str
     role: Role
     caller: str = ""
-    """User of that platform's computer, as its sockets authenticate it; empty: the platform itself."""
+    """User of that platform's computer, as its sockets authenticate it, or "" for the platform itself."""
     via: tuple[str, ...] = ()
     """Platforms that forwarded the frame, the first one first; only the last one is certain."""
 
@@ -127,11 +127,11 @@ class Access:
         return role
 
     def permits(self, sender: Sender | None, verb: Verb, path: str) -> bool:
-        """Whether a sender may do it; None: this platform itself, or a swarm without keys."""
+        """Whether a sender may do it; None is this platform itself, or any sender in a swarm without keys."""
         return sender is None or sender.role >= self.needed(verb, path)
 
     def check(self, sender: Sender | None, verb: Verb, path: str) -> None:
-        """Check a sender; None: this platform itself, or a swarm without keys, always passes.
+        """Check a sender; None always passes: this platform itself, or any sender in a swarm without keys.
 
         Raises: Denied.
         """

@@ -29,14 +29,14 @@ class AccessRules:
         self._access = Access(())  # patterns are compiled at the first use
         self._operators: tuple[OperatorEntry, ...] = ()
         self._judged: _Stamp | None = _UNREAD
-        """The file that is in force, or was refused; None: there is none."""
+        """Stamp of the file that is in force or was refused, or None without a file."""
         self._seen: _Stamp | None = None
         self._config: AclConfig | None = None
         self._is_read = False
         self.version = 0
         """Incremented by each change of the rules in force."""
         self.problem = ""
-        """Why the present file is not in force; empty: it is."""
+        """Reason for which the present file is not in force, or "" if it is."""
 
     @property
     def access(self) -> Access:
@@ -67,7 +67,7 @@ class AccessRules:
         if stamp == self._judged:
             self._seen = stamp
         elif stamp != self._seen:
-            self._seen = stamp  # perhaps its writer has not finished
+            self._seen = stamp  # its writer may not have finished: wait for the next poll
         else:
             self._judged = stamp
             self._take(stamp)

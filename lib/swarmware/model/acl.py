@@ -18,13 +18,14 @@ class OperatorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """A user of this computer, or the members of a group, and their role on this node."""
 
     name: str = ""
-    """Name in records, such as `anna` of `anna@gcs`: [a-z_][a-z0-9_.-]{0,30}; empty: the name of the user."""
+    """Name in records, such as `anna` of `anna@gcs`: [a-z_][a-z0-9_.-]{0,30}, or "" for the name of the
+    user."""
     user: str = ""
     """Name of a user of this computer."""
     group: str = ""
     """Name of a group of this computer: its members have the role."""
     role: RoleName = "operator"
-    """Highest role; on other platforms that of this platform limits it, too."""
+    """Highest role; on other platforms the role of this platform limits it, too."""
 
     def __post_init__(self) -> None:
         """Check constraints between fields; msgspec converts ValueError to its ValidationError."""
@@ -42,7 +43,7 @@ class AclConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     rule: tuple[AccessRule, ...] = DEFAULT
     """The rules in their order: the first that matches verb and path decides; without one: maintainer."""
     operator: tuple[OperatorEntry, ...] = (OperatorEntry(group="swarm"),)
-    """Users and groups with a role; the entry of a user comes before those of its groups. Other users are
+    """Users and groups with a role; the entry of a user precedes its groups' entries. Other users are
     observers."""
 
 

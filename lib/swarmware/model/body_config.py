@@ -22,9 +22,9 @@ class BodyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     hard_landing_m_s: Positive = 1.5
     """Vertical speed at touch-down above which a landing is a collision."""
     drag_n_s_m: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Linear drag along the body axes: of the rotors."""
+    """Linear drag of the rotors along the body axes."""
     drag_n_s2_m2: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
-    """Quadratic drag along the body axes: of the fuselage."""
+    """Quadratic drag of the fuselage along the body axes."""
     turn_drag_n_m_s: tuple[NotNegative, NotNegative, NotNegative] = (0.0, 0.0, 0.0)
     """Linear drag of a turn about the body axes."""
     outputs_held_s: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0
@@ -33,4 +33,4 @@ class BodyConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     rest_pitch_rad: Angle = 0.0
     """Pitch at which it stands, positive with the nose down: on a tail wheel, on the rail of a catapult."""
     slide_m_s2: NotNegative = 0.0
-    """Deceleration on the ground after a touch-down at speed; 0: it stops at once."""
+    """Deceleration on the ground after a touch-down at speed, or 0 if it stops at once."""

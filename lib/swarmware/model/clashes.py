@@ -1,4 +1,4 @@
-"""Paths whose numbers in frames are equal: values and orders for one must not count as those of the other."""
+"""Paths with equal numbers in frames, whose values and orders must not be mistaken for each other's."""
 
 from collections.abc import Iterable
 
@@ -24,6 +24,6 @@ def clashes(resources: Iterable[Resource]) -> dict[str, Resource]:
 def clash_text(path: str, other: Resource) -> str:
     """The error about a path whose number another resource has."""
     return (
-        f"{path}: its number {other.data_id:#010x} in frames is that of {other.path} ({other.type});"
+        f"{path}: its number {other.data_id:#010x} in frames belongs to {other.path} ({other.type});"
         " expected another name for one of them"
     )

@@ -78,13 +78,13 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     run_dir: str = "/run/swarm"
     """Sockets, doorbells and application files; 88 bytes at most, as a socket's path has 107."""
     shm_dir: str = ""
-    """Shared memory; empty: /dev/shm/swarm-<platform>."""
+    """Folder of shared memory, or "" for /dev/shm/swarm-<platform>."""
     data_dir: str = "/var/lib/swarm"
     """Folder of logs, settings and missions."""
     keys_dir: str = "/etc/swarm/keys"
     """Identity and roster; without them only loopback is served."""
     share_dir: str = ""
-    """Templates, worlds, missions; empty: where the package was installed."""
+    """Folder of templates, worlds and missions, or "" for the folder of the installed package."""
     log_level: Literal["DEBUG", "INFO", "WARNING", "ERROR"] = "INFO"
     """Lowest level of the messages in the process log."""
     clock: ClockConfig = ClockConfig()
@@ -186,7 +186,7 @@ def _with_control(node: NodeConfig) -> NodeConfig:
 
 
 def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
-    """Configuration of one service: its file under services/, or the defaults when there is none.
+    """Configuration of one service: its file under services/, or the defaults without a file.
 
     Raises: ConfigError when the file is invalid.
     """

@@ -26,11 +26,11 @@ DEPTH_LIMIT: Final = 32
 LINES_LIMIT: Final = 1 << 18
 """Maximum characters of a text in which the line of an error is searched."""
 _WIDE_MARKS: Final = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE, codecs.BOM_UTF32_BE)
-"""Byte order marks of other encodings; that of UTF-32 LE begins as that of UTF-16 LE."""
+"""Byte order marks of other encodings; the mark of UTF-32 LE begins with the one of UTF-16 LE."""
 _INTEGER_MIN: Final = -(1 << 63)
 _GREATEST_INTEGER: Final = (1 << 64) - 1
 
-# of errors only: compiled when one occurs
+# needed for errors only, so compiled when an error occurs
 _BYTE: Final = r"\(byte (\d+)\)"
 _TOML_PLACE: Final = r"\(at line (\d+), column \d+\)"
 _DIGITS: Final = r"\d[\d_]{1000,}"

@@ -27,14 +27,14 @@ _NAMES: Final[dict[Any, str]] = {
 
 
 class Explanation(msgspec.Struct, frozen=True):
-    """What is invalid in a document."""
+    """Error in a document, with its place."""
 
     path: KeyPath
-    """Keys and indices of the value, from the top; empty: the whole document."""
+    """Keys and indices of the value, from the top, or () for the whole document."""
     error: str
     """The error, and the expected value."""
     value: str = ""
-    """The value as text; empty: a long one, or none."""
+    """The value as text, or "" if it is missing or too long to show."""
 
     @property
     def text(self) -> str:
@@ -139,7 +139,7 @@ def _choices(kind: Any) -> str:
 
 
 def _description(kind: Any) -> str:
-    """What the annotation of a type says that its values are; empty: nothing."""
+    """Description in the annotation of a type, or "" without one."""
     metas = get_args(kind)[1:] if get_origin(kind) is Annotated else ()
     return next((meta.description for meta in metas if getattr(meta, "description", None)), "")
 

@@ -17,7 +17,7 @@ _GRAVITY_M_S2: Final = 9.80665
 _ATTACHED_RATIO: Final = 0.8
 """Angle of attack of the largest lift over that at which the flow separates, which is a transition."""
 _STALL_MARGIN: Final = 1.15
-"""Smallest ratio of the minimum airspeed to that of the stall: less leaves nothing for a gust or a turn."""
+"""Smallest ratio of the minimum airspeed to the stall speed: less leaves nothing for a gust or a turn."""
 
 
 class WingConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -129,7 +129,7 @@ class LauncherConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class FixedWingGains(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Gains of the cascade of a fixed-wing aircraft.
 
-    Those of servos hold at the airspeed of cruise; they fall with the square of the airspeed.
+    Gains of servos are valid at cruise airspeed; they fall with the square of the airspeed.
     """
 
     roll_kp: NotNegative
@@ -145,7 +145,7 @@ class FixedWingGains(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     pitch_kd_s: NotNegative
     """Elevator per rad/s of pitch rate."""
     yaw_kd_s: NotNegative
-    """Rudder per rad/s of the yaw rate beside that of the turn."""
+    """Rudder per rad/s of the yaw rate in excess of the turn's own rate."""
     course_kp_1_s: NotNegative
     """Course loop: rate of turn per radian."""
     height_kp_1_s: NotNegative
@@ -166,7 +166,7 @@ class FixedWingLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     airspeed_min_m_s: Positive
     """Minimum airspeed: the stall and a margin."""
     airspeed_cruise_m_s: Positive
-    """Airspeed of a loiter, and that of the gains."""
+    """Airspeed of a loiter, for which the gains are given."""
     airspeed_max_m_s: Positive
     """Maximum airspeed."""
     bank_max_rad: Angle = 0.7

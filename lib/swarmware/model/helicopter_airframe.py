@@ -28,7 +28,7 @@ class MainRotorConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     tip_speed_m_s: Positive
     """Speed of the blade tips, which a governor keeps."""
     solidity: Annotated[float, msgspec.Meta(gt=0, le=1)]
-    """Area of the blades over that of the disc."""
+    """Ratio of the blades' area to the disc's area."""
     lift_slope_1_rad: Positive = 5.7
     """Lift slope of a blade section."""
     drag_coefficient: Share = 0.012
@@ -103,7 +103,7 @@ class HoverDerivatives(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class HelicopterAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A helicopter with a main and a tail rotor; the drag of its fuselage is that of the body."""
+    """A helicopter with a main and a tail rotor; the body has the drag of its fuselage."""
 
     type: Literal["helicopter"] = "helicopter"
     description: str
@@ -117,7 +117,7 @@ class HelicopterAirframe(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     servo_s: Positive = 0.02
     """Time constant of the servos."""
     efficiency_ratio: Annotated[float, msgspec.Meta(gt=0, le=1)] = 0.7
-    """Power at the main rotor over that of the battery: motor, gears, tail rotor."""
+    """Ratio of the main rotor's power to the battery's, after motor, gears and tail rotor."""
     idle_w: NotNegative = 20.0
     """Power of the electronics."""
     gains: HoverGains

@@ -12,9 +12,9 @@ class Misfit(msgspec.Struct, frozen=True):
     """One error of msgspec."""
 
     place: str
-    """Path of the value, `a.b[0]`; empty: the whole document."""
+    """Path of the value (`a.b[0]`), or "" for the whole document."""
     unknown: str
-    """Unknown key of the Struct at this path; empty: another error."""
+    """Unknown key of the Struct at this path, or "" for any other error."""
     text: str
     """The message without the place."""
 

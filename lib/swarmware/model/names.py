@@ -10,11 +10,11 @@ from swarmware.model.digest import blake2b
 ANY: Final = 0xFFFF_FFFF
 """Receiver id of frames for all receivers (S1.49)."""
 MAIN: Final = "main"
-"""Unit of a platform with one computer, and the one that has the resources of the template."""
+"""Unit of a platform with one computer; of several computers, the unit with the template's resources."""
 UNIT_BRANCHES: Final = frozenset({"app", "guard", "health", "log", "net", "register", "time", "tree"})
 """First segments of the resources that every computer of a platform has for itself."""
 UNIT_SERVICES: Final = frozenset({"broker", "guard", "health", "log", "node", "register", "time", "tree"})
-"""The same below `sys`; others, such as `sys/mission`, are those of the platform."""
+"""Second segments below `sys` that every computer has for itself; the platform has one of each other."""
 
 PATH_LIMIT: Final = 200
 """Longest resource path in characters: keeps ring file names under the 255 bytes of every file system."""

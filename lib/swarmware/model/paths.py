@@ -25,7 +25,7 @@ def application_file(name: str, instance: int) -> str:
 
 
 def platform_settings(folder: Path, platform: str) -> Path:
-    """File of the live settings of a platform, in a folder with those of several."""
+    """File of the live settings of a platform, in a folder for several platforms."""
     return folder / f"{platform}.toml"
 
 

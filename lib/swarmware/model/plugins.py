@@ -85,12 +85,12 @@ def _all() -> list[EntryPoint]:
         for path in paths:
             package = path.stem.partition("-")[0].lower().replace(".", "_")
             if package in packages:
-                continue  # the first one on the path is the one that is imported
+                continue  # Python imports the first one on the path
             packages.add(package)
             try:
                 found += _parsed((path / "entry_points.txt").read_text("utf-8"))
             except OSError:
-                continue  # it has none
+                continue  # the package has no entry points
     return found
 
 

@@ -61,23 +61,23 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     kind: Kind = Kind.BOARD
     """How its values are transported."""
     type: str = ""
-    """Name of the registered Struct, of a command that of its request; empty for a branch."""
+    """Name of the registered Struct (a command's request), or "" for a branch."""
     reply: str = ""
-    """Name of the Struct of a command's reply; empty: it has none."""
+    """Name of the Struct of a command's reply, or "" without one."""
     unit: str = ""
     """SI unit of a plain value; empty where the field names of the Struct contain it."""
     range: tuple[float, float] | None = None
     """Minimum and maximum permitted number, both included."""
     choices: tuple[str, ...] = ()
-    """The permitted texts; empty: any."""
+    """The permitted texts, or () if any text is permitted."""
     access: Access = "r"
     """Access of other applications: r (read only) or rw (read and set)."""
     rate_hz: float = 0.0
-    """Nominal rate of a periodic resource; 0: no period."""
+    """Nominal rate of a periodic resource, or 0 without a period."""
     critical: bool = False
     """The platform must not move without a fresh value: its loss is an error, else a warning."""
     max_age_s: float = 0.0
-    """Age above which the value is stale; 0: three periods, or never without a period."""
+    """Age above which the value is stale, or 0 for three periods (never without a period)."""
     category: Category = ""
     """Whether its values come with a period, or under a condition."""
     link: Link = ""
@@ -91,7 +91,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     description: str = ""
     """Its meaning: text for operators."""
     confirm: str = ""
-    """Effect of setting it, which an operator must confirm; empty: no confirmation."""
+    """Effect of setting it, which an operator must confirm, or "" without a confirmation."""
 
     def __post_init__(self) -> None:
         names.check_path(self.path)

@@ -26,16 +26,16 @@ class SettingChange(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
     """Value in force before the change."""
     after: Plain
     overrode: bool = True
-    """False: the value before was that of the file, or the default."""
+    """False if the value before came from the file or the default."""
     overrides: bool = True
-    """False: the value after is that of the file, or the default."""
+    """False if the value after comes from the file or the default."""
 
 
 class StoredSetting(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A setting that was changed."""
 
     value: Plain | None = None
-    """Value that overrides the file and the default; None: none does."""
+    """Value that overrides the file and the default, or None without an override."""
     version: int
     """Number of its changes."""
     before: Plain | None = None
@@ -49,9 +49,9 @@ class LiveValue(NamedTuple):
 
     resource: Resource
     value: Plain | None
-    """In force; None: that of its file, or the default."""
+    """Value in force, or None for the value of its file or the default."""
     stored: StoredSetting | None
-    """None: it was never changed."""
+    """Stored content, or None if the setting was never changed."""
 
     @property
     def overrides(self) -> bool:

@@ -74,7 +74,7 @@ class Template(msgspec.Struct, frozen=True):
     resources: tuple[Resource, ...]
     """Resources, sorted by path."""
     kinds: tuple[PlatformKind, ...] = ()
-    """Kinds of platforms that it describes; empty: neither the file nor its bases name one."""
+    """Kinds of platforms that it describes, or () if neither the file nor its bases name one."""
 
     @property
     def digest(self) -> bytes:
@@ -99,7 +99,7 @@ def schema() -> dict[str, Any]:
 def load(name: str, folder: Path, files: dict[Path, TemplateFile] | None = None) -> Template:
     """The template `<folder>/<name>.toml` with everything it inherits.
 
-    `files`: those that were read for other templates, which share their bases; those read now are added.
+    `files`: files read for other templates, which share their bases; the files read now are added.
 
     Raises: ConfigError naming file, path and the expected value.
     """

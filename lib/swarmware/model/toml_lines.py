@@ -22,7 +22,7 @@ _CONTROL: Final = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r"}
 def toml_lines(text: str) -> dict[KeyPath, int]:
     """The line, from 1, of each key, table and item of a text that `tomllib` accepts.
 
-    Of an invalid text: of the part that was understood.
+    An invalid text gives the lines of the part that was understood.
     """
     reader = _Reader(text)
     reader.document()
@@ -30,7 +30,7 @@ def toml_lines(text: str) -> dict[KeyPath, int]:
 
 
 def line_of(lines: dict[KeyPath, int], path: KeyPath) -> int:
-    """The line of the value at this path, else of the nearest table around it; 0: none is known."""
+    """The line of the value at this path, else of the nearest table around it, or 0 if no line is known."""
     while path and path not in lines:
         path = path[:-1]
     return lines.get(path, 0)

@@ -13,7 +13,7 @@ _HIDDEN_SETS: Final = (
 HIDDEN: Final = re.compile(f"[{_HIDDEN_SETS}]")
 """Characters that a terminal obeys, that change the order of others, or that have no width.
 
-Source: Unicode 15, categories Cc, Zl, Zp and those of Cf that are not part of a script; Cs.
+Source: Unicode 15, categories Cc, Zl, Zp the characters of Cf that are not part of a script, and Cs.
 """
 _NAMED: Final = {"\n": "\\n", "\r": "\\r", "\t": "\\t"}
 _LINES: Final = re.compile(f"(?!\n){HIDDEN.pattern}")

@@ -25,7 +25,7 @@ class Recipient:
 
     def __init__(self, participant: NodeParticipant, path: str, cls: type[msgspec.Struct]) -> None:
         self.platform, self._name = names.split(participant.local(path))
-        """Platform or computer; None: the own platform, or this computer."""
+        """Platform or computer, or None for the own platform or this computer."""
         self.data_id = names.data_id(self._name, registry.type_name(cls))
         node = participant.node
         self._here = node.hardware
@@ -87,7 +87,7 @@ class Addressing:
         return address
 
     def frame(self, kind: FrameKind, address: Recipient, value: msgspec.Struct, timeout_s: float) -> Frame:
-        """A frame with the value, to be delivered within the time; that of a message may need to be split.
+        """A frame with the value, to be delivered within the time; a message's frame may need to be split.
 
         Raises: OutOfRange when the value is too large.
         """
@@ -113,7 +113,7 @@ class Addressing:
         )
 
     def parts(self, frame: Frame) -> Iterator[Frame] | None:
-        """The frames of the parts of a message or request that is too large for one; None: it is not."""
+        """The frames of the parts of a message or request, or None if one frame is enough."""
         is_split = frame.kind is not FrameKind.REQUEST and frame.receiver_hw != self._hardware
         limit = SPLIT_BYTES if is_split else PAYLOAD_LIMIT
         if len(frame.payload) <= limit:

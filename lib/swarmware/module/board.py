@@ -92,7 +92,7 @@ class BoardReader(Generic[T]):
 
     @property
     def sequence(self) -> int:
-        """Writer's sequence of the newest value; 0: none yet."""
+        """Writer's sequence of the newest value, or 0 before the first."""
         meta = self.meta
         return 0 if meta is None else meta.sequence
 
@@ -134,7 +134,7 @@ class BoardReader(Generic[T]):
 
     @property
     def position(self) -> int:
-        """Number of values written, whether read or not; -1: there was no writer yet."""
+        """Number of values written, whether read or not, or -1 before the first writer."""
         return self._follower.position
 
     def __aiter__(self) -> "BoardReader[T]":

@@ -115,7 +115,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
                 if self._listening:
                     reader.ring_only()
             if (at := reader.position) != self._given[platform]:
-                self._given[platform] = at  # what is written from here on is a change
+                self._given[platform] = at  # any later write is a change
                 if reader.value is not None:
                     fresh.append(platform)
         return tuple(fresh)

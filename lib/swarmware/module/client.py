@@ -248,8 +248,10 @@ class Client:
         return self._track(StreamReader(self.node, local, cls, data_id, from_oldest=from_oldest))
 
     def history(self, path: str, cls: type[T]) -> "StreamReader[T]":
-        """Open a reader of every value of a board that arrives from now on, each once: those of an outage,
-        which a buffer of its channel has kept, come after newer ones."""
+        """Open a reader of every value of a board that arrives from now on, each once.
+
+        Values of an outage, which a buffer of the channel has kept, come after newer ones.
+        """
         from swarmware.module.stream import StreamReader
 
         local = self._interest(path)
@@ -388,7 +390,7 @@ async def _whole(large: LargeRequest, frame: Frame, comes: asyncio.Future[Reply]
 async def answer(path: str, comes: Awaitable[Reply], cls: type[R], mismatch: Callable[[], str]) -> R:
     """Wait for the reply to a request that was sent.
 
-    `mismatch` returns why the address does not accept its type; empty: that is not the reason.
+    `mismatch` returns the reason if the address does not accept the type, or "" if it does.
     Raises: the error of the handler as its own class; NoAnswer, NotFound, TypeMismatch.
     """
     try:

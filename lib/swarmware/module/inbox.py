@@ -47,7 +47,7 @@ class Inbox(Generic[T]):
         return len(self._queue)
 
     def put(self, frame: Frame) -> Outcome | None:
-        """Take a received message, from the router. None: the inbox is full."""
+        """Take a received message, from the router, or return None if the inbox is full."""
         if len(self._queue) >= self._limit:
             return None
         try:
@@ -62,7 +62,7 @@ class Inbox(Generic[T]):
         return Outcome(Status.DELIVERED, self._where, received_ns=self._node.clock.now_ns())
 
     def take(self) -> T | None:
-        """Return the next message without waiting; None: there is none."""
+        """Return the next message without waiting, or None without a message."""
         if not self._queue:
             return None
         value, self.meta = self._queue.popleft()

@@ -13,7 +13,7 @@ _PILLOW_MODES: Final = {"mono8": "L", "rgb8": "RGB"}
 
 
 def to_jpeg(image: Image, quality: int) -> Image:
-    """The image as JPEG; one that is JPEG already stays as it is.
+    """The image as JPEG; a JPEG image stays as it is.
 
     Units: quality from 1 to 95. Raises: InvalidInput for other encodings and for pixels that do not fit width
     and height, NotFound without Pillow.
@@ -36,7 +36,7 @@ def to_jpeg(image: Image, quality: int) -> Image:
 
 
 def to_pixels(image: Image) -> Image:
-    """The image as pixels, `mono8` or `rgb8`; one that has pixels stays as it is.
+    """The image as pixels, `mono8` or `rgb8`; an image of pixels stays as it is.
 
     Raises: WireError for a damaged file and one of another size than stated, NotFound without Pillow.
     """
@@ -45,7 +45,7 @@ def to_pixels(image: Image) -> Image:
     pillow = _pillow()
     try:
         with pillow.open(io.BytesIO(image.data), formats=["JPEG"]) as file:
-            # before the pixels are allocated
+            # checked before the pixels are allocated: the sender states the size
             if file.size != (image.width, image.height):
                 raise WireError(
                     f"JPEG of {file.size[0]}x{file.size[1]}: stated are {image.width}x{image.height}"

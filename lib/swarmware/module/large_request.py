@@ -35,7 +35,7 @@ class LargeRequest:
         self._ends_s = self._loop.time() + timeout_s
 
     async def of_parts(self, parts: Iterator[Frame]) -> Reply:
-        """Send a request in parts; its reply is that of the part that completed it.
+        """Send a request in parts; the part that completes it gets its reply.
 
         Raises: NoAnswer, NotFound.
         """

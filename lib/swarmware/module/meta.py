@@ -17,9 +17,9 @@ class Meta(msgspec.Struct, frozen=True, gc=False):
     stamp_ns: int
     """Stamp on the sender's hardware clock."""
     sender: Sender | None = None
-    """The authenticated member; None: an application of this platform, or a swarm without keys."""
+    """The authenticated member, or None for an application of this platform or a swarm without keys."""
     arrived_ns: int | None = None
-    """Own hardware clock when this platform's broker received it from a link; None: it crossed no link."""
+    """Own hardware clock when this platform's broker received it from a link, or None without a link."""
 
     @classmethod
     def of(cls, frame: Frame) -> "Meta":

@@ -107,7 +107,7 @@ class NodeParticipant:
     def provide(self, resource: Resource) -> None:
         """Declare a resource of this application in its file, from which the tree reads it.
 
-        Raises: Conflict when its number in frames is that of another path.
+        Raises: Conflict when another path has the same number in frames.
         """
         self.check_number(resource)
         if resource.owner != self.name:
@@ -117,11 +117,13 @@ class NodeParticipant:
         self._changed()
 
     def declare(self, cls: type[msgspec.Struct]) -> None:
-        """Describe a payload type of its own, for those that have no module with it."""
+        """Describe a payload type of this application, for nodes without a module that defines it."""
         name = registry.type_name(cls)
         if name in self._types or (cls.__module__.startswith(_EVERYWHERE) and registry.known(cls)):
             return
-        from swarmware.types.description import describe  # only what defines types needs it
+        from swarmware.types.description import (
+            describe,
+        )  # only types of one's own need it
 
         try:
             self._types[name] = msgspec.json.encode(describe(cls)).decode()
@@ -139,7 +141,7 @@ class NodeParticipant:
     def read(self, path: str, within_s: float | None = None) -> None:
         """Declare that a resource is read here, so that this node subscribes to it where it is provided.
 
-        `within_s`: longest delay with which it is of use; None: not stated.
+        `within_s`: longest delay with which it is of use, or None if not stated.
         """
         self._reads[path] = within_s
         self._changed()

@@ -12,7 +12,7 @@ UNDER_WAY: Final = 8
 
 
 class Messaging(Protocol):
-    """What sends one frame."""
+    """Interface that sends one frame."""
 
     def send(self, frame: Frame, timeout_s: float) -> asyncio.Future[Outcome]:
         """Send a message; the future gets its outcome."""
@@ -20,7 +20,7 @@ class Messaging(Protocol):
 
 
 async def send_parts(messaging: Messaging, parts: Iterator[Frame], timeout_s: float) -> Outcome:
-    """The outcome of the value: that of the part that completed it, or of the first one that failed."""
+    """The outcome of the value: the completing part's, or the first failed part's outcome."""
     loop = asyncio.get_running_loop()
     ends_s = loop.time() + timeout_s
     under_way: set[asyncio.Future[Outcome]] = set()

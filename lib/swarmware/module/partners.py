@@ -16,11 +16,11 @@ class Partner(msgspec.Struct, frozen=True):
     platform: str
     unit: str
     hops: int
-    """1: a neighbour; more: known through others."""
+    """Number of hops: 1 for a neighbour, more for a unit known through others."""
     age_s: float
     """Age of its table of applications, which its master makes when they change."""
     unreachable_s: float | None
-    """Time for which it is not reachable; None: it is."""
+    """Time for which it is not reachable, or None while it is."""
     applications: tuple[Application, ...]
     omitted: int
     """Applications for which its table had no room."""

@@ -16,7 +16,7 @@ def requester(module: Module, meta: Meta) -> str:
 
 
 def requesting_platform(module: Module, meta: Meta) -> str | None:
-    """Platform that sent a request; None: another one, which is not authenticated."""
+    """Platform that sent a request, or None for another platform without authentication."""
     if meta.sender is not None:
         return meta.sender.platform
     return module.platform if meta.sender_hw == module.node.hardware else None

@@ -46,7 +46,7 @@ class SnapshotStream(Generic[T, S]):
 
     @property
     def lost(self) -> int:
-        """Items that did not arrive; a snapshot took their place."""
+        """Items that did not arrive and were replaced by a snapshot."""
         return self._resync.gaps
 
     async def next(self, timeout_s: float | None = None) -> T | S:

@@ -72,7 +72,7 @@ class StreamReader(Generic[T]):
         return self._gaps.lost if self._mirrored else self._follower.lost
 
     def take(self) -> T | None:
-        """Return the next item without waiting; None: there is none."""
+        """Return the next item without waiting, or None without an item."""
         while (frame := self._follower.next()) is not None:
             try:
                 if self._mirrored:

@@ -38,7 +38,7 @@ class UnitDirectory:
         return platform in self._units
 
     def serving(self, platform: str, path: str) -> Address | None:
-        """The computer that serves a local path, else `main` or the first one; None: this one does.
+        """The computer that serves a local path, else `main` or the first one, or None for this computer.
 
         Only units that are not `main` publish what they serve.
         """

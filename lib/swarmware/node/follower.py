@@ -18,10 +18,10 @@ log = logging.getLogger("swarm.follower")
 class RingFollower:
     """Opens the ring when it appears, reopens it when it was replaced, and decodes its frames.
 
-    `name`: name of the resource in the log. `data_id`: frames with another one are refused; None: any.
+    `name`: name of the resource in the log. `data_id`: the only accepted data id, or None to accept any.
     `next()` begins with the first frame written from now on, with `from_oldest` with the oldest in the ring;
-    in a ring that appears later, with its first. `elsewhere`: the ring to follow while there is none at
-    `path`, the mirror of a resource that another computer of this platform provides.
+    in a ring that appears later, with its first. `elsewhere`: the ring to follow while `path` has no ring:
+    the mirror of a resource that another computer of this platform provides.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class RingFollower:
 
     @property
     def position(self) -> int:
-        """Number of frames written, whether returned or not; -1: there was no writer yet."""
+        """Number of frames written, whether returned or not, or -1 before the first writer."""
         ring = self.ring
         if ring is None or ring.moved:
             ring = self._open(0)
@@ -63,7 +63,7 @@ class RingFollower:
 
     @property
     def given(self) -> int:
-        """Position of the frame that `newest()` returned last; 0: none yet."""
+        """Position of the frame that `newest()` returned last, or 0 before the first."""
         return 0 if self.ring is None else self.before + self.ring.seen
 
     @property
@@ -82,7 +82,7 @@ class RingFollower:
         return self._lost - before
 
     def newest(self) -> Frame | None:
-        """The newest frame; None when `newest()` has returned or refused it before."""
+        """The newest frame, or None if `newest()` has returned or refused it before."""
         ring = self.ring
         data = self._newest_elsewhere(ring) if ring is None or ring.moved else self._newest_of(ring)
         if data is None:
@@ -97,7 +97,7 @@ class RingFollower:
             return None
 
     def peek(self) -> Frame | None:
-        """The newest frame, also one that `newest()` has returned; None without a ring."""
+        """The newest frame, even if `newest()` has returned it, or None without a ring."""
         ring = self.ring
         if ring is None or ring.moved:
             ring = self._open(0)
@@ -107,7 +107,7 @@ class RingFollower:
         return self.newest()
 
     def oldest(self) -> Frame | None:
-        """The oldest frame in the ring that was read last; None when there are not two."""
+        """The oldest frame in the ring that was read last, or None if it has fewer than two."""
         data = None if self.ring is None else self.ring.oldest()
         if data is None:
             return None
@@ -118,7 +118,7 @@ class RingFollower:
             return None
 
     def next(self) -> Frame | None:
-        """The next frame in order; None when there is none yet. Overwritten frames are counted in `lost`."""
+        """The next frame in order, or None before it is written; overwritten frames are counted in `lost`."""
         while True:
             ring = self.ring or self._open(0)
             if ring is None:
@@ -145,7 +145,7 @@ class RingFollower:
     def listen(self, node: Node, on_change: Callable[[], None] | None) -> None:
         """Have `on_change` called at each change; read the ring after this call, not before.
 
-        None: only the doorbell rings; the watcher of the doorbell reads the ring.
+        With None only the doorbell rings; the watcher of the doorbell reads the ring.
         """
         if self._node is None:
             self._node = node
@@ -183,7 +183,7 @@ class RingFollower:
             self.ring = None
 
     def _open(self, after: int | None) -> RingReader | None:
-        """The ring at the path; the former one while there is no other."""
+        """The ring at the path, or the former ring while the path has no new one."""
         former = self.ring
         path = self._found()
         if path is None:
@@ -203,7 +203,7 @@ class RingFollower:
                 self._warned = str(error)
                 log.warning("%s", error)
             return former
-        self._reported = -1  # its sequence may be that of the former ring
+        self._reported = -1  # the new ring may have the same sequence as the former
         return self.ring
 
     def _found(self) -> Path | None:
@@ -223,7 +223,7 @@ class RingFollower:
             self.refuse(error)
             data = None
         if data is None:
-            ring.seen = sequence  # there is none, or it cannot be read: wait for the next one
+            ring.seen = sequence  # no readable frame: wait for the next one
         return data
 
     def _newest_elsewhere(self, former: RingReader | None) -> bytes | None:
@@ -239,7 +239,7 @@ class RingFollower:
 
 
 def mirror_of_platform(node: Node, path: str) -> Path | None:
-    """Mirror of a local path that another computer of this platform may provide; None: each has its own."""
+    """Mirror of a local path that another computer of this platform may provide, or None for a local one."""
     if path.startswith("/") or has_unit_branch(path):
         return None
     return ring_file(node.shm_dir, path, node.platform)

@@ -1,4 +1,4 @@
-"""Follows every value of a board: those that come in time, and former ones that come after an outage."""
+"""Follows every value of a board: live values, and former values that arrive after an outage."""
 
 from collections.abc import Callable
 from typing import Final
@@ -11,8 +11,8 @@ from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
 
 REMEMBERED: Final = 4096
-"""Values that are recognised when they come again: one whose acknowledgement was lost counts as undelivered
-at its owner, which sends it with the former ones."""
+"""Size of the duplicate filter: if an acknowledgement is lost, the owner resends the value with the former
+ones."""
 
 
 class HistoryFollower:
@@ -41,7 +41,7 @@ class HistoryFollower:
         return self._live.lost + self._late.lost
 
     def next(self) -> Frame | None:
-        """The next frame; None when there is none yet."""
+        """The next frame, or None before it arrives."""
         while (frame := self._live.next() or self._late.next()) is not None:
             key = (frame.sequence, frame.stamp_ns)
             if key not in self._returned:

@@ -69,7 +69,7 @@ class NodeIncarnation:
                         f"{self._run_dir}: this node does not run; expected its own user to start it"
                     )
                 if is_first and not _number(fd) and self._lives() and time.monotonic() < deadline_s:
-                    # its file was removed while the node runs: its processes write it again
+                    # the file was removed while the node runs: its processes write it again
                     fcntl.flock(fd, fcntl.LOCK_UN)
                     time.sleep(LOOK_S)
                 elif stands_at(fd, self._path):
@@ -91,7 +91,7 @@ class NodeIncarnation:
         return self._run_dir / "boot"
 
     def _lives(self) -> bool:
-        """Whether processes of the node hold other files than that of the incarnation."""
+        """Whether processes of the node hold files other than the incarnation's."""
         return populated(self._run_dir) or any(map(_is_held, self._shm_dir.glob("*.ring")))
 
     def _begin(self, fd: int) -> None:

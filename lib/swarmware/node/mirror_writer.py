@@ -57,7 +57,7 @@ class _Mirror:
     __slots__ = ("_buffer", "_form", "_order", "_publication", "kind")
 
     def __init__(self, kind: FrameKind, publication: Publication, order: ArrivalOrder | None) -> None:
-        """`order`: of events and streams; None: each frame is written."""
+        """`order`: order of events and streams, or None to write each frame."""
         self.kind = kind
         self._publication = publication
         self._order = order
@@ -100,9 +100,9 @@ class MirrorWriter:
         """Number of values that could not be written: too large, an invalid path, or no ring."""
 
     def write(self, platform: str, path: str, frame: Frame, *, epoch: int | None = None) -> bool:
-        """Publish a value here as its owner stamped it; False: this item was written before.
+        """Publish a value here as its owner stamped it; returns False if this item was written before.
 
-        `epoch`: start of the owner that numbered the frame; None: it has no number and gets the ring's.
+        `epoch`: start of the owner that numbered the frame, or None to number it by the ring.
         Raises: SwarmError when the value is too large, the path is invalid, shared memory is full, or another
         process writes this mirror.
         """
@@ -129,21 +129,21 @@ class MirrorWriter:
         return True
 
     def _open(self, platform: str, path: str, frame: Frame, slots: int) -> _Mirror:
-        """`slots`: 0: by the kind of the frame."""
+        """`slots`: number of slots, or 0 for the default of the frame's kind."""
         key = (names.check_computer(platform), names.check_path(path))
         kind = frame.kind
         if kind not in SLOTS:
             raise WireError(
                 f"/{platform}/{path}: kind {kind.name.lower()}; expected a board, event or stream"
             )
-        encode(frame)  # before a ring is made for it
+        encode(frame)  # an invalid frame fails before a ring is made for it
         if key in self._mirrors:
             self._mirrors.pop(key).close(unlink=True)  # the resource has another kind now
         slots, order = slots or SLOTS[kind], None
         if slots > LARGE_SLOTS and len(frame.payload) > LARGE_BYTES:
             slots = LARGE_SLOTS
         if kind is not FrameKind.BOARD:
-            # before the ring is claimed: one of other slots would be replaced by an empty one
+            # before the ring is claimed: a ring with another number of slots is replaced by an empty one
             order = ArrivalOrder(self._newest(platform, path))
         publication = self._node.mirror_writer(platform, path, slots=slots)
         mirror = self._mirrors[key] = _Mirror(kind, publication, order)
@@ -157,7 +157,7 @@ class MirrorWriter:
         return None if frame is None else (frame.sequence, frame.stamp_ns)
 
     def platforms(self) -> list[str]:
-        """Platforms with mirrors, including those of a former start."""
+        """Platforms with mirrors, including mirrors of a former start."""
         return [folder.name for folder in mirror_folders(self._node.shm_dir)]
 
     def keep_only(self, kept: Iterable[tuple[str, str]]) -> None:
@@ -172,7 +172,7 @@ class MirrorWriter:
             mirror.close(unlink=False)
 
     def prune(self, platform: str, kept_paths: Collection[str]) -> None:
-        """Remove the mirrors of a platform except those of these paths, also those of a former start.
+        """Remove the mirrors of a platform except for these paths, including mirrors of a former start.
 
         A mirror that another process writes stays.
         """

@@ -142,7 +142,7 @@ class Node:
 
     @classmethod
     def attach(cls, config_dir: Path | str | None = None, config: NodeConfig | None = None) -> Self:
-        """Join the node of this configuration folder; None: of SWARM_CONFIG, else of /etc/swarm.
+        """Join the node of this configuration folder, or with None of SWARM_CONFIG, else of /etc/swarm.
 
         Raises: ConfigError, Denied.
         """
@@ -163,9 +163,9 @@ class Node:
     # -- the role of the master
 
     def contend(self) -> None:
-        """Make this process a candidate for the role of the master, if it is none yet.
+        """Make this process a candidate for the role of the master, if it is not one yet.
 
-        A client that only reads and asks is none, and reads the table of applications as far as it needs it.
+        A client that only reads and requests is not a candidate, and reads the table as far as it needs it.
         """
         self.table.complete()
         if self._master is None:
@@ -385,7 +385,7 @@ class Node:
 
 
 def _stamp(folder: str) -> _FolderStamp | None:
-    """Stamp of a folder; None: it is missing, or may change again without a new time."""
+    """Stamp of a folder, or None if it is missing or may change again without a new time."""
     try:
         found = os.stat(folder)  # noqa: PTH116  # every second: no Path object
     except OSError:

@@ -27,7 +27,7 @@ class Publication:
         mode: int = 0o640,
         readers_of: Path | None = None,
     ) -> None:
-        """`readers_of`: ring whose readers are notified; None: its own."""
+        """`readers_of`: ring whose readers are notified, or None for the own ring."""
         self.path = path
         self.folder = str(path.parent)
         self._mode = mode
@@ -36,7 +36,7 @@ class Publication:
         self._resume: EpochPosition | None = None
         """Position from which the replacement of a damaged ring continues."""
         self._newest: bytes | bytearray | None = None
-        """The newest frame written by this object; None: it was a loan, or there was none yet."""
+        """The newest frame written by this object, or None for a loan or before the first."""
         self._readers = ReaderNotifier(readers_folder(readers_of or path), doorbells)
         self._readers.notify()  # readers may be waiting for a writer
 
@@ -106,6 +106,7 @@ class Publication:
         resume, newest = self._resume, self._newest
         if resume is not None and newest is not None:
             epoch, sequence = resume
+            # The newest frame is written again below, with the sequence that its readers know.
             resume = (epoch, sequence - 1)
         self._ring = RingWriter(
             self.path, slots=self._slots, slot_bytes=self._ring.slot_bytes, mode=self._mode, resume=resume

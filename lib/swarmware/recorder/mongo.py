@@ -46,8 +46,8 @@ _TIMEOUTS: Final = re.compile(r" \(configured timeouts:[^)]*\)")
 _DENIALS: Final = {13, 18}
 """Unauthorized and AuthenticationFailed."""
 _MALFORMED: Final = {2, 9, 14, 15, 22, 10334}
-"""BadValue, FailedToParse, TypeMismatch, Overflow, InvalidBSON, BSONObjectTooLarge: one document makes the
-server refuse a whole request with these, such as one that is nested 200 levels deep."""
+"""BadValue, FailedToParse, TypeMismatch, Overflow, InvalidBSON, BSONObjectTooLarge: with these the server
+refuses a whole request because of one document, such as a document with 200 levels."""
 _NO_ROOM: Final = {14031, 8000}
 """OutOfDiskSpace, and the quota of MongoDB Atlas: smaller documents would fit, at the cost of values."""
 _INT64: Final = (1 << 63) - 1

@@ -20,7 +20,7 @@ DESCRIPTION_LIMIT: Final = 48_000
 def logged_description(text: str) -> str:
     """The description of a type as a log has it, without the meaning of the fields.
 
-    Empty for one that is invalid or too long: the values are recorded without it.
+    Empty if it is invalid or too long, and the values are recorded without it.
     """
     try:
         found = _without_meaning(_decoded(text))

@@ -23,7 +23,7 @@ class Query(msgspec.Struct, frozen=True, kw_only=True):
     pattern: str = "/**"
     """Global paths, such as /uav*/nav/pose."""
     types: tuple[str, ...] = ()
-    """Type names; empty: all."""
+    """Type names; () selects all."""
     since_ns: int | None = None
     """UTC in ns, inclusive."""
     until_ns: int | None = None

@@ -124,7 +124,7 @@ class Scan:
         return None
 
     def _is_room(self, at: int) -> bool:
-        """Whether the room of a growing file begins at this offset: there is no record behind it."""
+        """Whether the preallocated end of a growing file begins at this offset, without records behind it."""
         found = self._header(at)
         if found is None or found[0] != RESERVED:
             return False
@@ -137,7 +137,7 @@ class Scan:
         return opcode in self._opcodes or at + RECORD.size + length == again
 
     def _header(self, at: int) -> tuple[int, int] | None:
-        """Opcode and end of the record at this offset; None when no record can begin there."""
+        """Opcode and end of the record at this offset, or None if no record can begin there."""
         if at == self._header_at:
             return self._last_header
         head = self._peek(at, RECORD.size)
@@ -151,7 +151,7 @@ class Scan:
         return self._last_header
 
     def _resume(self, at: int) -> int | None:
-        """The next offset at which consecutive plausible records begin, or one that ends the file."""
+        """Offset of the next run of consecutive plausible records, or of a record that ends the file."""
         while at < self._size:
             window = self._bytes(at, min(self._size, at + _WINDOW))
             for found in _CANDIDATE.finditer(window):

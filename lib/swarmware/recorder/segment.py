@@ -221,7 +221,7 @@ class SegmentReader:
         self.ended = False
         """Whether the end record of the data has been read."""
         self.growing = False
-        """Whether the file has its end and room before it: its writer has not ended it."""
+        """True if the segment is preallocated and was not closed."""
         self.damaged = 0
         """Number of damaged places."""
         self.damaged_bytes = 0
@@ -231,7 +231,7 @@ class SegmentReader:
         self.read_bytes = 0
         """Bytes read from the file so far."""
         self._offset_ns: int | None = None
-        """UTC minus the platform's clock; None: stamps are not in UTC."""
+        """UTC minus the platform's clock, or None if stamps are not in UTC."""
         self._channels: dict[int, LogChannel] = {}
         self._sequences: dict[str, int] = {}
         self._room: dict[str, int] = {}

@@ -74,7 +74,7 @@ class SpoolSource:
                 reason = str(error) or type(error).__name__
                 raise WireError(
                     f"{self._name}: byte {unpacker.tell()}: invalid MessagePack: {reason};"
-                    f" expected that of {EXPORT}"
+                    f" expected the form of {EXPORT}"
                 ) from error
             number += 1
             yield entry
@@ -88,7 +88,7 @@ class _Rejoined:
         self._rest = rest
 
     def read(self, size: int) -> bytes:
-        """The next bytes; empty at the end."""
+        """The next bytes, or b"" at the end."""
         found, self._head = self._head[:size], self._head[size:]
         return found or self._rest.read(size)
 

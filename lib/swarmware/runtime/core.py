@@ -20,7 +20,7 @@ class Core(Protocol[Action]):
         ...
 
     def deadline_ns(self) -> int | None:
-        """Instant at which `on_timer` must be called; in the past: at once; None: no deadline."""
+        """Instant at which `on_timer` must be called (at once if in the past), or None without a deadline."""
         ...
 
 
@@ -45,7 +45,7 @@ class Alarm(Protocol):
 
 
 class EventLoop(Protocol):
-    """Interface of an event loop for a driver: asyncio's, uvloop's, or that of virtual time."""
+    """Interface of an event loop for a driver: asyncio's, uvloop's, or the virtual-time loop."""
 
     def call_later(self, delay: float, callback: Callable[[], None], /) -> Alarm:
         """Schedule a call after a delay in seconds; uvloop rounds it to milliseconds."""

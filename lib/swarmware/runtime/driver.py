@@ -21,7 +21,7 @@ class CoreDriver(Generic[Action]):
     """Executes the actions of a core and calls it at its deadlines.
 
     An event is passed as `driver.feed(core.on_event(…, now_ns))`. Actions are executed one after the other:
-    those of an event that an action causes follow those queued before.
+    the actions of an event that an action causes follow the queued ones.
     """
 
     def __init__(  # the two functions of an event loop that a driver needs; shells differ in them

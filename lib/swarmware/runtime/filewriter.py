@@ -11,7 +11,8 @@ _FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFO
 
 @contextlib.contextmanager
 def naming(path: Path | str) -> Iterator[None]:
-    """Adds the file to errors of the operating system: those of a write, such as a full disk, name none."""
+    """Adds the file to errors of the operating system, as a failed write, such as on a full disk, names
+    none."""
     try:
         yield
     except OSError as error:

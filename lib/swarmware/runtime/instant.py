@@ -36,8 +36,8 @@ def wait_s(clock: HardwareClock, instant_ns: int) -> float:
 async def until(clock: HardwareClock, instant_ns: int, stage: int = 0) -> None:
     """Wait for an instant; returns not before it, and at most two milliseconds later on an idle processor.
 
-    `stage`: of tasks that wait for one instant, those of a lower stage run first, up to their next wait,
-    unless they are late.
+    `stage`: tasks of a lower stage that wait for the same instant run first, up to their next wait, unless
+    they are late.
     """
     await asyncio.sleep(wait_s(clock, instant_ns))
     for _ in range(stage):

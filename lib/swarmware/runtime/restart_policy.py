@@ -40,7 +40,7 @@ class RestartPolicy:
         self._ready_ns = now_ns
 
     def on_end(self, now_ns: int, *, killed: bool = False) -> float | None:
-        """Pause before the next start, in seconds; None: given up.
+        """Pause before the next start, in seconds, or None after the last attempt.
 
         `killed`: ended by SIGKILL from outside, which is not a failure of a process that was ready.
         """
@@ -53,5 +53,5 @@ class RestartPolicy:
         return pause_after(self.consecutive, self._pauses_s)
 
     def reset(self) -> None:
-        """Forget the consecutive ends: an operator restarts it."""
+        """Reset the count of consecutive ends, because an operator restarts it."""
         self.consecutive = 0

@@ -18,8 +18,9 @@ _MODE: Final = struct.Struct("=4IB19s2I")
 _GET_MODE: Final = 0x802C542A
 _SET_MODE: Final = 0x402C542B
 _ANY_RATE: Final = 0o010000
-"""TCGETS2, TCSETS2, BOTHER: a rate as a number, also one that termios(3) does not have. Source: Linux,
-asm-generic/ioctls.h and termbits.h."""
+"""TCGETS2, TCSETS2, BOTHER: a rate as a number, beyond the list of termios(3).
+
+Source: Linux, asm-generic/ioctls.h and termbits.h."""
 _READ_BYTES: Final = 4096
 _ABSENT: Final = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ENOTDIR})
 _FORBIDDEN: Final = frozenset({errno.EACCES, errno.EPERM})
@@ -28,7 +29,7 @@ _FORBIDDEN: Final = frozenset({errno.EACCES, errno.EPERM})
 class SerialPort:
     """An open serial line, eight data bits, no parity, one stop bit, for this process alone.
 
-    Raises: NotFound when there is none, Denied without access, Conflict when another process has it,
+    Raises: NotFound when it does not exist, Denied without access, Conflict when another process has it,
     InvalidInput when it is not a serial line or cannot have this rate.
     """
 

@@ -21,24 +21,25 @@ FILE: Final = "channels.toml"
 
 
 class ChannelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Settings of the channels of all resources that match; those that are left out stay as they are."""
+    """Settings of the channels of all resources that match; omitted settings stay unchanged."""
 
     pattern: str
     """Pattern of paths of this platform: `sensor/lidar/**`."""
     link: str = ""
-    """Name or pattern of the platforms at the other end: `gcs`, `uav*`; empty: all."""
+    """Name or pattern of the receiving platforms: `gcs`, `uav*`; "" selects all."""
     max_hz: float | None = None
-    """Maximum rate; 0: nothing is sent."""
+    """Maximum rate; 0 sends nothing."""
     adaptive: bool = False
-    """The rate is what the link carries, at most max_hz: items of streams are left out before they wait."""
+    """Whether the rate follows the link's capacity, up to max_hz: items of streams are dropped before they
+    wait."""
     protocol: ChannelProtocol | None = None
-    """Of boards: udp, in beacons, or zmq, in notifications; of streams of images: rtp, as video."""
+    """Protocol: udp (beacons) or zmq (notifications) for boards; rtp (video) for streams of images."""
     compression: str | None = None
     """none, zlib:1 to zlib:9, zstd:1 to zstd:19, jpeg:1 to jpeg:95, auto; h264, which is rtp."""
     buffer_bytes: int | None = None
-    """Maximum size of what waits during an outage."""
+    """Maximum size of the values that wait during an outage."""
     buffer_s: float | None = None
-    """Maximum age of what waits during an outage."""
+    """Maximum age of the values that wait during an outage."""
     priority: ChannelPriority | None = None
     """high, normal or low, among the channels to one platform."""
 

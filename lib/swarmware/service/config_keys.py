@@ -34,9 +34,9 @@ class KeyDescription(msgspec.Struct, frozen=True):
     type: str
     unit: str
     limits: str
-    """Permitted values; empty: all of the type."""
+    """Permitted values, or "" if the type is the only limit."""
     default: Any
-    """Plain default; None: it is left out."""
+    """Plain default, or None if TOML omits it."""
     required: bool
     cls: StructClass
     """The class that has the field."""
@@ -46,7 +46,7 @@ class KeyDescription(msgspec.Struct, frozen=True):
 
     @property
     def meaning(self) -> str:
-        """The docstring below the field; empty without a source."""
+        """The docstring below the field, or "" without the source text."""
         return _docs(self.cls).get(self.field, "")
 
 
@@ -57,7 +57,7 @@ def _docs(cls: type[msgspec.Struct]) -> dict[str, str]:
 
 @cache
 def described_keys(cls: type[msgspec.Struct]) -> tuple[KeyDescription, ...]:
-    """Every key of a file, those of its tables too; an array of tables is one key."""
+    """Every key of a file, including keys of its tables; an array of tables is one key."""
     return tuple(_described(cls, ""))
 
 

@@ -29,7 +29,7 @@ class _ConfigFile(NamedTuple):
     service: str
     path: Path
     value: dict[str, Any] | None
-    """By the file and the defaults; None: the file is invalid."""
+    """Value by the file and the defaults, or None if the file is invalid."""
     lines: Mapping[KeyPath, int]
     problem: str
 
@@ -47,7 +47,7 @@ def effective_config(
 
     `running`: configurations of the services that run, as they have read them, by name, `node` too; `live`:
     live settings, by path; `node`: configuration of the running node, whose file may be invalid now.
-    Raises: ConfigError when node.toml is invalid and `node` is None, InvalidInput for an invalid pattern.
+    Raises: ConfigError for an invalid node.toml without `node`, InvalidInput for an invalid pattern.
     """
     wanted = key_pattern(pattern)
     node = node if node is not None else load_node(folder)
@@ -201,7 +201,7 @@ def _live(made: ConfigKey, setting: LiveValue) -> ConfigKey:
 
 
 def _at(value: Mapping[str, Any], key: str) -> Any:
-    """The plain value of a dotted key; None: left out."""
+    """The plain value of a dotted key, or None if it is omitted."""
     found: Any = value
     for part in key.split("."):
         found = found.get(part) if isinstance(found, Mapping) else None

@@ -26,7 +26,7 @@ FOLDER: Final = "parent"
 """Folder in the run directory, closed to other users: sockets of the parent and of its fork server."""
 SOCKET: Final = "fork"
 VARIABLE: Final = "SWARM_FORK_SERVER"
-"""Environment variable with the socket of a fork server that several nodes share, as those of a lab do."""
+"""Environment variable with the socket of a fork server that several nodes share, such as in a lab."""
 MESSAGE_BYTES: Final = 8192
 REQUEST_BYTES: Final = 1 << 16
 """Maximum size of a request: mostly the environment of the new process."""
@@ -34,7 +34,7 @@ _OWN_NETWORK: Final = "/proc/self/ns/net"
 ANSWER_S: Final = 2.0
 """A fork takes milliseconds; a server that needs longer hangs, and is killed: the parent starts another."""
 ENDED_S: Final = 0.3
-"""The kernel reports the end of a process first, the fork server how it ended a moment later."""
+"""Wait for the exit status: the kernel reports the end first, the fork server the status a moment later."""
 _PEER_BYTES: Final = 12
 """Three `int`: pid, uid, gid. Source: unix(7), SO_PEERCRED."""
 
@@ -55,7 +55,7 @@ class StartedProcess:
     """A started process; `status` receives its exit status if the fork server is its parent."""
 
     def __init__(self, pid: int, status: socket.socket | None = None, started: int = 0) -> None:
-        """`started` as of a `ProcessHandle`: of a process that another one started."""
+        """`started` as in `ProcessHandle`, for a process that another process started."""
         self.pid = pid
         self.started = started
         self.status = status
@@ -83,7 +83,7 @@ class StartedProcess:
 def request_fork(
     names: list[str], config_dir: Path, run_dir: Path, variables: dict[str, str]
 ) -> StartedProcess | None:
-    """Request a process of these services from the fork server of the node; None: it does not answer.
+    """Request a process of these services from the node's fork server; returns None without an answer.
 
     The process has this environment, and the working directory, output and network of this process.
     """
@@ -103,7 +103,7 @@ def request_fork_of(
     errors: int = 2,
     answer_s: float | None = None,
 ) -> StartedProcess | None:
-    """Request a process of these services from the fork server with this socket; None: it does not answer.
+    """Request a process of these services from the server with this socket; returns None without an answer.
 
     The process has this environment, these descriptors for its output, and the working directory and network
     of this process. `shared`: a server that hangs is not killed; `answer_s`: ANSWER_S unless it is given.
@@ -116,7 +116,7 @@ def request_fork_of(
         _send(asking, words, variables, output, errors)
         pid = int(asking.recv(MESSAGE_BYTES) or b"0")
     except TimeoutError:
-        if not shared:  # a shared one is only slow: other nodes are being started
+        if not shared:  # a shared server is only slow, because other nodes are being started
             _end_server(asking)
         pid = 0
     except (OSError, ValueError):

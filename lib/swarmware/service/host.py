@@ -53,7 +53,7 @@ class PreparedService(msgspec.Struct, frozen=True):
     cls: type[Service]
     config: msgspec.Struct
     config_dir: Path | None = None
-    """Folder of its file, which is read again at each further start; None: the configuration stays."""
+    """Folder of its file, which is read again at each further start, or None to keep the configuration."""
 
     @classmethod
     def of(cls, name: str, config_dir: Path) -> Self:
@@ -108,7 +108,7 @@ class ServiceHost:
         self._started: dict[str, asyncio.Event] = {name: asyncio.Event() for name in self._prepared}
         self._reporters: dict[str, Reporter] = {}
         self._no_realtime = ""
-        """Why the declared real-time scheduling was not given; empty: it was, or none is declared."""
+        """Reason for which declared real-time scheduling is not in force, or ""."""
         self._supervised = True
 
     @property

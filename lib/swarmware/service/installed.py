@@ -39,7 +39,7 @@ def find(name: str) -> type[Service]:
 
 
 def load_config(service: type[Service], config_dir: Path) -> msgspec.Struct:
-    """Configuration of a service, from its file or that of the service of which it is a part.
+    """Configuration of a service, from its own file, or the file of the service to which it belongs.
 
     Raises: ConfigError when the file is invalid.
     """

@@ -69,10 +69,10 @@ class Notifier:
 
 
 class NotificationSocket:
-    """Receives the notifications of processes of this user; those of other users are ignored."""
+    """Receives the notifications of processes of this user; other users' notifications are ignored."""
 
     def __init__(self, path: str = "") -> None:
-        """`path`: of the socket; empty: an abstract address of the kernel's choice (unix(7)).
+        """`path`: path of the socket, or "" for an abstract address of the kernel's choice (unix(7)).
 
         Raises: OSError when it cannot be bound.
         """
@@ -118,7 +118,7 @@ class NotificationSocket:
         return self._socket.fileno()
 
     def receive(self) -> tuple[int, dict[str, str]] | None:
-        """pid of the sender and the variables of its notification; None when none is waiting."""
+        """pid of the sender and the variables of its notification, or None if no notification waits."""
         while True:
             try:
                 data, ancillary, _, _ = self._socket.recvmsg(

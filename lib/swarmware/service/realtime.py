@@ -27,7 +27,7 @@ log = logging.getLogger("swarm.host")
 def give_realtime(config: RealtimeConfig, names: Sequence[str]) -> str:
     """Gives this process the scheduling that is declared for its services; threads begin with the same.
 
-    Returns why a declared one is not given; empty: it is, or none is declared.
+    Returns the reason if declared scheduling is not in force, or "".
     """
     declared = {name: config.services[name] for name in names if name in config.services}
     if not declared:
@@ -52,9 +52,9 @@ def give_realtime(config: RealtimeConfig, names: Sequence[str]) -> str:
 
 
 def lock_memory() -> str:
-    """Keeps the pages of this process in memory: none is read from a disk again while a vehicle flies.
+    """Keep the pages of this process in memory, so that no page is read from a disk while a vehicle flies.
 
-    Returns why it is not done; empty: it is.
+    Returns the reason if memory is not locked, or "".
     """
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     expected = "expected LimitMEMLOCK=infinity (realtime.conf), or CAP_IPC_LOCK"

@@ -1,4 +1,4 @@
-"""Expected errors in one line: what failed, where, and the expected value."""
+"""Expected errors in one line: the failure, its place, and the expected condition."""
 
 import errno
 import os
@@ -20,7 +20,7 @@ EXPECTED: Final = {
 
 
 def reason(error: BaseException) -> str | None:
-    """The line for an error of the environment; None for a defect, which needs its traceback."""
+    """The line for an error of the environment, or None for a defect, which needs its traceback."""
     while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
         error = error.exceptions[0]
     if isinstance(error, BaseExceptionGroup):

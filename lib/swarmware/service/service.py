@@ -30,7 +30,7 @@ class Service(ABC):
     Config: ClassVar[type[msgspec.Struct]] = NoSettings
     """Settings, read from services/<name>.toml, or the file of `settings_of`."""
     settings_of: ClassVar[str] = ""
-    """The service whose file has the settings of this one, which is a part of it; empty: its own file."""
+    """Service whose file also has this service's settings, or "" for an own file."""
     live_settings: ClassVar[Mapping[str, str]] = {}
     """Keys of the file, such as `altitude.kp_1_s`, and the keys of the live settings that override them.
 

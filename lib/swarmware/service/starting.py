@@ -67,7 +67,7 @@ def start(words: list[str], variables: dict[str, str], stdin: int | None = None)
 
 
 def environment(run_dir: PathLike[str] | str, *, notifies: bool) -> dict[str, str]:
-    """Environment of a new process: that of this one without the variables of its service manager."""
+    """Environment of a new process: this process's without the variables of its service manager."""
     variables = {key: value for key, value in os.environ.items() if key not in _OURS}
     parent = os.path.join(run_dir, PARENT_FOLDER, PARENT_SOCKET)
     if notifies and os.path.exists(parent):
@@ -104,7 +104,7 @@ def start_record(name: str, run_dir: PathLike[str] | str) -> tuple[int, int]:
 
 
 def starting_pid(name: str, run_dir: PathLike[str] | str) -> int:
-    """pid of the process in the start record of this service; 0: none runs."""
+    """pid of the process in the start record of this service, or 0 if no such process runs."""
     return start_record(name, run_dir)[0]
 
 

@@ -39,7 +39,7 @@ def _state() -> dict[str, set[str]]:
 
 
 def children(pid: int) -> set[int]:
-    """Child processes of a process; none of one that has ended."""
+    """Child processes of a process; an ended process has none."""
     found: set[int] = set()
     with suppress(FileNotFoundError):  # a process or thread that ended a moment ago
         for task in Path(f"/proc/{pid}/task").iterdir():

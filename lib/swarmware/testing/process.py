@@ -34,7 +34,7 @@ class Process:
 
     @property
     def returncode(self) -> int | None:
-        """Exit code; None while it runs."""
+        """Exit code, or None while it runs."""
         return self._child.returncode
 
     def stderr(self) -> str:

@@ -57,7 +57,7 @@ class VirtualTime:
         clock: HardwareClock | None = None,
         settled: Callable[[], None] | None = None,
     ) -> CoreDriver[Action]:
-        """Make the driver of a core, as a daemon has it; `clock`: that of the node, if it differs from
+        """Make the driver of a core, as a daemon has it; `clock`: the node's clock, if it differs from
         virtual time."""
         return CoreDriver(
             core,
@@ -69,7 +69,7 @@ class VirtualTime:
         )
 
     def step(self) -> bool:
-        """Execute the next event; False when there is none."""
+        """Execute the next event; returns False without an event."""
         if not self._events:
             return False
         self.now_ns, _, event = heapq.heappop(self._events)

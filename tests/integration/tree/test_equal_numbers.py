@@ -20,7 +20,7 @@ async def test_equal_numbers_are_refused_on_one_node_and_a_fault_between_two(tmp
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         uav.probe.writer(ONE, Float).write(Float(1.0))
         await gcs.until_listed(f"/uav1/{ONE}", lambda entry: entry is not None)
-        with pytest.raises(Conflict, match=f"{OTHER}: its number .* is that of {ONE}"):
+        with pytest.raises(Conflict, match=f"{OTHER}: its number .* belongs to {ONE}"):
             uav.probe.writer(OTHER, Float)
         gcs.probe.writer(OTHER, Float).write(Float(2.0))
         await gcs.until_listed(f"/gcs/{OTHER}", lambda entry: entry is not None)

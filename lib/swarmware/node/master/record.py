@@ -13,7 +13,7 @@ _RECORD: Final = struct.Struct("<QIQ48sI")
 """epoch, pid, start of the process in ticks, label, CRC-32 of the preceding bytes."""
 
 _WANT: Final = struct.Struct("<IQ")
-"""pid and start in ticks of the preferred process that waits; 0: none."""
+"""pid and start in ticks of the preferred process that waits, or zeros without one."""
 
 _WANT_AT: Final = 128
 
@@ -24,7 +24,7 @@ class Holder(NamedTuple):
     epoch: int
     """Fencing number: one more with each take-over, also over restarts of the node."""
     pid: int
-    """pid of the holder; 0: it has released the role."""
+    """pid of the holder, or 0 if it has released the role."""
     pid_start: int
     label: str
 
@@ -52,7 +52,7 @@ class RecordFile:
         return self._read(12, 0)
 
     def holder(self) -> Holder | None:
-        """The holder of the role; None while the record is being written."""
+        """The holder of the role, or None while the record is being written."""
         data = self._read(_RECORD.size, 0)
         if not any(data):
             return NOBODY
@@ -67,12 +67,12 @@ class RecordFile:
         os.pwrite(self.fd, data[:-4] + zlib.crc32(data[:-4]).to_bytes(4, "little"), 0)
 
     def requested_by(self) -> tuple[int, int]:
-        """pid and start of the preferred process that waits for the role; (0, 0): none."""
+        """pid and start of the preferred process that waits for the role, or (0, 0) without one."""
         pid, pid_start = _WANT.unpack(self._read(_WANT.size, _WANT_AT))
         return pid, pid_start
 
     def request_leadership(self, pid: int, pid_start: int) -> None:
-        """Write the request of a preferred process; (0, 0): withdraw it."""
+        """Write the request of a preferred process; (0, 0) withdraws it."""
         os.pwrite(self.fd, _WANT.pack(pid, pid_start), _WANT_AT)
 
     def close(self) -> None:

@@ -300,8 +300,7 @@ class MessageRouter:
         return self._send(frame, now_ns)
 
     def on_request(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
-        """An application of this process sends a request; the last action for it is a Replied or a
-        Complete."""
+        """An application of this process sends a request; its last action is a Replied or a Complete."""
         self._outbox.on_submit(frame, timeout_ns, now_ns)  # its one action is to transmit
         return self._send(frame, now_ns)
 
