@@ -39,7 +39,7 @@ class Telemetry(msgspec.Struct, frozen=True):
     failsafe: bool
     """Whether the chassis stopped by its own watchdog."""
     battery: BatteryState | None
-    """None: the chassis does not measure it."""
+    """State of the battery, or None if the chassis does not measure it."""
 
 
 def setpoint_frame(setpoint: Setpoint) -> bytes:

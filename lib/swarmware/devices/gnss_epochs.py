@@ -17,7 +17,7 @@ class Position(msgspec.Struct, frozen=True):
     """Content of one message with a position."""
 
     kind: str
-    """One of `KINDS`."""
+    """Kind of the message, from `KINDS`."""
     time_s: float
     """Time of day, UTC."""
     fix: GnssFix | None

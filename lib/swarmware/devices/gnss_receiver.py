@@ -18,7 +18,7 @@ _START: Final = re.compile(rb"[$\xb5]")
 _BODY: Final = re.compile(rb"\$[ -#%-)+-~]*")
 _WHOLE: Final = re.compile(rb"\$[ -#%-)+-~]+\*[0-9A-Fa-f]{2}")
 _PART: Final = re.compile(rb"(\*[0-9A-Fa-f]?)?")
-"""What may follow the body while the rest has not arrived."""
+"""Partial checksum that may follow the body while the rest has not arrived."""
 _CHECKSUM_BYTES: Final = 3
 """The star and two digits."""
 _REASONS: Final = 50

@@ -10,7 +10,7 @@ mission beyond this budget is checked in a process of its own, which a computer 
 
 
 class Budget:
-    """What a check may use, in bytes: states pay for their memory, and all steps for their time.
+    """Budget of a check, in bytes: states pay for their memory, and all steps for their time.
 
     No clock has an effect: the same mission has the same verdict on every computer.
     """

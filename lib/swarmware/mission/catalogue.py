@@ -153,7 +153,7 @@ class Land(Params, frozen=True):
     speed_m_s: Speed = 1.0
     """Speed of the descent."""
     blind: bool = False
-    """Whether it comes down at touch-down speed by its height alone, wherever the wind carries it."""
+    """Whether to descend at touch-down speed by the height alone, wherever the wind carries the vehicle."""
 
 
 class Hold(Params, frozen=True):
@@ -241,12 +241,12 @@ class BlockType(msgspec.Struct, frozen=True):
 
     @property
     def can_time_out(self) -> bool:
-        """Whether it may have a successor for its time-out."""
+        """Whether the block may have a successor for its time-out."""
         return not self.instant and self.name != BlockName.WAIT
 
     @property
     def can_fail(self) -> bool:
-        """Whether it may have a successor for errors; a plug-in may fail with undeclared errors."""
+        """Whether the block may have a successor for errors; a plug-in may fail with undeclared errors."""
         return bool(self.errors) or not self.control
 
 

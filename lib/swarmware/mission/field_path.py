@@ -24,7 +24,7 @@ class FieldStep(msgspec.Struct, frozen=True):
     key: str | int
     """Name of a field, key of a map, or index of a list."""
     quoted: bool = False
-    """Whether it is a text in brackets: a key of a map, or an item that a list may contain."""
+    """Whether the step is a text in brackets: a key of a map, or an item that a list may contain."""
 
     def __str__(self) -> str:
         if self.quoted:

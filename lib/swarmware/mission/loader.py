@@ -37,7 +37,7 @@ class Reading(msgspec.Struct, frozen=True):
     """Result of reading a file."""
 
     mission: MissionDefinition | None
-    """None when errors prevent building the graph."""
+    """The mission, or None if errors prevent building the graph."""
     findings: tuple[Finding, ...]
     params: tuple[str, ...] = ()
     """Names of the declared parameters."""

@@ -18,7 +18,7 @@ ON_FAILURE: Final = ("land", "hold", "return")
 
 CONTINUE: Final = "continue"
 LINK_LOSS: Final = (CONTINUE, *ON_FAILURE)
-"""What a vehicle may do when it loses the link to every ground station: continue, or a built-in mission."""
+"""Actions of a vehicle without a link to any ground station: continue, or a built-in mission."""
 
 
 class Edge(msgspec.Struct, frozen=True):

@@ -1,4 +1,4 @@
-"""How a block ends: the event that selects its successor."""
+"""Outcomes of blocks: the event that selects the successor."""
 
 from enum import StrEnum
 from typing import Final
@@ -13,10 +13,10 @@ class OutcomeKind(StrEnum):
     TIMEOUT = "timeout"
     ERROR = "error"
     CASE = "case"
-    """Of a Decision: the condition of this case holds."""
+    """The condition of this case of a Decision holds."""
     TRUE = "true"
     FALSE = "false"
-    """Of a DecisionRandom."""
+    """Second successor of a DecisionRandom."""
     CANCELLED = "cancelled"
     ABANDONED = "abandoned"
     """Cancelled, but the block did not end in time."""

@@ -1,4 +1,4 @@
-"""Which sensor a WaitForSensor means, and whether a value of it is enough."""
+"""Choice of the sensor of a WaitForSensor, and the check whether its value is enough."""
 
 import msgspec
 

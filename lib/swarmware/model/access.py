@@ -13,13 +13,13 @@ class Role(IntEnum):
     """Role of a member on the roster; each has the permissions of those before it."""
 
     OBSERVER = 1
-    """It may read."""
+    """Members that may read."""
     NODE = 2
-    """A platform: it may read, and take part in the functions of the swarm."""
+    """Platforms, which may read and take part in the functions of the swarm."""
     OPERATOR = 3
-    """It may give missions and commands, and change settings."""
+    """Members that may give missions and commands, and change settings."""
     MAINTAINER = 4
-    """It may do everything."""
+    """Members with all permissions."""
 
     @classmethod
     def named(cls, name: str) -> "Role":

@@ -24,7 +24,7 @@ COUNT_MAX: Final = 64
 
 
 class Method(StrEnum):
-    """How values are compressed."""
+    """Compression method of values."""
 
     NONE = "none"
     ZLIB = "zlib"
@@ -75,7 +75,7 @@ class Compression(msgspec.Struct, frozen=True):
 
 
 def needs(compression: Compression, records: Records = NO_RECORDS) -> frozenset[str]:
-    """What a receiver must read: the method, and the layout of the records."""
+    """Capabilities that a receiver needs: the method, and the layout of the records."""
     layout = _LAYOUT_NAMES.get(records.layout)
     return frozenset((str(compression.method), *(() if layout is None else (layout,))))
 

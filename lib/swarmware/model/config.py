@@ -53,8 +53,8 @@ class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     template: str = "multirotor"
     """Resource template, a file of share/swarm/templates without its ending."""
     airframe: str = ""
-    """Airframe that the flight controller flies, a file of share/swarm/airframes without its ending; empty:
-    the chassis has its own attitude control."""
+    """Airframe that the flight controller flies, a file of share/swarm/airframes without its ending, or ""
+    if the chassis has its own attitude control."""
     services: tuple[str, ...] = (
         "broker",
         "tree",

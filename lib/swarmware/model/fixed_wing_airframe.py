@@ -135,13 +135,13 @@ class FixedWingGains(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     roll_kp: NotNegative
     """Aileron per radian of roll."""
     roll_ki_1_s: NotNegative
-    """The same, integral."""
+    """Integral gain: aileron rate per radian of roll."""
     roll_kd_s: NotNegative
     """Aileron per rad/s of roll rate."""
     pitch_kp: NotNegative
     """Elevator per radian of pitch."""
     pitch_ki_1_s: NotNegative
-    """The same, integral."""
+    """Integral gain: elevator rate per radian of pitch."""
     pitch_kd_s: NotNegative
     """Elevator per rad/s of pitch rate."""
     yaw_kd_s: NotNegative
@@ -153,11 +153,11 @@ class FixedWingGains(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     climb_kp_s_m: NotNegative
     """Climb loop: pitch per m/s, in rad."""
     climb_ki_1_m: NotNegative
-    """The same, integral."""
+    """Integral gain of the climb loop: pitch rate per m/s."""
     speed_kp_s_m: NotNegative
     """Airspeed loop: throttle per m/s."""
     speed_ki_1_m: NotNegative
-    """The same, integral."""
+    """Integral gain of the airspeed loop: throttle rate per m/s."""
 
 
 class FixedWingLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -14,7 +14,7 @@ _FRAMES: Final = {
     b"10": "above the terrain",
     b"11": "above the terrain",
 }
-"""What heights refer to, by the number of the frame. Source: MAVLink, enumeration MAV_FRAME."""
+"""Reference of heights by the number of the frame. Source: MAVLink, enumeration MAV_FRAME."""
 _MAGIC: Final = (
     (_WAYPOINTS, "waypoints of QGroundControl or ArduPilot (QGC WPL)"),
     (b"ULog\x01\x12\x35", "a flight log of PX4 (ULog)"),

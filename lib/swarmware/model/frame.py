@@ -121,7 +121,7 @@ class Frame(msgspec.Struct, gc=False):
 
     @property
     def is_urgent(self) -> bool:
-        """Whether it has priority over all frames that are not urgent."""
+        """Whether the frame has priority over all frames that are not urgent."""
         return bool(self.flags & _URGENT)
 
     @property

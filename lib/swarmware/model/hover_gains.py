@@ -19,21 +19,21 @@ class HoverGains(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     rate_kp_1_s: NotNegative
     """Rate loop, roll and pitch: angular acceleration per rad/s."""
     rate_ki_1_s2: NotNegative
-    """The same, integral."""
+    """Integral gain of the rate loop of roll and pitch."""
     yaw_rate_kp_1_s: NotNegative
     """Rate loop, yaw."""
     yaw_rate_ki_1_s2: NotNegative
-    """The same, integral."""
+    """Integral gain of the yaw rate loop."""
     attitude_kp_1_s: NotNegative
     """Attitude loop: rate per radian of roll and pitch."""
     velocity_kp_1_s: NotNegative
     """Velocity loop: horizontal acceleration per m/s."""
     velocity_ki_1_s2: NotNegative
-    """The same, integral: steady wind."""
+    """Integral gain of the velocity loop, against steady wind."""
     climb_kp_1_s: NotNegative
     """Vertical velocity: acceleration per m/s."""
     climb_ki_1_s2: NotNegative
-    """The same, integral: weight and thrust that are not as configured."""
+    """Integral gain of the climb loop, against errors of the configured weight and thrust."""
     height_kp_1_s: NotNegative
     """Height loop: climb rate per metre from the commanded height, which is the integral of the set-point."""
 

@@ -215,7 +215,7 @@ class Pattern:
 
     @property
     def names_unit(self) -> bool:
-        """Whether it matches names of computers with their unit: `uav*.fc`."""
+        """Whether the pattern matches names of computers with their unit: `uav*.fc`."""
         return self.text.count(".") > 0
 
     @property

@@ -22,5 +22,5 @@ class OpenEnum(StrEnum):
 
     @property
     def known(self) -> bool:
-        """Whether it is one of the members."""
+        """Whether the value is one of the members."""
         return self._value_ in type(self)._value2member_map_

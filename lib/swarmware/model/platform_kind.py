@@ -18,6 +18,6 @@ class PlatformKind(OpenEnum):
 
 
 NO_KIND: Final = PlatformKind("")
-"""Of a platform whose kind is not known."""
+"""Kind of a platform whose kind is unknown."""
 VEHICLES: Final = (PlatformKind.UAV, PlatformKind.UGV, PlatformKind.USV)
 """Kinds that move."""

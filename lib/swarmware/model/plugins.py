@@ -58,7 +58,7 @@ class EntryPoint(msgspec.Struct, frozen=True):
 
     @property
     def is_own(self) -> bool:
-        """Whether it belongs to this package."""
+        """Whether the entry point belongs to this package."""
         return self.value.startswith(_OWN)
 
 

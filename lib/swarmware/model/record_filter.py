@@ -24,7 +24,7 @@ _SECOND_AT: Final = _POINTS_AT + _LASERS * _POINT
 
 
 class Layout(IntEnum):
-    """What the records are; a number on the wire."""
+    """Layout of the records, a number on the wire."""
 
     BYTES = 0
     """No records: the bytes stay as they are."""

@@ -59,7 +59,7 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     path: str
     """Local path, without the platform: `nav/pose`."""
     kind: Kind = Kind.BOARD
-    """How its values are transported."""
+    """Transport of its values."""
     type: str = ""
     """Name of the registered Struct (a command's request), or "" for a branch."""
     reply: str = ""

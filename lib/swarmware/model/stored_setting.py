@@ -55,7 +55,7 @@ class LiveValue(NamedTuple):
 
     @property
     def overrides(self) -> bool:
-        """Whether it overrides its file, or its default."""
+        """Whether the value overrides its file or its default."""
         return self.stored is not None and self.stored.value is not None
 
 

@@ -25,7 +25,7 @@ class FrameReader:
         self.every, self.history = every or history, history
         self._follower: RingFollower | HistoryFollower
         self._gaps: SequenceGaps | None = None
-        """Of the mirror of a stream."""
+        """Gaps in the mirror of a stream, or None for any other resource."""
         if history:
             self._follower = HistoryFollower(node, path)
             self._read = self._follower.next

@@ -17,7 +17,7 @@ _BULK: Final = int(Flag.BULK)
 
 
 class Requests(Protocol):
-    """What sends one request."""
+    """Interface that sends one request."""
 
     def request(self, frame: Frame, timeout_s: float) -> asyncio.Future[Reply]:
         """Send a request; the future gets the reply."""

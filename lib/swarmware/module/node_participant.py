@@ -58,7 +58,7 @@ class NodeParticipant:
         self.units = UnitDirectory(node)
         self._provides: dict[str, Resource] = {}
         self._numbers: dict[int, Resource] = {}
-        """The same by their numbers in frames."""
+        """Provided resources by their numbers in frames."""
         self._table_version = -1
         self._on_node: dict[int, Resource] = {}
         self._serves: dict[str, Served] = {}

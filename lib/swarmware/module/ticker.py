@@ -8,7 +8,7 @@ from swarmware.runtime.instant import until
 
 MIN_PERIOD_S: Final = 1e-6
 MAX_PERIOD_S: Final = 1e9
-"""As for the rate of a resource: periods in nanoseconds fit 64 bits."""
+"""Longest period, so that periods in nanoseconds fit 64 bits, as for the rate of a resource."""
 
 
 class Lateness:

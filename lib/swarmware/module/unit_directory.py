@@ -1,4 +1,4 @@
-"""Which computer of a platform serves a path: from the register's table of partners on this node."""
+"""Directory of the computers that serve a path, from the register's table of partners on this node."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ class Change(Enum):
 
     JOINED = "joined"
     LEFT = "left"
-    """It removed its file, or another process had taken its name at the next refresh."""
+    """The application removed its file, or another process had taken its name at the next refresh."""
     DIED = "died"
     CHANGED = "changed"
 

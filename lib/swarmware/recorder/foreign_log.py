@@ -22,7 +22,7 @@ _OWN: Final = "swarmware"
 
 
 def foreign_log(path: Path) -> str:
-    """What a file is that no logger here wrote.
+    """Format of a file that no logger of Swarmware wrote.
 
     Empty for a segment of a logger, whole or damaged, and for a file that cannot be read.
     """

@@ -35,7 +35,7 @@ _MESSAGE_HEAD: Final = struct.Struct("<BQ" + MESSAGE.format.removeprefix("<"))
 
 
 class ByteSink(Protocol):
-    """What an MCAP file is written to."""
+    """Output of an MCAP file."""
 
     def write(self, data: bytes, /) -> object:
         """Append the data at the end."""

@@ -76,7 +76,7 @@ class LogRing:
         """Newest stamp of this boot, by local path; empty in a new ring."""
         self._recover()
         self._listed_ns = -1
-        """Time of the folder when its finished segments were listed; -1: they have to be listed again."""
+        """Time of the folder when its finished segments were listed, or -1 to list them again."""
         self._finished = (0, 0)
         """Number and bytes of the segments that do not grow any more."""
         self._ended: SegmentWriter | None = None

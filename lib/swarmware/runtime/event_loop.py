@@ -26,7 +26,7 @@ class _NoTls(ModuleType):
     """Stands for `ssl` while the event loop is imported: errors that are never raised, and numbers."""
 
     class SSLContext(metaclass=_Absent):
-        """What a stream with TLS would be given."""
+        """Placeholder for the context of a stream with TLS."""
 
     def __getattr__(self, name: str) -> object:
         if name.startswith("__"):

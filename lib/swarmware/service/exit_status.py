@@ -1,4 +1,4 @@
-"""How a process ended, between processes and as text for operators."""
+"""Exit status of a process, on the wire between processes and as text for operators."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ExitStatus:
 
     @property
     def known(self) -> bool:
-        """Whether it is known how the process ended."""
+        """Whether the exit status is known."""
         return self.code is not None or self.signal is not None
 
     @property

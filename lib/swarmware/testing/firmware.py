@@ -26,7 +26,7 @@ class ChassisFirmware:
     def __init__(self, link: Path) -> None:
         self.link = link
         self.report = ChassisReport(armed=False, landed=True)
-        """What it reports; a test may change it."""
+        """Report of the chassis; a test may change it."""
         self.battery: BatteryState | None = BatteryState(24.5, 3.25, 0.75)
         self.gains: dict[str, float] = {"rate_kp": 0.1}
         """Gains that it knows, with their values."""

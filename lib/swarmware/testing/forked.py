@@ -122,7 +122,7 @@ class ForkServerProcess:
         return self._server.pid
 
     def has(self, names: Sequence[str]) -> bool:
-        """Whether it runs, and has imported all of these services."""
+        """Whether the server runs and has imported all of these services."""
         return set(names) <= set(self._services) and self._server.poll() is None
 
     @asynccontextmanager

@@ -17,7 +17,7 @@ NONCE_BYTES: Final = 12
 TAG_BYTES: Final = 16
 SIGNATURE_BYTES: Final = 64
 BOX_BYTES: Final = 48
-"""What `seal_box` adds: a public key made for this box, and a tag."""
+"""Bytes that `seal_box` adds: a public key made for this box, and a tag."""
 _SHA512_BYTES: Final = 64
 
 if lib.sodium_init() < 0:

@@ -22,7 +22,7 @@ BEACON_LINK: Final = "*"
 
 
 class ChannelProtocol(OpenEnum):
-    """What carries the values of a channel."""
+    """Protocol of the values of a channel."""
 
     UDP = "udp"
     """Beacons: the newest value only, never sent again."""
@@ -103,7 +103,7 @@ class ChannelSettings(msgspec.Struct, frozen=True, array_like=True, gc=False):
         return limit
 
     def __str__(self) -> str:
-        """As an operator sets them: `--rate 5hz --compress zlib:6`."""
+        """The settings as an operator sets them: `--rate 5hz --compress zlib:6`."""
         words = []
         if self.max_hz is not None:
             words.append(f"--rate {self.rate}")
@@ -156,7 +156,7 @@ class SetChannel(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Settings to be removed from the rule."""
 
     def __str__(self) -> str:
-        """As an operator asked for it."""
+        """The change as the operator requested it."""
         span = f" --for {self.for_s:g}s" if self.for_s else ""
         unset = "".join(f" without {name}" for name in self.unset)
         return f"{_rule_text(self.pattern, self.link, self.settings)}{unset}{span}"
@@ -189,7 +189,7 @@ class ChannelLimit(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Whether the rule comes from `channels.toml`."""
 
     def __str__(self) -> str:
-        """As an operator sets it."""
+        """The rule as an operator sets it."""
         return _rule_text(self.pattern, self.link, self.settings)
 
     def matches(self, path: str, link: str) -> bool:

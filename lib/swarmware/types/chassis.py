@@ -108,4 +108,4 @@ class SensorCalibrated(msgspec.Struct, frozen=True, array_like=True, gc=False):
     text: str
     """Result of the calibration, for operators."""
     missing: tuple[str, ...] = ()
-    """Attitudes of the vehicle that are still to be taken; until then nothing is corrected."""
+    """Attitudes of the vehicle that are still missing; without them nothing is corrected."""

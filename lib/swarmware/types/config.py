@@ -89,7 +89,7 @@ class HistoryQuery(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Request of `sys/tree/history`: stored changes of live settings by pattern."""
 
     pattern: PathText = "**"
-    """As in ConfigQuery."""
+    """Pattern of keys, as in ConfigQuery."""
 
 
 @register

@@ -23,7 +23,7 @@ class FileOffer(msgspec.Struct, frozen=True, array_like=True):
 
 @register
 class FileProgress(msgspec.Struct, frozen=True, array_like=True):
-    """What a receiver has of a file."""
+    """Progress of a receiver with a file."""
 
     complete: bool
     """The file is in its place, with this content."""
@@ -44,7 +44,7 @@ class FileBlock(msgspec.Struct, frozen=True, array_like=True):
 
 @register
 class FileQuery(msgspec.Struct, frozen=True, array_like=True):
-    """Which files are listed."""
+    """Selection of the files that are listed."""
 
     name: OptionalFileName = ""
     """Name of one file; "" lists all."""

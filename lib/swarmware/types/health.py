@@ -109,7 +109,7 @@ class Fault(msgspec.Struct, frozen=True, array_like=True, gc=False):
     last_ns: int
     """Hardware clock when it was last detected."""
     count: int
-    """How often it was confirmed before it was cleared."""
+    """Number of confirmations before the fault was cleared."""
     freeze: str = ""
     """The data at the moment it was confirmed first."""
     message: str = ""
@@ -227,7 +227,7 @@ class ServiceState(OpenEnum):
     STARTING = "starting"
     RUNNING = "running"
     BACK_OFF = "back-off"
-    """It ended and is started again after a pause."""
+    """The process ended and is started again after a pause."""
     FAILED = "failed"
     """Given up: it ended too often."""
     STOPPING = "stopping"
@@ -241,7 +241,7 @@ class SupervisorKind(OpenEnum):
     """The guard."""
     SYSTEMD = "systemd"
     RUNNER = "runner"
-    """None: they share the process of the guard."""
+    """No supervisor: the services share the process of the guard."""
 
 
 @register

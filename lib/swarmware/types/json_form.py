@@ -24,7 +24,7 @@ def is_wide(name: str) -> bool:
 
 
 def is_identity(name: str) -> bool:
-    """Whether the integers of a field are identities: a rounded one is another one."""
+    """Whether the integers of a field are identities, which rounding would change."""
     return name in _IDENTITIES
 
 
@@ -37,12 +37,13 @@ def json_form(value: Any, name: str = "") -> Any:
 
 
 def exported_form(value: Any) -> Any:
-    """As `json_form`, with bytes as base64: for files, which keep everything."""
+    """A value as by `json_form`, but with bytes as base64: for files, which keep everything."""
     return _named(value, "", _EXPORTED)
 
 
 def plottable_form(value: Any) -> Any:
-    """As `exported_form`, with all integers but identities as numbers: viewers plot no text."""
+    """A value as by `exported_form`, but with all integers except identities as numbers, which viewers can
+    plot."""
     return _named(value, "", _PLOTTABLE)
 
 
@@ -52,7 +53,7 @@ def plain(value: Any) -> Any:
 
 
 def text_form(value: Any) -> Any:
-    """As `plain`, with bytes as base64: for tables and calculation."""
+    """A value as by `plain`, but with bytes as base64: for tables and calculation."""
     return _named(value, "", _TEXT_FORM)
 
 
@@ -69,7 +70,7 @@ def _base64(data: Buffer) -> str:
 
 
 class _Style(NamedTuple):
-    """How values become plain data."""
+    """Form of values as plain data."""
 
     is_text: Callable[[str, int], bool] | None
     """Whether an integer of a field is text; None if none is."""
@@ -121,7 +122,8 @@ class _Form(NamedTuple):
     is_text: Callable[[str], bool]
     """Whether the integers of a field are text."""
     packed: bool = False
-    """As in MessagePack: a Struct that is encoded as an array is one, bytes are bytes."""
+    """True for the form of MessagePack: a Struct that is encoded as an array stays an array, and bytes
+    bytes."""
     encoded: bool = False
     """Whether bytes are base64."""
 

@@ -10,11 +10,11 @@ class GapCause(OpenEnum):
     """Why entries are missing."""
 
     RING = "ring"
-    """They were overwritten in shared memory before they were read."""
+    """Values that were overwritten in shared memory before they were read."""
     DISK = "disk"
     """The disk was full."""
     DAMAGED = "damaged"
-    """They could not be read from the disk."""
+    """Values that could not be read from the disk."""
     OVERWRITTEN = "ring overwritten"
     """The local ring overwrote them before they were forwarded."""
 

@@ -206,7 +206,7 @@ class ManoeuvreRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class AbortAnswer(msgspec.Struct, frozen=True):
-    """Which platforms were ordered to abort."""
+    """Platforms that were ordered to abort."""
 
     acknowledged: tuple[str, ...] = msgspec.field(name="told")
     silent: tuple[str, ...]

@@ -37,7 +37,7 @@ class LinkTransport(OpenEnum):
 
 
 class ConnectionStatus(OpenEnum):
-    """How frames travel to a neighbour: state of the TCP connections, or datagrams."""
+    """Transport of frames to a neighbour: state of the TCP connections, or datagrams."""
 
     IDLE = "idle"
     """No connection: there was no frame to send."""
@@ -111,7 +111,8 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mission: int
     boot_id: int
     transport: ConnectionStatus
-    """How frames travel to it; of two connections, for commands and for data, the state of the worse one."""
+    """Transport of frames to the neighbour: the worse state of its two connections, for commands and for
+    data."""
     multicast: bool
     """False if the neighbour is reached by unicast datagrams, as a seed or because it sends unicast."""
     media: tuple[MediumState, ...] = ()
@@ -464,7 +465,7 @@ class StructureBroadcast(msgspec.Struct, frozen=True, array_like=True, gc=False)
     base: int
     """Digest of the template."""
     data: bytes
-    """As `StructureReply.data` in form 2."""
+    """Changes in the form 2 of `StructureReply.data`."""
 
 
 @register

@@ -8,26 +8,26 @@ from swarmware.types.registry import register
 
 
 class OutagePhase(OpenEnum):
-    """How far a link has recovered."""
+    """Progress of the recovery of a link."""
 
     LOST = "lost"
     """Nothing arrives in one direction or both."""
     RETURNING = "returning"
     """Its datagrams arrive again; it is not known yet whether it receives ours."""
     DRAINING = "draining"
-    """It is up, and frames wait for it."""
+    """The link is up, and frames wait for it."""
     OVER = "over"
     INTERRUPTED = "interrupted"
     """The broker of this node ended before the link was up again: its length is not known."""
 
 
 class OutageCause(OpenEnum):
-    """What showed that a link is lost."""
+    """Observation that showed the loss of a link."""
 
     SILENT = "silent"
     """Nothing was received until the deadline."""
     HALF_OPEN = "half_open"
-    """It does not receive us."""
+    """The neighbour does not receive this node."""
     RESTARTED = "restarted"
     """The broker of the neighbour began a new session."""
 

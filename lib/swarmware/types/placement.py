@@ -54,7 +54,7 @@ class RemoteInput(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 @register
 class UnitPlacement(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """What runs on one computer, what it receives from the platform's others, and its load."""
+    """Services of one computer, its inputs from the platform's other computers, and its load."""
 
     platform: str
     unit: str
@@ -78,4 +78,4 @@ class InputDelays(msgspec.Struct, frozen=True, array_like=True, gc=False):
     mean_ms: float
     worst_ms: float
     delays_ms: tuple[float, ...] = ()
-    """One for each value, in their order."""
+    """Delay of each value, in their order."""

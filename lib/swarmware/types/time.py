@@ -37,7 +37,7 @@ FUNCTIONS_LIMIT: Final = 4096
 
 
 class Order(StrEnum):
-    """Which of two instants came first."""
+    """Order of two instants."""
 
     BEFORE = "before"
     AFTER = "after"
@@ -82,7 +82,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Smallest round trip of the last one or two windows, with the error of the skew, or 0 if composed or
     before the first measurement."""
     suspect: bool = False
-    """A partner's function contradicts it beyond both bounds (S1.70)."""
+    """True if a partner's function contradicts it beyond both bounds (S1.70)."""
 
     def plausible(self) -> bool:
         """Whether two real clocks can have this relation: all numbers finite and in range."""
@@ -145,7 +145,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         return local_ns - bound_ns, local_ns + bound_ns
 
     def inverse(self, platform: str, unit: str, hardware: int, boot_id: int) -> "Conversion":
-        """The same relation from the other side: our clock, of the unit named, as a function of theirs."""
+        """The inverse relation: our clock, of the unit named, as a function of theirs."""
         return msgspec.structs.replace(
             self,
             platform=platform,
@@ -190,7 +190,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 def compare(a_ns: int, a: Conversion | None, b_ns: int, b: Conversion | None) -> Order:
-    """Which of two stamps came first, each with the conversion of the clock that made it.
+    """Order of two stamps, each with the conversion of the clock that made it.
 
     None means our own clock. When the bounds overlap, the result is UNDECIDED; two stamps of one
     clock always compare exactly.
@@ -218,7 +218,7 @@ class TimeFunctions(msgspec.Struct, frozen=True, array_like=True, gc=False):
     unit: str
     boot_id: int
     stamp_ns: Instant
-    """That unit's clock when the list was made."""
+    """Clock of the unit when the list was made."""
     functions: tuple[Conversion, ...] = ()
 
     def of(self, platform: str, unit: str = "main") -> Conversion | None:

@@ -295,13 +295,13 @@ class TreeRule(msgspec.Struct, frozen=True, array_like=True, gc=False):
     deadband: Finite | None = None
     min_interval_s: Seconds | None = None
     max_interval_s: Seconds | None = None
-    """None keeps the present value, or sets 0 in a new rule."""
+    """Maximum interval, or None to keep the present one (0 in a new rule)."""
     reset: bool = False
     """Remove the rule of exactly this pattern."""
 
     @property
     def changes(self) -> bool:
-        """Whether it changes a rule."""
+        """Whether the request changes a rule."""
         return self.reset or any(
             value is not None for value in (self.deadband, self.min_interval_s, self.max_interval_s)
         )
@@ -488,7 +488,7 @@ class TreeNotify(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Digest of the structure before the change, or 0 without a change of the structure."""
     digest: int = 0
     structure: bytes = b""
-    """As `StructureReply.data` in form 1."""
+    """Changes in the form 1 of `StructureReply.data`."""
     lane: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
     """Lane: 0 for events, settings and the structure, 1 for streams, 2 for boards, 3 for former values of
     boards. Each lane counts its own serials."""

@@ -288,7 +288,8 @@ class VehicleState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     armed: bool
     landed: bool
     mode: VehicleMode = VehicleMode.AUTO
-    """auto: the navigator drives; manual: an operator or the safety pilot, or it holds (`control/state`)."""
+    """auto if the navigator drives; manual if an operator or the safety pilot drives, or it holds
+    (`control/state`)."""
 
     @property
     def resting(self) -> bool:
@@ -465,7 +466,7 @@ class DriverStatus(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Periods that were skipped because a read or the computer was too slow."""
     note: str = ""
     actuator: bool = False
-    """Whether it is the output half: it carries set-points to its device."""
+    """Whether the driver is the output half, which carries set-points to its device."""
     p99_late_ms: float = 0.0
     """Lateness that 99 of 100 calls over the interval of the report did not exceed."""
 

@@ -103,9 +103,9 @@ class Master:
         self._timer: asyncio.TimerHandle | None = None
         self._published_s = -PAUSE_S
         self._published: tuple[int, str, tuple[Application, ...], int] | None = None
-        """What the last table of this holder said."""
+        """Content of the last table of this holder."""
         self._misfits: tuple[str, ...] = ()
-        """What was wrong among the application files at the last look, a line each."""
+        """Errors in the application files at the last refresh, a line each."""
         self._named: set[str] = set()
         """Lines that were logged: a file that comes again and again is named once."""
         self.on_misfits: Callable[[tuple[str, ...]], None] | None = None

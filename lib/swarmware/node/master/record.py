@@ -41,7 +41,7 @@ class RecordFile:
 
     @property
     def stands(self) -> bool:
-        """Whether it is still the file at its path."""
+        """Whether this file is still at its path."""
         return stands_at(self.fd, self.path)
 
     def _read(self, size: int, offset: int) -> bytes:

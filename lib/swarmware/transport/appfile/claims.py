@@ -1,4 +1,4 @@
-"""Which application serves an address, where several claim it."""
+"""Decision which application serves an address that several claim."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple

@@ -109,7 +109,7 @@ class AppFile:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether it belongs to another user than the node's or root."""
+        """Whether the application belongs to a user other than the node's or root."""
         return os.fstat(self._fd).st_uid not in self._users
 
     def tend(self) -> Path | None:

@@ -42,8 +42,8 @@ class AppTable:
     """Table of the application files, which reads only changed ones.
 
     Not `whole`: its entries have what messages need, and neither `provides` nor `config`, until `complete`.
-    Files that are none, such as a FIFO, and those that bear the name of a daemon but belong to another user
-    than the node's or root are left out, and named in `misfits`.
+    Files of another format, such as a FIFO, are left out and named in `misfits`, and so are files with the name
+    of a daemon that belong to a user other than the node's or root.
     """
 
     def __init__(
@@ -173,7 +173,7 @@ class AppTable:
 
     @property
     def misfits(self) -> tuple[str, ...]:
-        """What is wrong in the folder, a line each: files that are none, and claims that do not count."""
+        """Errors in the folder, a line each: files that are not application files, and refused claims."""
         now_ns = self._now_ns()
         files = (refusal.reason for refusal in self._refused.values() if now_ns >= refusal.certain_ns)
         return (*files, *self._claims.refused)

@@ -17,7 +17,7 @@ STEP_NS: Final = 200_000_000
 QUEUE_NS: Final = 60_000_000
 """Queue, in the link or before it, that lowers the rate: a picture at 25 Hz may be spread over 40 ms."""
 DECREASE: Final = 0.85
-"""Of what arrives: the queue drains meanwhile (as in Google's congestion control, section 5.5)."""
+"""Factor on the arriving rate, so that the queue drains (as in Google's congestion control, section 5.5)."""
 INCREASE: Final = 0.08
 BEYOND_RECEIVED: Final = 1.5
 """Rate above what arrives: a quiet picture needs less, and says nothing about the link."""

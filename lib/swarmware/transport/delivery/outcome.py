@@ -16,7 +16,7 @@ class Status(IntEnum):
     """Ends of a message; the value travels in `Ack.status`."""
 
     DELIVERED = 0
-    """It is in the inbox of the receiver."""
+    """The message is in the inbox of the receiver."""
     REFUSED = 1
     """The receiver refuses it: it has no such inbox, or the payload does not match its type."""
     EXPIRED = 2
@@ -40,7 +40,7 @@ class Outcome(msgspec.Struct, frozen=True):
 
     @property
     def delivered(self) -> bool:
-        """Whether it is in the receiver's inbox."""
+        """Whether the message is in the receiver's inbox."""
         return self.status is Status.DELIVERED
 
     def __bool__(self) -> bool:

@@ -29,7 +29,7 @@ class RttEstimator:
         self._variation_ns = 0.0
 
     def add(self, sample_ns: int) -> None:
-        """One measured round trip."""
+        """Add one measured round trip."""
         self._latest_ns = sample_ns
         if self._smoothed_ns == 0.0:
             self._smoothed_ns = float(sample_ns)

@@ -49,7 +49,8 @@ class Admission(msgspec.Struct, frozen=True):
     invitation: Invitation
     request: JoinRequest
     repeated: bool
-    """It was admitted with this key before, and has asked again: its answer was lost."""
+    """True if the node was admitted with this key before, and repeats the request because its answer was
+    lost."""
 
 
 class _Bucket:

@@ -1,4 +1,4 @@
-"""How a node proves that it holds the key with which it joins, and how it recognises the swarm's root."""
+"""Proof that a node holds the key with which it joins, and the check of the swarm's root."""
 
 from typing import Final
 

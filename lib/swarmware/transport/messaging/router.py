@@ -34,7 +34,7 @@ node."""
 
 
 class Takes(Enum):
-    """What an application takes at an address."""
+    """Kinds of frames that an application takes at an address."""
 
     MESSAGES = "messages"
     REQUESTS = "requests"
@@ -403,7 +403,7 @@ class MessageRouter:
         return []
 
     def count_malformed(self) -> None:
-        """Another process sent bytes that are not a frame."""
+        """Count bytes of another process that are not a frame."""
         self._counters.malformed += 1
 
     def _settle(self, frame: Frame, now_ns: int) -> list[Action]:

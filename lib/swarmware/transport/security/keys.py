@@ -55,7 +55,7 @@ class Keys:
         """`signed`: the roster with the root's signature."""
         self.platform = platform
         self.roster = roster
-        """None: no keys were made, and all senders on the loopback interface are accepted."""
+        """The roster, or None without keys: all senders on the loopback interface are then accepted."""
         self.root_public = root_public
         self.signed = signed
         self.group = group
@@ -166,7 +166,7 @@ class Keys:
         self.stored().write(directory)
 
     def stored(self) -> "StoredRoster":
-        """What `save` writes now, for another thread: these keys may change before it has written."""
+        """Content for `save` in another thread, as these keys may change before it has written."""
         return StoredRoster(self.signed, self.former)
 
     def _index(self, roster: Roster | None) -> None:

@@ -68,7 +68,7 @@ class Roster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class RosterChange(msgspec.Struct, frozen=True):
-    """What a new roster changes for the node that takes it."""
+    """Changes by a new roster for the node that takes it."""
 
     roster: Roster
     came: tuple[RosterMember, ...] = ()
@@ -95,7 +95,7 @@ class RosterChange(msgspec.Struct, frozen=True):
 
 
 def difference(before: Roster, after: Roster) -> RosterChange:
-    """Who came and went between two rosters; the caller determines `revoked_self`.
+    """Members that were added and removed between two rosters; the caller determines `revoked_self`.
 
     A member is the same as long as it has the same key and name, also when it was admitted again.
     """
