@@ -41,7 +41,8 @@ class AclConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Access rules of this node, and the operators among the users of its computer (acl.toml)."""
 
     rule: tuple[AccessRule, ...] = DEFAULT
-    """The rules in their order: the first that matches verb and path decides; without one: maintainer."""
+    """The rules in their order: the first that matches verb and path decides; without a match only
+    maintainers may."""
     operator: tuple[OperatorEntry, ...] = (OperatorEntry(group="swarm"),)
     """Users and groups with a role; the entry of a user precedes its groups' entries. Other users are
     observers."""

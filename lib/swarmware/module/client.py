@@ -220,7 +220,7 @@ class Client:
         platform's.
 
         `within_s`: longest delay of its values with which they are of use here; `swarmctl doctor placement`
-        judges by it whether another computer may provide them. None: not stated.
+        judges by it whether another computer may provide them; None if not stated.
         """
         return self._track(self._board(self._interest(path, within_s), cls))
 

@@ -131,7 +131,7 @@ class ForkServerProcess:
     ) -> AsyncIterator[ForkedChild | None]:
         """A process of these services with this environment, and this descriptor for its errors.
 
-        It is not ended with the block. None: the server does not answer.
+        It is not ended with the block. Returns None if the server does not answer.
         """
         loop, stdout = asyncio.get_running_loop(), asyncio.StreamReader()
         reading, writing = os.pipe()

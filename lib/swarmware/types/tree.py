@@ -454,7 +454,7 @@ class SubscribeReply(msgspec.Struct, frozen=True, array_like=True, gc=False):
     unknown: bool = False
     """The renewed subscription is unknown here: send it completely."""
     limits: BoardLimits = ()
-    """Limits in force of what is subscribed: its values come less often than their rate."""
+    """Limits in force for the subscribed resources, whose values come less often than their rate."""
 
 
 @register

@@ -42,8 +42,8 @@ class AppTable:
     """Table of the application files, which reads only changed ones.
 
     Not `whole`: its entries have what messages need, and neither `provides` nor `config`, until `complete`.
-    Files of another format, such as a FIFO, are left out and named in `misfits`, and so are files with the name
-    of a daemon that belong to a user other than the node's or root.
+    Files of another format, such as a FIFO, are left out and named in `misfits`, and so are files with the
+    name of a daemon that belong to a user other than the node's or root.
     """
 
     def __init__(

@@ -84,7 +84,7 @@ def expired_here(frame: Frame, now_ns: int, conversion: Conversion | None) -> bo
     """Whether the lifetime of another unit's message may be over, at a time of the own clock.
 
     Its sender reports `expired` at that instant, so a later hop must not deliver it: the error bound of
-    the conversion counts against the message. None: the clock of the sender is not known.
+    the conversion counts against the message. Without a conversion (None) the sender's clock is unknown.
     """
     lifetime = lifetime_ns(frame.extension)
     if lifetime is None or conversion is None or conversion.suspect:

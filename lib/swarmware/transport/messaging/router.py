@@ -29,7 +29,7 @@ PROBE_NS: Final = 50_000_000
 """Minimum time between two searches for applications that died."""
 
 Via = Hashable
-"""The connection from which a frame came, over which its answer returns. None: from this process or another
+"""The connection from which a frame came, over which its answer returns, or None for this process or another
 node."""
 
 
