@@ -119,7 +119,8 @@ def test_two_packages_cannot_have_one_name(monkeypatch: pytest.MonkeyPatch) -> N
     install(monkeypatch, Point("a", Spray, "one:Spray"), Point("b", Spray, "two:Spray"))
     (text,) = installed.installed().unusable
     assert (
-        "swarmware.blocks:b (two:Spray): block type 'Spray': defined twice, it is a block of one:Spray" in text
+        "swarmware.blocks:b (two:Spray): block type 'Spray': defined twice, it is a block of one:Spray"
+        in text
     )
 
 
