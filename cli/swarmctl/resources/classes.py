@@ -7,7 +7,6 @@ from swarmctl.session.session import Session, config_dir
 from swarmware.errors import NoAnswer, NotFound
 from swarmware.model.names import join
 from swarmware.types import registry
-from swarmware.types.described import class_of
 from swarmware.types.description import TypeDescription, describe
 from swarmware.types.field_values import field_values
 from swarmware.types.tree import TypeRequest
@@ -46,6 +45,8 @@ async def payload_class(session: Session, platform: str, name: str) -> type[msgs
     """
     if registry.installed(name):
         return registry.find(name)
+    from swarmware.types.described import class_of  # it imports the parser of Python
+
     key = (platform, name)
     if key not in session.classes:
         try:

@@ -49,11 +49,13 @@ class Tree(ScriptedSession):
         self.refuses = refuses
         self.values = {KP: 1.5, KI: 0.5, FUEL: 0.75}
         self.sets: list[tuple[str, float]] = []
+        self.read: list[str] = []
 
     async def ask(
         self, path: str, value: msgspec.Struct, reply: type[Any], *, about: str = "", **rest: Any
     ) -> Any:
         if path == GET:
+            self.read.append(about)
             return tree_value(about, self.values[about])
         if path == SET:
             assert isinstance(value, TreeSet)
@@ -95,6 +97,14 @@ async def test_a_dump_is_compared_and_loaded_back_all_or_none(tmp_path: Path, na
     assert (session.values[KP], session.values[KI], session.values[FUEL]) == (1.5, 0.5, 0.1)
     await load(session, file, yes=False)
     assert len(session.sets) == 2, "what is as in the file is neither set nor asked about"
+
+
+async def test_values_that_are_not_compared_are_not_read() -> None:
+    session = Tree()
+    await diff(session, "/uav1", "/uav1", values=False)
+    assert sorted(session.read) == [KI, KI, KP, KP]
+    await diff(session, "/uav1", "/uav1", values=True)
+    assert session.read.count(FUEL) == 2
 
 
 async def test_a_load_that_is_refused_half_way_takes_back_the_first_half(tmp_path: Path) -> None:

@@ -1,10 +1,13 @@
 """Differences of two trees: of dumps, of a dump and now, of two platforms."""
 
+import asyncio
+from collections.abc import Container
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
+from swarmctl.commandline.completion_cache import VALUED
 from swarmctl.commands.tree.snapshot import DumpedResource, TreeSnapshot, read_snapshot, take_snapshot
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
@@ -45,9 +48,13 @@ async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
     `values`: of all resources, not of settings only.
     Raises: ConfigError for a file that is not a dump; NotFound when nothing matches.
     """
-    here = await _side(session, one)
-    other = other or here.pattern
-    there = await _side(session, other)
+    valued = VALUED if values else frozenset({Kind.SETTING})
+    if other:
+        here, there = await asyncio.gather(_side(session, one, valued), _side(session, other, valued))
+    else:
+        here = await _side(session, one, valued)
+        other = here.pattern
+        there = await _side(session, other, valued)
     found = differences(here, there, values=values)
     if session.settings.structured:
         session.out.document(TreeDiff(found, one, other))
@@ -57,12 +64,12 @@ async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
     session.out.table(columns, rows, empty=f"{one} and {other}: no difference")
 
 
-async def _side(session: Session, text: str) -> TreeSnapshot:
+async def _side(session: Session, text: str, valued: Container[str]) -> TreeSnapshot:
     """A file, else a platform or a pattern of the tree now."""
     if is_file(text):
         return read_snapshot(text)
     bare = not text.startswith("/") and text in await session.platforms()
-    return await take_snapshot(session, f"/{text}" if bare else text)
+    return await take_snapshot(session, f"/{text}" if bare else text, valued)
 
 
 def is_file(text: str) -> bool:

@@ -1,6 +1,6 @@
 """Structure and values of the tree as a file: written, read, loaded."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,13 +71,13 @@ class ValuesLoaded(msgspec.Struct, frozen=True):
     unchanged: int
 
 
-async def take_snapshot(session: Session, pattern: str) -> TreeSnapshot:
-    """Resources that match, with the values of their owners.
+async def take_snapshot(session: Session, pattern: str, valued: Container[str] = VALUED) -> TreeSnapshot:
+    """Resources that match; those of the kinds `valued` with the values of their owners.
 
     Raises: NotFound when nothing matches.
     """
     found = await listing(session, pattern)
-    paths = [entry.path for entry in found.entries if entry.kind in VALUED]
+    paths = [entry.path for entry in found.entries if entry.kind in valued]
     values: dict[str, Any] = {}
     for begin in range(0, len(paths), AT_ONCE):
         readings, _ = await read_all(session, paths[begin : begin + AT_ONCE])
