@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from swarmware.model.misfit import Misfit, misfit
+from swarmware.model.validation_message import ValidationMessage, parse_validation_message
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -32,10 +32,10 @@ class Outer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def test_place_and_key_of_an_error_of_msgspec_are_found(raw: object, place: str, unknown: str) -> None:
     with pytest.raises(msgspec.ValidationError) as caught:
         msgspec.convert(raw, Outer)
-    found = misfit(str(caught.value))
+    found = parse_validation_message(str(caught.value))
     assert (found.place, found.unknown) == (place, unknown)
     assert "`$" not in found.text
 
 
 def test_a_text_of_another_form_stays_what_it_is() -> None:
-    assert misfit("truncated") == Misfit("", "", "truncated")
+    assert parse_validation_message("truncated") == ValidationMessage("", "", "truncated")

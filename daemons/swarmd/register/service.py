@@ -90,7 +90,7 @@ class Registrar(Service):
     async def run(self) -> None:
         """Holds the master role and keeps the tables of other computers until cancelled."""
         module = self.module
-        module.node.master.on_misfits = self._on_misfits
+        module.node.master.on_rejections = self._on_rejections
         module.node.master.volunteer(module.id)
         try:
             async with asyncio.TaskGroup() as group:
@@ -98,14 +98,14 @@ class Registrar(Service):
                 for tables in self._tables:
                     group.create_task(self._follow(tables), name=f"register: {tables.pattern}")
         finally:
-            module.node.master.on_misfits = None
+            module.node.master.on_rejections = None
             self._applications.close()
             module.node.master.step_back()
 
-    def _on_misfits(self, misfits: tuple[str, ...]) -> None:
+    def _on_rejections(self, rejections: tuple[str, ...]) -> None:
         """Reports the invalid application files of this node as a fault."""
-        if misfits:
-            self._applications.raise_fault("refused", "warn", "; ".join(misfits))
+        if rejections:
+            self._applications.raise_fault("refused", "warn", "; ".join(rejections))
         else:
             self._applications.clear()
 

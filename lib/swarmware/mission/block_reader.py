@@ -15,9 +15,9 @@ from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape
-from swarmware.model.misfit import misfit
 from swarmware.model.similar import similar
 from swarmware.model.toml_lines import key_text
+from swarmware.model.validation_message import parse_validation_message
 
 _ALWAYS: Final = ("type", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
@@ -269,7 +269,7 @@ class BlockReader:
 
     def _explain(self, text: str, raw: dict[str, Any], spelled: dict[str, str]) -> None:
         names = [field.encode_name for field in msgspec.structs.fields(self._spec.params)]
-        unknown = misfit(text)
+        unknown = parse_validation_message(text)
         if unknown.unknown and not unknown.place:
             key = unknown.unknown
             hint = nearest(key, names) if names else "it has none"

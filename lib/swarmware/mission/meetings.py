@@ -37,17 +37,17 @@ BarrierVisit = tuple[int, int]
 """Number of a barrier, and of the visit."""
 State = tuple[Marking, tuple[int, ...]]
 """State of a member: marking of its net (0: its mission has ended), visits of each barrier."""
-Over = tuple[tuple[BarrierVisit, bool], ...]
+DecidedVisits = tuple[tuple[BarrierVisit, bool], ...]
 """Decided barrier visits at which a member may still arrive, and whether they opened."""
-Everybody = tuple[tuple[tuple[State, ...], ...], Over]
+EnsembleState = tuple[tuple[tuple[State, ...], ...], DecidedVisits]
 """States of the members by role, sorted, because members of one role are interchangeable."""
-Where = tuple[int, int]
+MemberIndex = tuple[int, int]
 """Index of a role, and of a member in it."""
-Move = tuple[dict[Where, tuple[Marking, Marking]], Over, str]
+Move = tuple[dict[MemberIndex, tuple[Marking, Marking]], DecidedVisits, str]
 """Members with their new marking and entered barriers, the decided visits, and a label."""
 
 
-class Hang(msgspec.Struct, frozen=True):
+class Deadlock(msgspec.Struct, frozen=True):
     """A deadlock at barriers."""
 
     role: str
@@ -76,13 +76,13 @@ class TooLarge(msgspec.Struct, frozen=True):
     at_once: bool = False
 
 
-def search(parts: list[Participant], budget: Budget) -> Hang | Failure | TooLarge | None:
+def search(parts: list[Participant], budget: Budget) -> Deadlock | Failure | TooLarge | None:
     """The shortest path to a deadlock, else to a failure, or None without either."""
     ensemble = _Ensemble(parts, budget, Faults.ALL)
     if not ensemble.explore():
         return ensemble.widest
-    if ensemble.hang is not None:
-        return ensemble.hang
+    if ensemble.deadlock is not None:
+        return ensemble.deadlock
     # without a fault every barrier should open; else handled errors and time-outs are allowed, too
     found: Failure | None = None
     exact = _exact(parts)
@@ -158,9 +158,9 @@ class _Ensemble:
             if stations.intersection(barrier.roles)
         }
         """Barriers that need the ground station."""
-        self._came: dict[Everybody, tuple[Everybody | None, str]] = {}
-        self._queue: deque[Everybody] = deque()
-        self.hang: Hang | None = None
+        self._came: dict[EnsembleState, tuple[EnsembleState | None, str]] = {}
+        self._queue: deque[EnsembleState] = deque()
+        self.deadlock: Deadlock | None = None
         self.failure: Failure | None = None
         """The first barrier that broke and had no successor, where only handled faults are explored."""
         self.clipped = False
@@ -178,14 +178,14 @@ class _Ensemble:
 
         Returns whether the budget sufficed.
         """
-        nobody = tuple(0 for _ in self._names)
-        start: Everybody = (
-            tuple(((role.bits.start, nobody),) * role.copies for role in self._roles),
+        no_visits = tuple(0 for _ in self._names)
+        start: EnsembleState = (
+            tuple(((role.bits.start, no_visits),) * role.copies for role in self._roles),
             (),
         )
         self._came[start] = (None, "")
         self._queue.append(start)
-        while self._queue and self.hang is None and not self._budget.spent:
+        while self._queue and self.deadlock is None and not self._budget.spent:
             if self.succeeds and self.failure:
                 break
             now = self._queue.popleft()
@@ -196,12 +196,12 @@ class _Ensemble:
                 self.succeeds = self.succeeds or not running
                 self.waits = self.waits or running
                 if running and self._faults is Faults.ALL:
-                    self.hang = self._explain(now)
+                    self.deadlock = self._explain(now)
             for move in moves:
                 self._go(now, move)
         return not self._budget.spent
 
-    def _moves(self, now: Everybody) -> Iterator[Move]:
+    def _moves(self, now: EnsembleState) -> Iterator[Move]:
         members, over = now
         for number, role in enumerate(self._roles):
             for index, (marking, _) in enumerate(members[number]):
@@ -229,7 +229,7 @@ class _Ensemble:
                 yield gone, (*over, (meeting, opened)), f"{self._names[meeting[0]]!r} {label}"
 
     def _decisions(
-        self, now: Everybody, meeting: BarrierVisit, group: list[tuple[int, int, Marking]]
+        self, now: EnsembleState, meeting: BarrierVisit, group: list[tuple[int, int, Marking]]
     ) -> Iterator[tuple[list[BlockOutcome], bool, str]]:
         """Possible results of a barrier visit for the members that wait there."""
         members, over = now
@@ -270,7 +270,7 @@ class _Ensemble:
 
     def _fails(
         self,
-        now: Everybody,
+        now: EnsembleState,
         meeting: BarrierVisit,
         group: list[tuple[int, int, Marking]],
         outcomes: list[BlockOutcome],
@@ -297,7 +297,7 @@ class _Ensemble:
             return True
         return False
 
-    def _go(self, now: Everybody, move: Move) -> None:
+    def _go(self, now: EnsembleState, move: Move) -> None:
         """Enter the state after a move."""
         changed, over, label = move
         members = [list(states) for states in now[0]]
@@ -329,11 +329,11 @@ class _Ensemble:
             counted[barrier] += 1
             if sum(1 for _, _, other in waits if other == barrier) > 1:
                 message = f"barrier {params.id!r}: two branches wait there at the same time; expected one"
-                self.hang = self.hang or Hang(role.part.role, block.id, message, ())
+                self.deadlock = self.deadlock or Deadlock(role.part.role, block.id, message, ())
                 return None
         return tuple(counted)
 
-    def _normal(self, members: list[list[State]], over: Over) -> Everybody:
+    def _normal(self, members: list[list[State]], over: DecidedVisits) -> EnsembleState:
         """Normal form: visits relative to the slowest member, without visits that no member can reach."""
         behind: list[int] = []
         for barrier in range(len(self._names)):
@@ -345,7 +345,7 @@ class _Ensemble:
                 if marking
             ]
             behind.append(min(live, default=0))
-        nobody = tuple(0 for _ in behind)
+        no_visits = tuple(0 for _ in behind)
         self.clipped = self.clipped or any(
             visit - behind[barrier] > AHEAD_LIMIT for (barrier, visit), _ in over
         )
@@ -365,7 +365,7 @@ class _Ensemble:
                                 for visit, less in zip(visits, behind, strict=True)
                             )
                             if marking
-                            else nobody,
+                            else no_visits,
                         )
                         for marking, visits in states
                     )
@@ -375,7 +375,7 @@ class _Ensemble:
             tuple(sorted(kept.items())),
         )
 
-    def _explain(self, state: Everybody) -> Hang:
+    def _explain(self, state: EnsembleState) -> Deadlock:
         waits: list[str] = []
         first: tuple[str, str] | None = None
         for role, states in zip(self._roles, state[0], strict=True):
@@ -391,9 +391,9 @@ class _Ensemble:
             f"members can wait for each other for ever: {', '.join(waits)}; "
             "expected the same barriers in the same order on every path, or a time-out"
         )
-        return Hang(role_name, block_id, message, self._trace(state))
+        return Deadlock(role_name, block_id, message, self._trace(state))
 
-    def _trace(self, state: Everybody) -> tuple[str, ...]:
+    def _trace(self, state: EnsembleState) -> tuple[str, ...]:
         """Choices and meetings that lead to a state."""
         steps: list[str] = []
         before, label = self._came[state]

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 import msgspec
 
-from swarmware.model.misfit import misfit
 from swarmware.model.similar import similar
 from swarmware.model.toml_lines import KeyPath, key_text
+from swarmware.model.validation_message import parse_validation_message
 
 _STEP: Final = re.compile(r"\[(\.\.\.|\d+)\]|([^.\[\]]+)")
 _MISSING: Final = re.compile(r"^Object missing required field `([^`]+)`")
@@ -45,7 +45,7 @@ class Explanation(msgspec.Struct, frozen=True):
 
 def explain(message: str, raw: Any, cls: Any) -> Explanation:
     """Explain why this data is not of the class; `message`: of msgspec's ValidationError."""
-    found = misfit(message)
+    found = parse_validation_message(message)
     path, kind, value = _resolved(found.place, raw, cls)
     if found.unknown:
         known = _fields(kind)

@@ -168,7 +168,7 @@ def encode_header(frame: Frame, hops_left: int, extension_bytes: int) -> bytes:
             frame.echo_rx_us & 0xFFFF_FFFF,
         )
     except struct.error as error:
-        raise WireError(_misfit(frame)) from error
+        raise WireError(_range_error(frame)) from error
 
 
 def encoded_bytes(frame: Frame) -> int:
@@ -206,7 +206,7 @@ _RANGES: Final = {
 }
 
 
-def _misfit(frame: Frame) -> str:
+def _range_error(frame: Frame) -> str:
     for name, (low, high) in _RANGES.items():
         number = getattr(frame, name)
         if not low <= number <= high:

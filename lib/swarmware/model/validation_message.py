@@ -8,7 +8,7 @@ _PLACE = re.compile(r" - at `\$\.?(?P<key>[^`]*)`$")
 _UNKNOWN = re.compile(r"Object contains unknown field `(?P<key>[^`]+)`")
 
 
-class Misfit(msgspec.Struct, frozen=True):
+class ValidationMessage(msgspec.Struct, frozen=True):
     """One error of msgspec."""
 
     place: str
@@ -19,11 +19,11 @@ class Misfit(msgspec.Struct, frozen=True):
     """The message without the place."""
 
 
-def misfit(message: str) -> Misfit:
+def parse_validation_message(message: str) -> ValidationMessage:
     """Parse the text of a ValidationError."""
     place = _PLACE.search(message)
     unknown = _UNKNOWN.search(message)
-    return Misfit(
+    return ValidationMessage(
         place["key"] if place else "",
         unknown["key"] if unknown else "",
         message[: place.start()] if place else message,

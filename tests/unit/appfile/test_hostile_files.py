@@ -47,8 +47,8 @@ def test_a_file_that_is_none_is_left_out_and_named(
     for _ in range(2):
         table.refresh(probe=True)
         assert [entry.id for entry in table] == ["tree#1"]
-        assert len(table.misfits) == 1
-        assert table.misfits[0].startswith(f"{strange}: ")
+        assert len(table.rejections) == 1
+        assert table.rejections[0].startswith(f"{strange}: ")
     assert populated(tmp_path)
     tree.close()
     assert not populated(tmp_path)
@@ -98,12 +98,12 @@ def test_a_file_that_states_another_application_is_left_out(
     table = AppTable(tmp_path)
     table.refresh()
     assert list(table) == [tree.entry]
-    assert f"states application {entry.id}" in table.misfits[0]
+    assert f"states application {entry.id}" in table.rejections[0]
     os.close(fd)
 
 
-def misfits(table: AppTable) -> list[str]:
-    return list(table.misfits)
+def rejections(table: AppTable) -> list[str]:
+    return list(table.rejections)
 
 
 def test_a_damaged_file_is_named_when_it_stays_and_read_when_it_is_complete(
@@ -117,14 +117,14 @@ def test_a_damaged_file_is_named_when_it_stays_and_read_when_it_is_complete(
     for later_ns in (0, 1_000_000, WRITING_TIME_NS - 1):
         now_ns = later_ns
         table.refresh(probe=True)
-        assert misfits(table) == [], "its writer may have lost the processor"
+        assert rejections(table) == [], "its writer may have lost the processor"
     now_ns = WRITING_TIME_NS
-    assert len(misfits(table)) == 1
-    assert misfits(table)[0].startswith(f"{tmp_path}/apps/tool#1.toml: incomplete")
+    assert len(rejections(table)) == 1
+    assert rejections(table)[0].startswith(f"{tmp_path}/apps/tool#1.toml: incomplete")
     os.pwrite(fd, data, 0)
     table.refresh(probe=True)
     assert {found.name for found in table} == {"tool", "tree"}
-    assert misfits(table) == []
+    assert rejections(table) == []
     os.close(fd)
 
 

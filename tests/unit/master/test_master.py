@@ -134,7 +134,7 @@ async def test_what_is_no_application_file_is_named_once_reported_and_removed(
     monkeypatch.setattr("swarmware.node.node.TEND_PHASE_NS", 0)
     reported: list[tuple[str, ...]] = []
     async with tmp_node(tmp_path) as node, Module("planner", node=node):
-        node.master.on_misfits = reported.append
+        node.master.on_rejections = reported.append
         strange = node.run_dir / "apps/x#1.toml"
         for number in (1, 2):
             os.mkfifo(strange)

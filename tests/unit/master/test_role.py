@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmware.node.master.record import NOBODY, Holder, RecordFile
+from swarmware.node.master.record import NO_HOLDER, Holder, RecordFile
 from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
 from swarmware.runtime.start_ticks import start_ticks
 
 
 def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> None:
     record = RecordFile(tmp_path / LOCK_NAME)
-    assert (record.holder(), record.requested_by()) == (NOBODY, (0, 0))
+    assert (record.holder(), record.requested_by()) == (NO_HOLDER, (0, 0))
     before = record.mark()
     record.write_holder(Holder(7, 12, 345, "register#1"))
     record.request_leadership(9, 8)
@@ -29,7 +29,7 @@ def test_a_record_that_was_cut_is_an_empty_one_and_ends_nobody(tmp_path: Path) -
     record = RecordFile(tmp_path / LOCK_NAME)
     record.write_holder(Holder(7, 12, 345, "register#1"))
     os.truncate(tmp_path / LOCK_NAME, 0)
-    assert (record.holder(), record.requested_by()) == (NOBODY, (0, 0))
+    assert (record.holder(), record.requested_by()) == (NO_HOLDER, (0, 0))
     record.write_holder(Holder(1, 2, 3, "x"))
     assert record.holder() == Holder(1, 2, 3, "x")
     record.close()

@@ -330,7 +330,7 @@ def test_members_hang_and_fail_in_reduced_nets_where_they_do_in_whole_ones(
             assert kind_of(found) == kind_of(wanted), seed
             seen[kind_of(found)] += 1
     assert seen["NoneType", False] > 20
-    missing = {("Hang", False), ("Failure", False), ("Failure", True)} - set(seen)
+    missing = {("Deadlock", False), ("Failure", False), ("Failure", True)} - set(seen)
     assert not missing
 
 

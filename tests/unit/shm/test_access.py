@@ -155,7 +155,7 @@ def test_no_file_of_a_member_serves_what_the_daemons_serve(place: Callable[[int]
             planner = table.serving_path("survey/plan")
             assert planner is not None
             assert planner[0].name == "zzz"
-            assert table.misfits == (
+            assert table.rejections == (
                 "zzz#1 of user 60002 claims sys/tree/set, cmd/abort: served by the user of the node alone",
             )
     os.close(fd)
@@ -179,8 +179,8 @@ def test_no_file_of_a_member_bears_the_name_of_a_daemon(place: Callable[[int], P
         table = AppTable(node.run_dir)
         table.refresh()
         assert table.named("broker") is None
-        assert len(table.misfits) == 1
-        assert "broker is a daemon of the node's user" in table.misfits[0]
+        assert len(table.rejections) == 1
+        assert "broker is a daemon of the node's user" in table.rejections[0]
         assert last_of(node.run_dir, "broker") is None
         broker = app(node, "broker")
         assert broker.entry.id == "broker#1", "the daemon takes the name that was taken from it"

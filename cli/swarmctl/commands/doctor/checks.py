@@ -76,7 +76,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         )
     else:
         yield CheckResult("services", "ok", f"all {len(node.services)} services run")
-    for text in table.misfits:
+    for text in table.rejections:
         yield CheckResult("applications", "warning", text, "end the program of that user, or remove its file")
     if not len(table) and node.run_path.exists():
         if fix:

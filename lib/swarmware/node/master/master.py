@@ -16,7 +16,7 @@ from swarmware.model.clock import Clock
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import ANY, MAIN, application_id, data_id, has_unit_branch
 from swarmware.model.resource import Resource
-from swarmware.node.master.record import NOBODY, Holder
+from swarmware.node.master.record import NO_HOLDER, Holder
 from swarmware.node.master.role import LeaderCandidate
 from swarmware.runtime.processes import ProcessWatcher
 from swarmware.runtime.start_ticks import start_ticks
@@ -104,11 +104,11 @@ class Master:
         self._published_s = -PAUSE_S
         self._published: tuple[int, str, tuple[Application, ...], int] | None = None
         """Content of the last table of this holder."""
-        self._misfits: tuple[str, ...] = ()
+        self._rejections: tuple[str, ...] = ()
         """Errors in the application files at the last refresh, a line each."""
         self._named: set[str] = set()
         """Lines that were logged: a file that comes again and again is named once."""
-        self.on_misfits: Callable[[tuple[str, ...]], None] | None = None
+        self.on_rejections: Callable[[tuple[str, ...]], None] | None = None
         """Called when that has changed, while this process is the master."""
         self._role: LeaderCandidate | None = None
         if candidate:
@@ -125,7 +125,7 @@ class Master:
     @property
     def holder(self) -> Holder:
         """The process that is the master."""
-        return NOBODY if self._role is None else self._role.holder
+        return NO_HOLDER if self._role is None else self._role.holder
 
     def volunteer(self, label: str) -> None:
         """Request the role for this process, which runs the register daemon.
@@ -151,22 +151,22 @@ class Master:
             return None
         if self._role.holding:
             self._apps.refresh()
-            self._on_misfits()
+            self._on_rejections()
         return self._role.tend()
 
-    def _on_misfits(self) -> None:
-        misfits = self._apps.misfits
-        if misfits == self._misfits:
+    def _on_rejections(self) -> None:
+        rejections = self._apps.rejections
+        if rejections == self._rejections:
             return
-        self._misfits = misfits
+        self._rejections = rejections
         if len(self._named) > NAMED_LIMIT:
             self._named.clear()
-        for text in misfits:
+        for text in rejections:
             if text not in self._named:
                 self._named.add(text)
                 log.warning("applications: %s", text)
-        if self.on_misfits is not None:
-            self.on_misfits(misfits)
+        if self.on_rejections is not None:
+            self.on_rejections(rejections)
         self._tidy()
 
     def poll(self) -> None:

@@ -29,7 +29,7 @@ class Holder(NamedTuple):
     label: str
 
 
-NOBODY: Final = Holder(0, 0, 0, "")
+NO_HOLDER: Final = Holder(0, 0, 0, "")
 
 
 class RecordFile:
@@ -55,7 +55,7 @@ class RecordFile:
         """The holder of the role, or None while the record is being written."""
         data = self._read(_RECORD.size, 0)
         if not any(data):
-            return NOBODY
+            return NO_HOLDER
         epoch, pid, pid_start, label, crc = _RECORD.unpack(data)
         if crc != zlib.crc32(data[:-4]):
             return None

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from swarmware.node.master.record import NOBODY, Holder, RecordFile
+from swarmware.node.master.record import NO_HOLDER, Holder, RecordFile
 from swarmware.runtime.backoff import pause_after
 from swarmware.runtime.processes import WatchedProcess
 from swarmware.runtime.start_ticks import start_ticks
@@ -66,7 +66,7 @@ class LeaderCandidate:
     @property
     def holder(self) -> Holder:
         """The process that holds the role."""
-        return self._file.holder() or NOBODY
+        return self._file.holder() or NO_HOLDER
 
     def poll(self) -> None:
         """The doorbell has rung: the role may have changed hands, or the preferred process may request it."""
@@ -86,7 +86,7 @@ class LeaderCandidate:
         if self._closed or self._file.stands or (not self.holding and held_by_other(self._file.fd)):
             return None
         former, self._file = self._file, RecordFile(self._file.path)
-        held = former.holder() or NOBODY
+        held = former.holder() or NO_HOLDER
         present = self.holder
         self._known_epoch = max(held.epoch, self._known_epoch)
         is_older = present == held or present.epoch < held.epoch

@@ -42,7 +42,7 @@ class AppTable:
     """Table of the application files, which reads only changed ones.
 
     Not `whole`: its entries have what messages need, and neither `provides` nor `config`, until `complete`.
-    Files of another format, such as a FIFO, are left out and named in `misfits`, and so are files with the
+    Files of another format, such as a FIFO, are left out and named in `rejections`, and so are files with the
     name of a daemon that belong to a user other than the node's or root.
     """
 
@@ -172,7 +172,7 @@ class AppTable:
         return self._owners
 
     @property
-    def misfits(self) -> tuple[str, ...]:
+    def rejections(self) -> tuple[str, ...]:
         """Errors in the folder, a line each: files that are not application files, and refused claims."""
         now_ns = self._now_ns()
         files = (refusal.reason for refusal in self._refused.values() if now_ns >= refusal.certain_ns)
