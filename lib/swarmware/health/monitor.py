@@ -285,6 +285,7 @@ class HealthMonitor:
         subscription = node.applications.subscribe(lambda _: changed.set())
         try:
             while True:
+                # Before the state is read: a change during the registration wakes the loop again.
                 changed.clear()
                 monitor, repairs = node.table.named("health"), node.repairs
                 if monitor is None or registered == (monitor.started_ns, repairs):

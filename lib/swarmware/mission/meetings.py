@@ -186,6 +186,7 @@ class _Ensemble:
         self._came[start] = (None, "")
         self._queue.append(start)
         while self._queue and self.deadlock is None and not self._budget.spent:
+            # Both answers are known: some runs succeed, so the failure is not certain.
             if self.succeeds and self.failure:
                 break
             now = self._queue.popleft()
@@ -226,6 +227,7 @@ class _Ensemble:
                     (number, index): self._roles[number].leave(members[number][index][0], place, outcome)
                     for (number, index, place), outcome in zip(group, outcomes, strict=True)
                 }
+                # The visit stays decided: members that come later get the same result.
                 yield gone, (*over, (meeting, opened)), f"{self._names[meeting[0]]!r} {label}"
 
     def _decisions(

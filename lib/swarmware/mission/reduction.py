@@ -68,6 +68,7 @@ class _Reducer:
     def net(self) -> Net:
         while (self._queue or self._joins) and not self._budget.spent:
             if not self._queue:
+                # The lowest number, so that one mission always gives the same net.
                 number = min(self._joins)
                 self._joins.discard(number)
                 if number in self._all:

@@ -131,6 +131,7 @@ class _Exploration:
             after: list[Key] = []
             self._flight.look(marking, lambda key=key: self._trace(key))  # type: ignore[misc]  # the default binds the value now
             steps = self._bits.steps(marking)
+            # Only in a state of rest do blocks run; a token passes through instant ones.
             if self._bits.rests(steps):
                 self._fired |= self._bits.within(marking)
             for step in steps:

@@ -122,6 +122,7 @@ class Access:
                 (role for of, pattern, role in self._rules if of is verb and pattern.matches(path)),
                 Role.MAINTAINER,
             )
+            # Paths come from other platforms: the cache must not grow with invented ones.
             if len(self._known) < _KNOWN_MAX:
                 self._known[verb, path] = role
         return role

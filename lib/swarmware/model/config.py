@@ -192,6 +192,7 @@ def load_service(config_dir: Path, name: str, cls: type[T]) -> T:
     """
     path = paths.service_config(config_dir, name)
     other = paths.service_config(config_dir, segment(name))
+    # A file with the segment's name would be ignored silently, and with it the settings.
     if other != path and other.exists():
         raise ConfigError(
             f"{other}: not the name of a service; expected the settings of {name!r} in {path.name}"

@@ -81,6 +81,7 @@ class Addressing:
         address = self._addresses.get((path, cls))
         if address is None:
             address = Recipient(self._participant, path, cls)
+            # A module may send to paths made of data; the oldest address can be made again.
             while len(self._addresses) >= ADDRESSES_MAX:
                 del self._addresses[next(iter(self._addresses))]
             self._addresses[path, cls] = address

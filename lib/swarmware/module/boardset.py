@@ -111,6 +111,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         self._refresh()
         for platform, reader in self._readers.items():
             if platform not in self._given:
+                # -1, so that a value that the mirror has already is news, too.
                 self._given[platform] = -1
                 if self._listening:
                     reader.ring_only()

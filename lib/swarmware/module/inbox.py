@@ -78,6 +78,8 @@ class Inbox(Generic[T]):
             value = self.take()
             if value is not None:
                 self._run += 1
+                # A full queue never suspends this task: without a pause the rest of the process would
+                # starve.
                 if self._run >= FAIR:
                     self._run = 0
                     await asyncio.sleep(0)

@@ -92,6 +92,7 @@ class LargeRequest:
         try:
             while True:
                 while len(under_way) < UNDER_WAY and (frame := next(frames, None)) is not None:
+                    # All parts share one deadline: the caller waits for the whole request.
                     left_s = max(0.0, self._ends_s - self._loop.time())
                     frame.flags |= _BULK
                     under_way[self._messaging.request(frame, left_s)] = frame
@@ -102,5 +103,6 @@ class LargeRequest:
                     if on_reply(under_way.pop(one), one.result()):
                         return
         finally:
+            # The other requests would only load the link: their replies are not awaited any more.
             for one in under_way:
                 one.cancel()

@@ -36,7 +36,9 @@ async def send_parts(messaging: Messaging, parts: Iterator[Frame], timeout_s: fl
                 outcome = one.result()
                 if not outcome:
                     return outcome
+                # Parts are acknowledged out of order; the value is received with its last part.
                 newest = max(newest, outcome, key=lambda each: each.received_ns)
     finally:
+        # The other parts would only load the link: their outcomes are not awaited any more.
         for one in under_way:
             one.cancel()

@@ -80,9 +80,11 @@ class SnapshotStream(Generic[T, S]):
         try:
             found = await self._request()
         except (NoAnswer, NotFound):
+            # The owner may be restarting: without a pause the requests would follow each other at once.
             await asyncio.sleep(RETRY_S)
             return None
         self._drain()
+        # Items between the snapshot and the held ones are missing: a newer snapshot is requested.
         if not self._resync.on_snapshot(found.sequence, found.stamp_ns):
             return None
         self.resyncs += 1

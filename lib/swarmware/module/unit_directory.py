@@ -62,6 +62,7 @@ class UnitDirectory:
                 name=f"board {PATH}",
                 data_id=names.data_id(PATH, "PartnerTable"),
             )
+        # Each message asks: two reads of shared memory in place of a copy and a decoding.
         if follower.ring is not None and follower.ring.unchanged:
             return
         frame = follower.newest()

@@ -130,6 +130,8 @@ class Applications:
             before = known.get(app)
             if before is None:
                 events.append(ApplicationEvent(Change.JOINED, entry))
+            # The name was taken over between two refreshes: subscribers must see the end of the former
+            # process.
             elif (before.pid, before.pid_start) != (entry.pid, entry.pid_start):
                 events.append(ApplicationEvent(Change.LEFT, before))
                 events.append(ApplicationEvent(Change.JOINED, entry))

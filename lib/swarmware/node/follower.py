@@ -195,6 +195,8 @@ class RingFollower:
                 written = former.sequence
                 self.ring = former.reopen(path)
                 if not self.ring.same_epoch(former):
+                    # Positions must rise over a restart of the writer: the sequences of a new epoch begin
+                    # at 0 again.
                     self.before += written
         except NotFound:
             return former

@@ -96,6 +96,7 @@ class NodeIncarnation:
 
     def _begin(self, fd: int) -> None:
         """Begin a new incarnation: no other process is attached; files of dead processes are removed."""
+        # Above the former number, even if the wall clock was set back.
         _write(fd, max(utc_ns(), _number(fd) + 1), time.monotonic_ns())
         self._sweep()
 

@@ -46,6 +46,7 @@ class ArrivalOrder:
 
     def on_written(self, epoch: int, sequence: int, stamp_ns: int) -> None:
         """Record that the item was written: it is the newest of its epoch."""
+        # A former epoch stays for late items of the owner's former start; the oldest goes first.
         while epoch not in self._newest and len(self._newest) >= EPOCHS:
             del self._newest[next(iter(self._newest))]
         self._newest[epoch] = (sequence, stamp_ns)
@@ -74,6 +75,8 @@ class _Mirror:
             return False
         payload = frame.payload
         form = (frame.data_id, frame.sender_hw, frame.codec, frame.flags, frame.extension, len(payload))
+        # Most values of a resource differ in numbers only: restamping a buffer saves the encoding of a
+        # frame.
         if form != self._form:
             self._buffer, self._form = bytearray(encode(frame)), form
         restamp(self._buffer, sequence, stamp_ns, echo_rx_us=frame.echo_rx_us)
@@ -180,6 +183,7 @@ class MirrorWriter:
         self.keep_only([key for key in self._mirrors if key[0] != platform or key[1] in paths_kept])
         folder = self._node.shm_dir / platform
         for ring in folder.glob(f"*{RING_SUFFIX}"):
+            # Rings of a former start have no writer here, so only their files are left to remove.
             if ring_path(ring) not in paths_kept:
                 reap_ring(ring)
 

@@ -79,6 +79,7 @@ class Publication:
         self._ring.abandon()
 
     def _grow(self, length: int) -> None:
+        # At least doubled, so that slowly growing values do not replace the ring at each write.
         slot_bytes = max(2 * self._ring.slot_bytes, -(-length // ALIGN) * ALIGN)
         if length > MAX_SLOT_BYTES:
             raise OutOfRange(f"{self.path}: a frame of {length} bytes; expected at most {MAX_SLOT_BYTES}")

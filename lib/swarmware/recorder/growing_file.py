@@ -82,6 +82,7 @@ class GrowingFile:
         """Moves the end of the file, when there is no room before `end`."""
         if end + len(RESERVED_END) > self._size:
             size = -(-(end + self._reserved_bytes + len(RESERVED_END)) // _PAGE) * _PAGE
+            # The new end first: a kill in between leaves a file whose end marks it as unfinished.
             _write(self._fd, memoryview(RESERVED_END), size - len(RESERVED_END))
             self._size = size
             if self._on_disk:

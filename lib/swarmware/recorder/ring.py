@@ -99,6 +99,7 @@ class LogRing:
             remaining.pop()
             if last.sound:
                 return
+        # Newest first: the first sound segment has the numbers of all queues.
         for path in remaining[: -_SEGMENTS_READ - 1 : -1]:
             reader = SegmentReader(path)
             if not reader.final():
@@ -119,6 +120,8 @@ class LogRing:
         holes = _drain(reader)
         size = path.stat().st_size
         if reader.offset == len(MAGIC):
+            # Nothing was recorded; a larger file may hold data that a person can save, so it is only
+            # renamed.
             if size <= _EMPTY_FILE_BYTES:
                 path.unlink()
                 self.repairs.bytes += size
@@ -167,6 +170,7 @@ class LogRing:
         """
         sequence = self._counters.get(channel.queue, 0) + 1
         self._writer.append(channel, sequence, stamp_ns, utc_ns, payload)
+        # After `append` has taken it: a refused entry must not leave a gap in the numbers.
         self._counters[channel.queue] = sequence
         self.last_stamps[channel.path] = stamp_ns
         return sequence
@@ -184,6 +188,7 @@ class LogRing:
 
     def _rotate(self) -> None:
         self._prune()
+        # The new file first: when the disk is full this fails, and the old segment stays in use.
         fresh = self._open(int(self._writer.path.stem) + 1)
         self._writer.finish(self._counters, self._stamps())
         self._ended, self._writer = self._writer, fresh
@@ -208,6 +213,7 @@ class LogRing:
         free = disk.f_bavail * disk.f_frsize
         while paths and (total + self._segment_bytes > self._ring_bytes or free < self._min_free_bytes):
             oldest = paths.pop(0)
+            # The growing segment is never removed, even if it alone exceeds the limits.
             if oldest == self._writer.path:
                 return
             size = oldest.stat().st_size

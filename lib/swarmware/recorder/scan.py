@@ -206,4 +206,5 @@ def has_end(file: BinaryIO, size: int) -> int | None:
     if len(data) < tail or data[-len(MAGIC) :] != MAGIC or RECORD.unpack_from(data) != (FOOTER, 20):
         return None
     start = int.from_bytes(data[RECORD.size : RECORD.size + 8], "little")
+    # An offset behind the end is damage: the records are read without a summary.
     return start if start <= size - tail else 0

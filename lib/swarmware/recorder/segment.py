@@ -94,6 +94,7 @@ class SegmentWriter:
         self._add_numbers(STAMPS, stamps or {})
         try:
             self._out.flush()
+        # Also for an interrupt: `close` removes the unfinished file.
         except BaseException:
             self._out.close()
             raise

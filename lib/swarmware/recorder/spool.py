@@ -98,5 +98,6 @@ def _entry(value: Any, number: int) -> LogEntry:
         found = LogEntry(**value)
         if all(isinstance(getattr(found, key), kind) for key, kind in LogEntry.__annotations__.items()):
             return found
+    # Not an entry of this export: kept with its payload as a foreign one.
     payload = msgpack.packb(value)
     return LogEntry(f"{FOREIGN}:spool:in", number, FOREIGN, "spool", "event", "", 0, 0, payload)

@@ -149,6 +149,7 @@ class ServiceHost:
         task = self._tasks.get(name)
         if task is None:
             raise NotFound(f"service {name!r}: not in this process; expected one of {', '.join(self._tasks)}")
+        # A requested cancellation; without this mark `_run_once` treats it as the end of the service.
         self._again.add(name)
         task.cancel()
 
@@ -227,6 +228,7 @@ class ServiceHost:
 
     async def _keep(self, item: PreparedService) -> None:
         alone = len(self._prepared) == 1
+        # No limit of restarts: the process must not end because of one of its services.
         policy = RestartPolicy(pauses_s=BACKOFF_S, limit=0)
         failures = same = 0
         logged: str | None = None
@@ -270,6 +272,7 @@ class ServiceHost:
             module.keep_boards()  # readable while the service restarts; `stop` undoes this
             service = item.cls(module, overridden(item.config, live, self.node.config.data_path))
             reporter = self._reporters[item.name] = Reporter.open(module, policy.restarts, failures)
+            # Before `run`, so that a stop during the start finds the service.
             self._running[item.name] = service
             damage_report = DamageReport(service.health)
             if item.name == self._speaker:

@@ -88,6 +88,7 @@ class LeaderCandidate:
         former, self._file = self._file, RecordFile(self._file.path)
         held = former.holder() or NO_HOLDER
         present = self.holder
+        # The new file begins with epoch 0, and a fencing number must never be given twice.
         self._known_epoch = max(held.epoch, self._known_epoch)
         is_older = present == held or present.epoch < held.epoch
         if self.holding and is_older and try_lock(self._file.fd):
@@ -183,6 +184,7 @@ class LeaderCandidate:
     def _release(self) -> None:
         self.holding = False
         self._on_lost()
+        # Written before the lock is released: later the record may belong to the next holder.
         self._file.write_holder(Holder(self.holder.epoch, 0, 0, self._label))
         self._mark = self._file.mark()
         fcntl.flock(self._file.fd, fcntl.LOCK_UN)
@@ -196,6 +198,7 @@ class LeaderCandidate:
             # it is dead already, or of another PID namespace: only the lock shows which
             self._again()
             return
+        # The pid was reused: the watched process would not be the holder.
         if start_ticks(pid) != pid_start:
             process.close()
             self._again()

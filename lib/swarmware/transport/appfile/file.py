@@ -75,6 +75,7 @@ class AppFile:
             path = self._folder / paths.application_file(name, number)
             fd = _lock(path, self._users)
             if fd is not None:
+                # The name is replaced: `last_of` must not report the former process any more.
                 trace.forget(path)
                 return fd, path, number
         which = f"{name}#{instance}" if instance is not None else f"every instance of {name}"

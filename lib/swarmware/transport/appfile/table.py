@@ -96,6 +96,7 @@ class AppTable:
         before = list(self._files.values())
         self._folder_ns = folder_ns
         self._files = dict(self._read())
+        # The time of the folder also changes when no application has.
         if before != list(self._files.values()):
             self._claims = AddressClaims([found for _, found in self._files.values()], self._claims)
             self.version += 1

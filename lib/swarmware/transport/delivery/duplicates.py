@@ -98,6 +98,7 @@ class DuplicateFilter:
         """The message is accepted; its answer follows."""
         self._mark(origin, now_ns)
         self._in_work[origin] = None
+        # A handler that never answers must not hold its entry for ever.
         if len(self._in_work) > IN_WORK:
             self._in_work.popitem(last=False)
 
@@ -105,6 +106,7 @@ class DuplicateFilter:
         """Store the answer; a message answered at once needs no `begin`."""
         self._mark(origin, now_ns)
         self._in_work.pop(origin, None)
+        # A repeated answer replaces the former one, whose bytes no longer count.
         self._answer_bytes += len(answer) - len(self._answers.pop(origin, b""))
         self._answers[origin] = answer
         while self._answers and (
@@ -113,6 +115,7 @@ class DuplicateFilter:
             self._answer_bytes -= len(self._answers.popitem(last=False)[1])
 
     def _mark(self, origin: Origin, now_ns: int) -> None:
+        # Never backwards, so that the order of last use stays the order of time.
         self._now_ns = max(self._now_ns, now_ns)
         hardware, application, data, sequence = origin
         spans = self._senders.get(hardware)

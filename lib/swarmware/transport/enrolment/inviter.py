@@ -139,6 +139,7 @@ class Inviter:
         bucket = self._sources.get(address)
         if bucket is None:
             if len(self._sources) >= ADDRESSES_MAX:
+                # Addresses can be invented without end: the oldest one goes.
                 del self._sources[next(iter(self._sources))]
             bucket = self._sources[address] = _Bucket(ATTEMPTS, 1.0, now_ns)
         if bucket.take(now_ns) and self._all.take(now_ns):

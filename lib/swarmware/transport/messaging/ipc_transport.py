@@ -139,6 +139,8 @@ class IpcConnection:
         """Send or queue a message; False when the queue is full or nothing can be sent any longer."""
         if self.is_closed or self._is_broken:
             return False
+        # Behind waiting bytes a message must queue, too: written now it would overtake them or split a
+        # message.
         if self._rest or self._queue.waiting or not self._zmtp.is_ready:
             return self._queue.put(data, urgent=urgent)
         self._write(message(data))
@@ -168,7 +170,7 @@ class IpcConnection:
             self._is_broken = True  # the reader will see the end of the stream
             self._rest = b""
             return
-        self._rest = b"" if sent == len(data) else memoryview(data)[sent:]
+        self._rest = b"" if sent == len(data) else memoryview(data)[sent:]  # a view: no copy of the rest
         if self._rest:
             self._wait_for_room(True)
 
@@ -284,6 +286,8 @@ class _IpcPeer:
 
     def _on_closed(self, connection: IpcConnection) -> None:
         self.connection = None
+        # Only a finished handshake ends the back-off: a process that accepts and fails would be tried at
+        # once.
         if connection.is_ready:
             self._failures = 0
         if self._is_leaving:

@@ -147,6 +147,7 @@ class Keys:
         if before is None:
             raise Denied(f"{self.platform} has no keys: it takes no roster")
         roster = parse_roster(text, self.root_public, "roster")
+        # Rosters travel through every member: an old one must not bring a revoked platform back.
         if roster.version <= before.version:
             return None
         own = roster.find(self.platform)

@@ -95,6 +95,7 @@ class ReceivedSession:
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed. Its number stays unused until `take`."""
         ahead = sequence - self._top
+        # Before the decryption, which costs far more than a look at the window.
         if ahead <= 0 and (ahead <= -self._window or self._seen >> -ahead & 1):
             return Refusal.REPLAYED
         body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
@@ -134,6 +135,8 @@ class Opener:
         if session is None:
             if not known:
                 return Refusal.UNKNOWN
+            # Without a session number each known session is tried: its key opens the datagram, or none
+            # does.
             for one in known:
                 opened = one.open(sender_hw, sequence, clear, box)
                 if opened is not Refusal.FORGED:
@@ -177,10 +180,12 @@ class Opener:
         known = self._senders.get(sender_hw)
         if known is None:
             if len(self._senders) >= SENDER_LIMIT:
+                # Insertion order: the sender that was opened first goes, so that the memory stays bounded.
                 oldest = next(iter(self._senders))
                 del self._senders[oldest]
                 self._adopted.pop(oldest, None)
             known = self._senders[sender_hw] = []
+        # Behind the adopted session: a replayed former session must not displace the present one.
         first = 1 if known and known[0].number == self._adopted.get(sender_hw) else 0
         known.insert(first, ReceivedSession(session, key))
         del known[SESSIONS_MAX:]

@@ -122,6 +122,7 @@ def _lock_existing(path: Path) -> int | None:
             continue
         try:
             if not try_lock(fd):
+                # A living owner keeps its ring; any other holder of the lock releases it soon.
                 owner = _owner_of(fd)
                 if owner.alive() or not lock_within(fd, LOCK_WAIT_S):
                     raise RingBusy(_busy_text(path, _owner_of(fd)))
@@ -206,6 +207,7 @@ def _make(
             raise RingBusy(f"{unfinished}: another process is making this ring")
         if not stands_at(fd, unfinished):
             return None
+        # Another process has made or replaced the ring between the check and the lock.
         if not _vacant(path, old_fd):
             unfinished.unlink()
             return None
