@@ -33,8 +33,7 @@ from swarmd.broker.core.membership.sessions import (
     ReportImpersonation,
     SwarmMembership,
 )
-from swarmd.broker.core.reports.refusal_log import RefusalLog
-from swarmd.broker.core.reports.report import PublishTables
+from swarmd.broker.core.reports.report import PublishTables, RefusalLog
 from swarmd.broker.core.swarm.media.medium import MediumProfile
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.swarm_action import (
@@ -45,13 +44,12 @@ from swarmd.broker.core.swarm.swarm_action import (
 )
 from swarmd.broker.exchange.beacon_transport import FAULTS, BeaconTransport
 from swarmd.broker.exchange.frame_gateway import FrameGateway
-from swarmd.broker.exchange.media_links import MediaLinks
 from swarmd.broker.records.conditions import Conditions
 from swarmd.broker.records.forgery_reports import ForgeryReports
 from swarmd.broker.records.former_session import FormerSession
 from swarmd.broker.records.membership import Membership, keys_folder
 from swarmd.broker.records.outage_recorder import OutageRecorder
-from swarmd.broker.sockets.media import Media
+from swarmd.broker.sockets.media import Media, MediaLinks
 from swarmd.broker.sockets.medium import MediumDatagram
 from swarmd.broker.sockets.pinned_addresses import PinnedAddresses
 from swarmd.broker.sockets.udp import loopback_only

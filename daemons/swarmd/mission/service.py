@@ -15,9 +15,9 @@ from swarmd.mission.checking import Checker
 from swarmd.mission.config import Config as Settings
 from swarmd.mission.core.admission import drained_text
 from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
+from swarmd.mission.core.barrier import lead_to_ns
 from swarmd.mission.core.census import Census
 from swarmd.mission.core.executor import MissionExecutor
-from swarmd.mission.core.lead import lead_to_ns
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock, TakeVehicle
 from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain

@@ -2,11 +2,11 @@
 
 import random
 import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from swarmd.sim import config as settings
-from swarmd.sim.chassis import ChassisPort
 from swarmd.sim.core.simulation import Command, Simulation, SimulationOutput
 from swarmd.sim.core.vehicle_core import Action, PublishOutput, PublishReport, ReadBoards, VehicleCore
 from swarmd.sim.switch import Switch
@@ -27,6 +27,26 @@ from swarmware.types.vehicle import (
     Range,
     Setpoint,
 )
+
+
+class ChassisPort:
+    """Executes orders of the driver as soon as they are written."""
+
+    def __init__(self, module: Module, core: VehicleCore, feed: Callable[[Iterable[Action]], None]) -> None:
+        self._module = module
+        self._core = core
+        self._feed = feed
+        # orders from before this start are skipped, because the driver repeats unanswered orders
+        self._orders = module.stream_reader(paths.SIM_ORDERS, ChassisOrder)
+
+    def serve(self) -> None:
+        """Starts to execute orders."""
+        self._module.start(self._follow(), "orders to the chassis")
+
+    async def _follow(self) -> None:
+        async for order in self._orders:
+            self._feed(self._core.on_order(order, self._module.now_ns()))
+
 
 if TYPE_CHECKING:
     from swarmd.sim.pulse_inputs import PulseInputs

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from swarmd.mission.config import Config
+from swarmd.mission.core.barrier import lead_ns
 from swarmd.mission.core.executor import START, MissionExecutor
-from swarmd.mission.core.lead import lead_ns
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock
 from swarmware.mission.binding import Binding
 from swarmware.mission.field_path import Scalar

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.broker.core.reports.refusal_log import LOG_NS, RefusalLine, RefusalLog
+from swarmd.broker.core.reports.report import LOG_NS, RefusalLine, RefusalLog
 from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Refused
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.broker.core.boards.video_receivers import QUESTION, without_video
+from swarmd.broker.core.boards.channel_table import QUESTION, without_video
 from swarmware.errors import InvalidInput
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind

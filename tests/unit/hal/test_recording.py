@@ -10,8 +10,7 @@ from tests.unit.hal.rig import running
 from tests.unit.hal.status import status
 
 from swarmd.hal.config import Config, RecordingDriver
-from swarmd.hal.core.playback import Playback
-from swarmd.hal.drivers.recording import RecordedDevices
+from swarmd.hal.drivers.recording import Playback, RecordedDevices
 from swarmware.recorder import spool
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.recorder.segment import LogChannel, SegmentWriter

@@ -11,9 +11,9 @@ from tests.unit.hal.status import state_of, status
 
 from swarmd.hal.buses.pwm import PwmChannel
 from swarmd.hal.config import Config, ServoDriver, ServoOutput
-from swarmd.hal.core.actuator_output import ActuatorOutput
 from swarmd.hal.driver import DeviceError, DeviceGone
 from swarmd.hal.drivers.servo import Servos
+from swarmd.hal.outputs import ActuatorOutput
 from swarmware.module.module import Module
 from swarmware.types.health import CheckReports
 from swarmware.types.scalar import Float

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmd.mission.core.lead import LEAD_MAX_NS, lead_ns, lead_to_ns
+from swarmd.mission.core.barrier import LEAD_MAX_NS, lead_ns, lead_to_ns
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import ConnectionStatus, LinkStatus, Neighbours, NeighbourState, Routes, RouteState
 

@@ -1,7 +1,7 @@
 """The battery: energy drawn, and none below empty."""
 
 from swarmd.sim.config import BatteryConfig
-from swarmd.sim.core.battery import Battery
+from swarmd.sim.core.simulation import Battery
 
 
 def test_energy_falls_by_what_is_drawn_and_never_below_nothing() -> None:

@@ -11,7 +11,7 @@ from swarmd.sim.config import WindConfig
 from swarmd.sim.core.flying_body import FlyingBody
 from swarmd.sim.core.multirotor_airframe import MultirotorRotors
 from swarmd.sim.core.rigid_body import RigidBody
-from swarmd.sim.core.wind import GustyWind
+from swarmd.sim.core.simulation import GustyWind
 from swarmware.geometry.attitude import Vector
 from swarmware.model.airframe import MultirotorAirframe
 from swarmware.model.airframe_file import load_airframe

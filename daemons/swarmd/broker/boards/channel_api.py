@@ -8,8 +8,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.boards.channel_store import ChannelStore
-from swarmd.broker.core.boards.channel_table import ChannelTable, refusals
-from swarmd.broker.core.boards.video_receivers import QUESTION, without_video
+from swarmd.broker.core.boards.channel_table import QUESTION, ChannelTable, refusals, without_video
 from swarmware.errors import SwarmError
 from swarmware.model import names, template
 from swarmware.model.resource import Kind, Resource

@@ -8,7 +8,6 @@ import msgspec
 
 from swarmd.hal.blocking import BlockingDevice
 from swarmd.hal.config import Config, RecordingDriver
-from swarmd.hal.core.playback import Playback
 from swarmd.hal.driver import Device, DeviceError, DeviceGone, Sensor, Site
 from swarmware.errors import InvalidInput, NotFound, WireError
 from swarmware.model.resource import Kind
@@ -17,6 +16,36 @@ from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.writer import BoardWriter
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, LogSource, Query
+
+_CATCH_UP_NS: Final = 1_000_000_000
+"""Maximum stall that is caught up; after a longer stall the recording continues where it was."""
+
+
+class Playback:
+    """Converts instants of a recording to the clock of this computer.
+
+    `speed`: seconds of the recording that are played in one second. The recording has its own clock.
+    """
+
+    def __init__(self, first_ns: int, start_ns: int, speed: float) -> None:
+        self._first_ns = first_ns
+        self._start_ns = start_ns
+        self._speed = speed
+        self.stalled_ns = 0
+        """Sum of the stalls that were not caught up."""
+
+    def local_ns(self, recorded_ns: int) -> int:
+        """Converts an instant of the recording to the clock of this computer."""
+        return self._start_ns + round((recorded_ns - self._first_ns) / self._speed)
+
+    def is_due(self, recorded_ns: int, now_ns: int) -> bool:
+        """True if an entry is to be published now; a long stall shifts all later entries."""
+        late_ns = now_ns - self.local_ns(recorded_ns)
+        if late_ns > _CATCH_UP_NS:
+            self._start_ns += late_ns
+            self.stalled_ns += late_ns
+        return late_ns >= 0
+
 
 _BATCH: Final = 1000
 """Maximum number of entries that are published before other drivers have their turn."""

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 import msgspec
 
-from swarmd.hal.config import Config
+from swarmd.hal.chassis import Chassis
+from swarmd.hal.config import ChassisConfig, Config
 from swarmd.hal.core.median import MedianFilter
 from swarmd.hal.driver import Device, Sensor, Site
-from swarmd.hal.drivers.sim_chassis import SimChassis
+from swarmd.hal.drivers.sim_port import SimPort
 from swarmd.hal.imu_source import ImuSource
 from swarmware.errors import NoAnswer
 from swarmware.model import paths
@@ -16,8 +17,37 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
+from swarmware.types.chassis import ChassisOrder
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Range, VehicleState
+from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Range, Setpoint, VehicleState
+
+
+class SimChassis(Chassis):
+    """The chassis of the simulated vehicle."""
+
+    def __init__(self, config: ChassisConfig) -> None:
+        super().__init__("sim.chassis", config)
+        self._port = SimPort(paths.SIM_SETPOINT, Setpoint)
+
+    async def open(self, module: Module) -> None:
+        """Opens the boards shared with the simulation, which may not run yet."""
+        await super().open(module)
+        self._port.open(module)
+        self.start(self._port.follow(self.on_report))
+
+    def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
+        """Writes the set-point for the simulation."""
+        self._port.command(setpoint, stamp_ns)
+
+    def send_order(self, order: ChassisOrder) -> None:
+        """Writes the order for the simulation."""
+        self._port.order(order)
+
+    async def close(self) -> None:
+        """Closes the boards of the simulation."""
+        await super().close()
+        self._port.close()
+
 
 if TYPE_CHECKING:
     from swarmware.model.airframe import Airframe

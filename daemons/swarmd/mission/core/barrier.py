@@ -7,7 +7,7 @@ has ended or timed out, unless the barrier names its role.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Final
 
 import msgspec
@@ -15,10 +15,10 @@ import msgspec
 from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import INACTIVE, Arrival, BarrierResult, Member, MissionPhase, MissionState
+from swarmware.types.net import Neighbours, Routes
 
 OVER: Final = INACTIVE | {MissionPhase.ENDING, MissionPhase.RECOVERING}
 """States of a member that will not arrive at any further barrier."""
-"""Kind of the members that the others do not need to continue (S1.5)."""
 ORDERED: Final = frozenset({MissionPhase.ABORTED})
 """States that a ground station enters only on an instruction: then it counts like any other member."""
 PATIENCE: Final = 3
@@ -327,3 +327,36 @@ class Barriers:
     def _why(self, spec: BarrierSpec, now_ns: int) -> str:
         names = [n for n in self._needed(spec, now_ns) if not self._is_there(n, spec, now_ns)]
         return f"without {', '.join(names)}" if names else ""
+
+
+LEAD_BEACONS: Final = 2.5
+"""Beacon periods per hop for a barrier result: the next beacon carries it, or the one after if that is
+lost."""
+LEAD_MAX_NS: Final = 5_000_000_000
+
+
+def lead_ns(min_ns: int, beacon_hz: float, hops: int) -> int:
+    """The lead for members at a maximum hop count, at the lowest beacon rate on the route."""
+    if beacon_hz <= 0:
+        return min_ns
+    return max(min_ns, min(round(LEAD_BEACONS * max(hops, 1) * 1e9 / beacon_hz), LEAD_MAX_NS))
+
+
+def lead_to_ns(
+    platforms: Collection[str],
+    *,
+    min_ns: int,
+    own_hz: float,
+    routes: Routes | None,
+    neighbours: Neighbours | None,
+) -> int:
+    """The lead for these members, with the present routes and beacon rates.
+
+    `own_hz`: beacon rate of this node; 0: not known. The rates of nodes that relay to a member are included.
+    """
+    ways = [route for route in routes.routes if route.platform in platforms] if routes else []
+    relays = {route.via for route in ways if route.hops > 1}
+    known = neighbours.neighbours if neighbours else ()
+    rates_hz = [own_hz, *(each.tick_hz for each in known if each.name in relays)]
+    slowest_hz = min((hz for hz in rates_hz if hz > 0), default=0.0)
+    return lead_ns(min_ns, slowest_hz, max((route.hops for route in ways), default=1))

@@ -10,7 +10,6 @@ import msgspec
 from swarmd.mission.config import Config
 from swarmd.mission.core.announcement import Announcer
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
-from swarmd.mission.core.delayed_lookup import DelayedLookup
 from swarmd.mission.core.player import Player
 from swarmd.mission.core.run import (
     PLAYING,
@@ -33,6 +32,7 @@ from swarmd.mission.core.run import (
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
+from swarmware.mission.field_path import Scalar
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.mission.reaction import STRENGTH, ReactionRow
@@ -40,6 +40,27 @@ from swarmware.runtime.core import AT_ONCE
 from swarmware.runtime.own_delay import OwnDelay
 from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
+
+
+class DelayedLookup:
+    """Values with their ages, less the time for which this node did not listen.
+
+    The owner of a value has not run meanwhile either, or its value waits to be taken.
+    """
+
+    def __init__(self, lookup: Lookup, delay_ns: int) -> None:
+        self._lookup = lookup
+        self._delay_s = delay_ns / 1e9
+
+    def value(self, path: str, field: str) -> Scalar | None:
+        """Newest value of the resource's field (empty: its only field)."""
+        return self._lookup.value(path, field)
+
+    def age_s(self, path: str) -> float | None:
+        """Age of the newest value."""
+        age_s = self._lookup.age_s(path)
+        return None if age_s is None else max(age_s - self._delay_s, 0.0)
+
 
 START: Final = "@start"
 """The barrier before Start: no member begins unless all have accepted the order."""

@@ -1,12 +1,12 @@
 """Simulation of one vehicle in its world, at a fixed sample rate."""
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 import msgspec
 
-from swarmd.sim.config import Config
-from swarmd.sim.core.battery import Battery
+from swarmd.sim.config import BatteryConfig, Config, WindConfig
 from swarmd.sim.core.contacts import Contacts, collision
 from swarmd.sim.core.sensors import Gauss, SensorErrors, Uniform
 from swarmware.errors import Denied, InvalidInput
@@ -24,6 +24,65 @@ from swarmware.types.vehicle import (
     Setpoint,
     VehicleState,
 )
+
+
+class GustyWind:
+    """Velocity of the air around one vehicle.
+
+    Source: MIL-F-8785C, section 3.7 (Dryden form), with a time constant in place of length divided by speed,
+    because a hovering vehicle has no speed.
+    """
+
+    __slots__ = ("_config", "_gauss", "_gust")
+
+    def __init__(self, config: WindConfig, gauss: Callable[[float, float], float]) -> None:
+        self._config = config
+        self._gauss = gauss
+        self._gust = [0.0, 0.0, 0.0]
+
+    def __call__(self, dt_s: float) -> Vector:
+        """Advances the wind by a duration; returns its velocity in the map."""
+        config, gust = self._config, self._gust
+        if config.gust_sigma_m_s > 0.0:
+            correlation = math.exp(-dt_s / config.gust_tau_s)
+            drive = config.gust_sigma_m_s * math.sqrt(1 - correlation**2)
+            for axis in range(3):
+                gust[axis] = gust[axis] * correlation + self._gauss(0.0, drive)
+        x, y, z = config.mean_m_s
+        return x + gust[0], y + gust[1], z + gust[2]
+
+
+class Battery:
+    """Energy store of one vehicle; the voltage is linear in the state of charge."""
+
+    __slots__ = ("_config", "_energy_wh", "_power_w")
+
+    def __init__(self, config: BatteryConfig) -> None:
+        self._config = config
+        self._energy_wh = config.capacity_wh * config.start_ratio
+        self._power_w = 0.0
+
+    @property
+    def ratio(self) -> float:
+        """State of charge, the ratio of remaining energy to capacity."""
+        return self._energy_wh / self._config.capacity_wh
+
+    @property
+    def empty(self) -> bool:
+        """True if the battery is empty, when the motors stop."""
+        return self._energy_wh <= 0.0
+
+    def draw(self, power_w: float, dt_s: float) -> None:
+        """Draws power for the duration of a sample."""
+        self._power_w = power_w
+        self._energy_wh = max(0.0, self._energy_wh - power_w * dt_s / 3600)
+
+    def state(self) -> BatteryState:
+        """The state that the battery monitor reports."""
+        config = self._config
+        voltage = config.voltage_empty_v + self.ratio * (config.voltage_full_v - config.voltage_empty_v)
+        return BatteryState(round(voltage, 3), round(self._power_w / voltage, 3), round(self.ratio, 5))
+
 
 if TYPE_CHECKING:
     from swarmd.sim.core.airframe_model import AirframeModel
@@ -386,7 +445,6 @@ def flying_body(
     from swarmd.sim.core.flying_body import FlyingBody
     from swarmd.sim.core.helicopter_airframe import HelicopterRotors
     from swarmd.sim.core.multirotor_airframe import MultirotorRotors
-    from swarmd.sim.core.wind import GustyWind
 
     model: AirframeModel
     match airframe.type:

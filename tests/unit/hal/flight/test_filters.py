@@ -6,7 +6,7 @@ import random
 import pytest
 
 from swarmd.hal.core.flight.attitude_filter import AttitudeFilter
-from swarmd.hal.core.flight.imu_mean import ImuMean
+from swarmd.hal.core.flight.flight_core import ImuMean
 from swarmd.hal.core.flight.motion_filter import MotionFilter
 from swarmware.geometry.attitude import from_euler, matrix, to_body
 from swarmware.geometry.geodesy import GRAVITY_M_S2, LocalMap, Origin

@@ -11,8 +11,8 @@ from tests.unit.hal.flight.frames import airframe
 
 from swarmd.hal.config import ChassisConfig, Config
 from swarmd.hal.core.flight.flight_core import FlightTiming
+from swarmd.hal.core.flight.hover_controller import MultirotorController
 from swarmd.hal.core.flight.mixer import IDLE
-from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmd.hal.driver import Site
 from swarmd.hal.drivers.sim import make
 from swarmd.hal.flight_controller import FlightController

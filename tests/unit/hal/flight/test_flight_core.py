@@ -5,8 +5,8 @@ import pytest
 from tests.unit.hal.flight.frames import airframe
 
 from swarmd.hal.core.flight.flight_core import FlightCore, FlightTiming, FormerFlight
+from swarmd.hal.core.flight.hover_controller import MultirotorController
 from swarmd.hal.core.flight.mixer import IDLE
-from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import GnssFix, Imu, Setpoint

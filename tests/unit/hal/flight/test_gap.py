@@ -3,7 +3,7 @@ motors."""
 
 import pytest
 
-from swarmd.hal.core.flight.gap import between
+from swarmd.hal.core.flight.flight_core import between
 from swarmware.types.vehicle import Imu
 
 BEFORE = Imu(0.0, 0.2, -0.1, 0.0, 0.0, 10.0, 0.3)

@@ -6,9 +6,8 @@ import msgspec
 import pytest
 from tests.unit.hal.flight.frames import airframe, state
 
-from swarmd.hal.core.flight.attitude_loop import body_rates
 from swarmd.hal.core.flight.climb_loop import ClimbLoop
-from swarmd.hal.core.flight.hover_controller import softened
+from swarmd.hal.core.flight.hover_controller import body_rates, softened
 from swarmd.hal.core.flight.rate_loop import RateLoop
 from swarmd.hal.core.flight.velocity_loop import VelocityLoop
 from swarmware.geometry.geodesy import GRAVITY_M_S2

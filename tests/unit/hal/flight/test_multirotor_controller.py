@@ -3,8 +3,8 @@
 import pytest
 from tests.unit.hal.flight.frames import BOTH, airframe, state
 
+from swarmd.hal.core.flight.hover_controller import MultirotorController
 from swarmd.hal.core.flight.mixer import IDLE
-from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmware.errors import Denied
 from swarmware.model.airframe import MultirotorAirframe
 from swarmware.types.vehicle import Setpoint

@@ -10,11 +10,9 @@ from swarmd.hal.core.flight.control_law import ControlLaw, HoverLaw
 from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmd.hal.core.flight.flight_watch import FlightStep, FlightWatch, tilt
-from swarmd.hal.core.flight.gap import between
 from swarmd.hal.core.flight.helicopter_controller import HelicopterController
-from swarmd.hal.core.flight.imu_mean import ImuMean
+from swarmd.hal.core.flight.hover_controller import MultirotorController
 from swarmd.hal.core.flight.motion_filter import MotionFilter
-from swarmd.hal.core.flight.multirotor_controller import MultirotorController
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import ORIGIN_ACC_M
 from swarmware.model.airframe import Airframe, MultirotorAirframe
@@ -22,6 +20,65 @@ from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import GnssFix, Imu, Setpoint
+
+
+class ImuMean:
+    """Averages the samples since the last mean, so that vibrations do not alias into a slower rate."""
+
+    __slots__ = ("_count", "_sums", "_yaw_rad")
+
+    def __init__(self) -> None:
+        self._sums = [0.0] * 6
+        self._count = 0
+        self._yaw_rad: float | None = None
+
+    def add(self, imu: Imu) -> None:
+        """Adds a sample to the mean."""
+        sums = self._sums
+        sums[0] += imu.wx_rad_s
+        sums[1] += imu.wy_rad_s
+        sums[2] += imu.wz_rad_s
+        sums[3] += imu.ax_m_s2
+        sums[4] += imu.ay_m_s2
+        sums[5] += imu.az_m_s2
+        self._count += 1
+        self._yaw_rad = imu.yaw_rad
+
+    def take(self, roll_rad: float, pitch_rad: float) -> Imu | None:
+        """The mean with the newest heading and this attitude, or None without samples; clears the sums."""
+        if self._count == 0:
+            return None
+        wx, wy, wz, ax, ay, az = (value / self._count for value in self._sums)
+        self._sums, self._count = [0.0] * 6, 0
+        return Imu(wx, wy, wz, ax, ay, az, self._yaw_rad, roll_rad, pitch_rad)
+
+
+def between(before: Imu, after: Imu, at_s: float, gap_s: float, held_s: float) -> Imu:
+    """Interpolates the sample at an instant of a gap, without a heading.
+
+    Held outputs mean constant moments and thrust, so the rates change linearly while they are held. After the
+    motors have stopped the rates stay, and the specific force is the one of free fall.
+    Units: `at_s` and `gap_s` since the previous sample; `held_s`: time for which outputs are held.
+    """
+    share = min(1.0, at_s / min(gap_s, held_s))
+    falls = gap_s > held_s
+    force = (1.0 if at_s > held_s else 0.0) if falls else share
+
+    def rate(one: float, other: float) -> float:
+        return one + (other - one) * share
+
+    def acceleration(one: float, other: float) -> float:
+        return one + (other - one) * force
+
+    return Imu(
+        rate(before.wx_rad_s, after.wx_rad_s),
+        rate(before.wy_rad_s, after.wy_rad_s),
+        rate(before.wz_rad_s, after.wz_rad_s),
+        acceleration(before.ax_m_s2, after.ax_m_s2),
+        acceleration(before.ay_m_s2, after.ay_m_s2),
+        acceleration(before.az_m_s2, after.az_m_s2),
+    )
+
 
 _STEP_MAX_S: Final = 0.1
 """Maximum time that is integrated between two samples on the ground."""

@@ -6,17 +6,46 @@ from typing import Final
 
 import msgspec
 
-from swarmd.hal.core.flight.attitude_loop import body_rates
 from swarmd.hal.core.flight.climb_loop import ClimbLoop
 from swarmd.hal.core.flight.control_law import changed
 from swarmd.hal.core.flight.flight_state import FlightState
+from swarmd.hal.core.flight.mixer import IDLE, Mixer
 from swarmd.hal.core.flight.rate_loop import RateLoop
 from swarmd.hal.core.flight.velocity_loop import VelocityLoop
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import GRAVITY_M_S2
+from swarmware.model.airframe import MultirotorAirframe
 from swarmware.model.hover_gains import HoverGains, HoverLimits
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Setpoint
+
+
+def body_rates(
+    state: FlightState,
+    roll_rad: float,
+    pitch_rad: float,
+    yaw_rate_rad_s: float,
+    kp_1_s: float,
+    limit_rad_s: float,
+) -> Vector:
+    """Commanded body rates for a commanded roll, pitch and yaw rate.
+
+    Source: Beard, McLain 2012, "Small Unmanned Aircraft", equation 3.3.
+    """
+    roll_rate = _clipped(kp_1_s * (roll_rad - state.roll_rad), limit_rad_s)
+    pitch_rate = _clipped(kp_1_s * (pitch_rad - state.pitch_rad), limit_rad_s)
+    cr, sr = math.cos(state.roll_rad), math.sin(state.roll_rad)
+    cp, sp = math.cos(state.pitch_rad), math.sin(state.pitch_rad)
+    return (
+        roll_rate - sp * yaw_rate_rad_s,
+        cr * pitch_rate + sr * cp * yaw_rate_rad_s,
+        -sr * pitch_rate + cr * cp * yaw_rate_rad_s,
+    )
+
+
+def _clipped(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))
+
 
 _LIFT_M_S: Final = 0.1
 """Commanded climb rate above which a landed vehicle takes off."""
@@ -148,3 +177,26 @@ class HoverController(ABC):
         self._rate.reset()
         self._velocity.reset()
         self._climb.reset()
+
+
+_THRUST_MAX_RATIO: Final = 0.9
+_THRUST_MIN_RATIO: Final = 0.1
+"""Limits of the ratio of common thrust to its maximum; the rest is reserved for moments."""
+
+
+class MultirotorController(HoverController):
+    """Control law of a multirotor with any number of rotors, as the file of its airframe describes them."""
+
+    def __init__(self, airframe: MultirotorAirframe) -> None:
+        idle = ActuatorOutputs((IDLE,) * len(airframe.rotors))
+        super().__init__(airframe.gains, airframe.limits, airframe.body.inertia_kg_m2, idle)
+        self._airframe = airframe
+        self._mixer = Mixer(airframe)
+
+    def _actuated(self, demand: Demand) -> tuple[ActuatorOutputs, float, bool]:
+        airframe = self._airframe
+        full_n = airframe.motor.thrust_max_n * len(airframe.rotors)
+        thrust = airframe.body.mass_kg * demand.lift_m_s2 / demand.upright
+        thrust = max(_THRUST_MIN_RATIO * full_n, min(_THRUST_MAX_RATIO * full_n, thrust))
+        motors, whole = self._mixer.outputs(thrust, demand.turn)
+        return ActuatorOutputs(motors), thrust * demand.upright / airframe.hover_thrust_n, whole
