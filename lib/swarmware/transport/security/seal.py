@@ -95,7 +95,7 @@ class ReceivedSession:
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed. Its number stays unused until `take`."""
         ahead = sequence - self._top
-        # Before the decryption, which costs far more than a look at the window.
+        # Before the decryption, which costs far more than the check of the window.
         if ahead <= 0 and (ahead <= -self._window or self._seen >> -ahead & 1):
             return Refusal.REPLAYED
         body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
