@@ -99,6 +99,8 @@ class CrsfDecoder:
                 continue
             if len(self._open) < length + 2:
                 return
+            # A refused frame costs its first byte only: the sync byte may be data, and a valid frame may
+            # follow in it.
             body, crc = bytes(self._open[2 : length + 1]), self._open[length + 1]
             if crc8(body) != crc:
                 self.refused["CRC wrong"] += 1

@@ -50,6 +50,7 @@ def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, Param
         known = ", ".join(sorted(folder.param_names())) or "it has none"
         raise MissionError(f"parameter {unknown[0]!r}: unknown in {folder.manifest.name}; expected {known}")
     free = sorted(platforms, key=lambda platform: natural(platform.name))
+    # A platform that one role names is reserved for it: a general role must not take it before.
     named = {role.platform for role in folder.manifest.roles}
     filled: list[tuple[RoleSpec, list[Platform]]] = []
     for role in folder.manifest.roles:

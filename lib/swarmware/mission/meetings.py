@@ -346,6 +346,7 @@ class _Ensemble:
                 for marking, visits in states
                 if marking
             ]
+            # Only differences of visits matter: without this, loops would give new states without end.
             behind.append(min(live, default=0))
         no_visits = tuple(0 for _ in behind)
         self.clipped = self.clipped or any(

@@ -119,6 +119,7 @@ def unpack(data: bytes | memoryview) -> bytes:
     version, number, layout, _, size, records_size, record_bytes = _HEADER.unpack_from(data)
     if version != VERSION:
         raise WireError(f"container of version {version}: expected {VERSION}")
+    # Checked before the decompression: a few bytes can state any size.
     if size > PAYLOAD_LIMIT:
         raise WireError(f"container states {size} bytes: expected at most {PAYLOAD_LIMIT}")
     body = memoryview(data)[_HEADER.size :]

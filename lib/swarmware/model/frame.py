@@ -240,6 +240,7 @@ def decode(data: bytes | memoryview) -> Frame:
     ) = _HEADER.unpack_from(data)
     if magic != MAGIC:
         raise WireError(f"frame starts with {magic!r}: expected {MAGIC!r}")
+    # One version on either side, so that a swarm can be updated node by node.
     if not VERSION - 1 <= version <= VERSION + 1:
         raise WireError(f"frame of version {version}: expected {VERSION}, one before or one after")
     kind = _KINDS.get(kind_number)

@@ -162,6 +162,7 @@ def _merge(
     file = _read(source, files)
     for parent in _parents(file):
         _merge(parent, folder, (*trail, name), merged, origin, files)
+    # After the bases, whose resources it removes, and before the own ones, which may replace them.
     for text in file.remove:
         _remove(text, str(source), merged)
     for path, entry in file.resources.items():

@@ -142,6 +142,7 @@ def _key(
     own = by_file if running is None else _plain(_at(running, key.name))
     line = file.lines.get(tuple(key.name.split(".")), 0)
     pending = running is not None and file.value is not None and own != by_file
+    # The service may run with a former content of the file, whose lines are not known any more.
     written = own != _plain(key.default) if pending or file.value is None else line > 0
     origin = ConfigOrigin.FILE if written else ConfigOrigin.DEFAULT
     made = ConfigKey(

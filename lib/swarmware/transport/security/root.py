@@ -114,6 +114,7 @@ class Root:
             former = before.find(candidate.platform)
             if former is not None:
                 revoked.append(former.serial)
+                # The holder of the former key still knows the group key.
                 rotate = rotate or former.sign_public != candidate.sign_public
             renamed = [
                 each

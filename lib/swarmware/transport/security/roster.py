@@ -137,6 +137,7 @@ def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
 
     Raises: ConfigError when it is damaged or of a former version, Denied when the root did not sign it.
     """
+    # Verified before it is decoded: bytes without the root's signature reach no parser.
     body, signature = split_signed(text, source)
     try:
         genuine = verify(root_public, signature, body)
