@@ -18,18 +18,18 @@ from swarmware.errors import Denied, NotFound, SwarmError
 
 _NAME: Final = "swarmctl"
 _COMPLETE: Final = "_SWARMCTL_COMPLETE"
-"""Variable by which a shell asks for completions."""
+"""Environment variable by which a shell requests completions."""
 _ZSH_COMPINIT: Final = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }"
-"""Start of zsh's own completion, which defines `compdef`; a shell without a configuration has not done it."""
+"""Start of zsh's completion, which defines `compdef`, for shells whose configuration does not start it."""
 INTERRUPTED: Final = 130
 """Exit code after Ctrl-C (128 + SIGINT)."""
 
 HELP_COLUMNS: Final = 110
 """Maximum width of a help text."""
 LINE_CHARACTERS: Final = 2000
-"""Characters of a line of an error beyond which its middle is left out; a path has at most 4096 bytes."""
+"""Maximum characters of a line of an error; the middle of a longer line, such as a path, is left out."""
 _KEPT: Final = 800
-"""Characters kept at each end of such a line: the place at the begin, what was expected at the end."""
+"""Characters kept at each end of a long line: it begins with the place and ends with the expectation."""
 
 _WRITE_FAILURES: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
@@ -63,10 +63,10 @@ SECTIONS: Final[dict[str, dict[str, Lazy]]] = {
         ),
     },
     "Network": {
-        "topo": Lazy("swarmctl.commands.topo.command:cmd", "The links of the swarm as a graph."),
+        "topo": Lazy("swarmctl.commands.topo.command:cmd", "Links of the swarm as a graph."),
         "link": Lazy("swarmctl.commands.link.command:cmd", "Links and their quality."),
         "traffic": Lazy(
-            "swarmctl.commands.traffic.command:cmd", "How often and how values travel, and what that costs."
+            "swarmctl.commands.traffic.command:cmd", "Rates, channels and costs of the values between nodes."
         ),
     },
     "Data": {
@@ -77,15 +77,15 @@ SECTIONS: Final[dict[str, dict[str, Lazy]]] = {
         ),
         "pub": Lazy("swarmctl.commands.pub.command:pub", "Publish a value as a resource of the joined node."),
         "log": Lazy("swarmctl.commands.log.command:cmd", "Query, follow and export log entries."),
-        "file": Lazy("swarmctl.commands.file.command:cmd", "Send files to nodes, and get them."),
+        "file": Lazy("swarmctl.commands.file.command:cmd", "Send files to nodes and get files from them."),
         "video": Lazy("swarmctl.commands.video.command:cmd", "Video of cameras and recordings."),
     },
     "Set up": {
         "host": Lazy(
-            "swarmctl.commands.host.command:cmd", "This computer: set it up for a node, or remove it."
+            "swarmctl.commands.host.command:cmd", "Set this computer up for a node, or remove the node."
         ),
         "keys": Lazy(
-            "swarmctl.commands.keys.command:cmd", "Keys of the swarm: its root, members, invitations."
+            "swarmctl.commands.keys.command:cmd", "Keys of the swarm: root, members and invitations."
         ),
         "config": Lazy("swarmctl.commands.config.command:cmd", "Settings of the nodes, and their origin."),
         "fleet": Lazy("swarmctl.commands.fleet.command:cmd", "Nodes on other hosts, over SSH."),
@@ -93,11 +93,13 @@ SECTIONS: Final[dict[str, dict[str, Lazy]]] = {
     },
     "Develop": {
         "lab": Lazy("swarmlab.command:cmd", "Run a whole swarm on this machine."),
-        "new": Lazy("swarmctl.commands.new.command:cmd", "Make a module, driver or service to begin with."),
+        "new": Lazy(
+            "swarmctl.commands.new.command:cmd", "Create the first version of a module, driver or service."
+        ),
         "docs": Lazy("swarmctl.commands.docs.command:cmd", "Open the documentation in a browser."),
     },
 }
-"""All commands with their modules, which are imported when they are called, in the sections of the help."""
+"""Commands in the sections of the help, with their modules, which are imported at a call."""
 
 
 @click.group(
@@ -108,8 +110,8 @@ SECTIONS: Final[dict[str, dict[str, Lazy]]] = {
         "help_option_names": ["-h", "--help"],
         "max_content_width": HELP_COLUMNS,
     },
-    epilog="Every option is also read from the environment: SWARMCTL_NODE, SWARMCTL_LAB, SWARMCTL_JSON …;"
-    " the configuration folder from SWARM_CONFIG, as for swarmd and modules.",
+    epilog="Every option is also read from the environment: SWARMCTL_NODE, SWARMCTL_LAB, SWARMCTL_JSON …"
+    " Like swarmd and modules, it takes the configuration folder from SWARM_CONFIG.",
 )
 @click.version_option(__version__, prog_name="swarmctl", message="%(prog)s %(version)s")
 @click.pass_context
@@ -198,14 +200,14 @@ def _null_device() -> TextIO:
 
 
 def _discard_stdout() -> None:
-    """Lets what is still buffered go nowhere; otherwise the interpreter writes it again at its exit."""
+    """Discards buffered output, which the interpreter would try to write again at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _place(error: OSError) -> str:
-    """The file of an error, or stdout for a failed write that names none; empty for any other call.
+    """The file of an error, stdout for a failed write without a file, or "" for any other call.
 
-    Files that a command writes are named (`filewriter.naming`), and neither a pipe nor a terminal is full.
+    An unnamed full device must be stdout: commands name the files that they write (`filewriter.naming`).
     """
     if error.filename is not None:
         return f"file {error.filename}"
@@ -219,7 +221,7 @@ def _place(error: OSError) -> str:
 
 
 def _of_file(error: OSError, place: str) -> SwarmError:
-    """A file that an operator named and that cannot be read or written, with its exit code."""
+    """Error with the proper exit code for a file of an operator that cannot be read or written."""
     text = f"{place}: {(error.strerror or str(error)).lower()}"
     if isinstance(error, FileNotFoundError):
         return NotFound(f"{text}; expected an existing file or folder")
@@ -229,7 +231,7 @@ def _of_file(error: OSError, place: str) -> SwarmError:
 
 
 def _first(group: BaseExceptionGroup[BaseException]) -> BaseException:
-    """The most relevant error of a group: the first SwarmError, else the first."""
+    """The most relevant error of a group: the first SwarmError, else the first error."""
     leaves = [_first(e) if isinstance(e, BaseExceptionGroup) else e for e in group.exceptions]
     return next((error for error in leaves if isinstance(error, SwarmError)), leaves[0])
 
@@ -257,7 +259,7 @@ def _fail(words: list[str], text: str, code: int) -> int:
 
 
 def _shortened(text: str) -> str:
-    """The text without the middle of its very long lines: an argument that is refused may be a whole file."""
+    """The text without the middle of very long lines, because a refused argument may be a whole file."""
     lines = [
         line
         if len(line) <= LINE_CHARACTERS

@@ -30,6 +30,7 @@ PAGES = [
     if path.name != "requirements.md"
 ]
 """Documents; the page of requirements quotes the sources of the capabilities and the names of tests."""
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
 SHORTEST: Final = 4
 """Words of a docstring: fewer leave out the subject or the object."""
 TWICE: Final = frozenset({"Config"})
@@ -208,6 +209,81 @@ def name(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
+GRAMMAR: Final = {
+    "; None:": (re.compile(r"; None: "), "or None if …"),
+    "; empty:": (re.compile(r"; empty: "), 'or "" if …'),
+    "; 0:": (re.compile(r"; [-−]?[01]: "), "or 0 if …"),
+    "that of": (re.compile(r"\bthat of\b"), "the noun in place of the pronoun"),
+    "those of": (re.compile(r"\bthose of\b"), "the noun in place of the pronoun"),
+    "one that": (re.compile(r"\bone that\b"), "the noun in place of the pronoun"),
+    "is none": (re.compile(r"\bis none\b"), "is missing, is not known"),
+}
+"""Telegraph style, and pronouns in place of nouns, which a reader of one line does not understand."""
+NOT_YET: Final = (
+    *(
+        f"cli/{folder}"
+        for folder in (
+            "swarmctl/commands/app",
+            "swarmctl/commands/call",
+            "swarmctl/commands/config",
+            "swarmctl/commands/doctor",
+            "swarmctl/commands/drive",
+            "swarmctl/commands/file",
+            "swarmctl/commands/fleet",
+            "swarmctl/commands/host",
+            "swarmctl/commands/keys",
+            "swarmctl/commands/log",
+            "swarmctl/commands/mission",
+            "swarmctl/commands/new",
+            "swarmctl/commands/node",
+            "swarmctl/commands/pub",
+            "swarmctl/commands/time",
+            "swarmctl/commands/wait",
+            "swarmctl/installation",
+            "swarmctl/terminal",
+            "swarmctl/vehicles",
+            "swarmctl/viewers",
+            "swarmlab",
+        )
+    ),
+    "daemons",
+    "lib",
+    "share/doc",
+    "tests",
+)
+"""Folders and pages whose prose is not rewritten yet; a finished one leaves this list."""
+
+
+def test_a_line_of_prose_names_its_subject() -> None:
+    found = [
+        f"{name(path)}:{line}: {text!r} has {form!r}; expected {instead}"
+        for path in [*SOURCES, *PAGES, *TESTS]
+        if is_finished(name(path))
+        for line, text, form, instead in telegraphic(path)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("folder", NOT_YET)
+def test_an_unfinished_folder_has_unfinished_prose(folder: str) -> None:
+    paths = [path for path in [*SOURCES, *PAGES, *TESTS] if is_below(name(path), folder)]
+    assert any(map(telegraphic, paths)), f"{folder} is finished: remove it here"
+
+
+@pytest.mark.parametrize(
+    ("text", "form"),
+    [
+        ("Pause; None: no limit.", "; None:"),
+        ("Path; empty: the document.", "; empty:"),
+        ("Descriptor; -1: closed.", "; 0:"),
+        ("Stamp of the value, or None without a value.", ""),
+        ("The rate, or that of its owner.", "that of"),
+    ],
+)
+def test_telegraph_style_is_found_in_prose(text: str, form: str) -> None:
+    assert [key for key, (pattern, _) in GRAMMAR.items() if pattern.search(text)] == ([form] if form else [])
+
+
 def test_names_and_texts_use_the_terms_of_the_field() -> None:
     found = [
         f"{name(path)}:{line}: {text!r} uses {word!r}; expected {INSTEAD[word]}"
@@ -309,6 +385,31 @@ def test_a_public_docstring_has_four_words_or_more() -> None:
 )
 def test_the_words_are_found_in_prose(text: str, word: str) -> None:
     assert [key for key, form in IN_PROSE.items() if form.search(text)] == ([word] if word else [])
+
+
+def is_below(path: str, folder: str) -> bool:
+    return path == folder or path.startswith(f"{folder}/")
+
+
+def is_finished(path: str) -> bool:
+    return not any(is_below(path, folder) for folder in NOT_YET)
+
+
+@cache
+def telegraphic(path: Path) -> list[tuple[int, str, str, str]]:
+    """Places that name no subject: line, text, form, and what is expected instead."""
+    return list(_telegraphic(path))
+
+
+def _telegraphic(path: Path) -> Iterator[tuple[int, str, str, str]]:
+    source = path.read_text("utf-8")
+    for begin, text in prose(source) if path.suffix == ".py" else [(1, source)]:
+        if path.is_relative_to(ROOT / "tests") and not text.startswith(('"""', "#")):
+            continue  # data of a test
+        for form, (pattern, instead) in GRAMMAR.items():
+            for hit in pattern.finditer(text):
+                line = begin + text.count("\n", 0, hit.start())
+                yield line, text[max(0, hit.start() - 30) : hit.end() + 20], form, instead
 
 
 @cache

@@ -13,19 +13,19 @@ Completer = Callable[[click.Context, click.Parameter, str], list[Any]]
 
 
 def platforms(incomplete: str) -> list[str]:
-    """Platforms in the cache."""
+    """Platforms in the cache that begin with the typed text."""
     from swarmctl.commandline import completion_cache
 
     return [name for name in completion_cache.load()[1] if name.startswith(incomplete)]
 
 
 def default_labs_folder() -> str:
-    """Folder of this user's labs, unless the environment names another."""
+    """Folder of this user's labs unless the environment names another one."""
     return f"/tmp/swarm-{os.getuid()}"
 
 
 def labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Labs of this user."""
+    """Labs of this user that begin with the typed text."""
     folder = os.environ.get("SWARMCTL_LABS") or default_labs_folder()
     try:
         return sorted(e.name for e in os.scandir(folder) if e.is_dir() and e.name.startswith(incomplete))
@@ -34,9 +34,9 @@ def labs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[st
 
 
 def resources(kinds: Container[str], access: str = "r", *, fields: bool = False) -> Completer:
-    """Paths of resources of these kinds, with their platform when a slash was typed, else without.
+    """Completer of paths of resources of these kinds, with their platform if a slash was typed.
 
-    `fields`: also the fields of a resource, behind a dot.
+    `fields`: completes also the fields of a resource after a dot.
     """
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -78,13 +78,13 @@ def _keys(ctx: click.Context, incomplete: str, access: str) -> list[str]:
 
 def field_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Fields of the resource in the argument `path`."""
-    # behind an option without its value no argument is parsed yet
+    # after an option without its value no argument is parsed yet
     given = ctx.params.get("path") or next(iter(ctx.args), "")
     return [name for name in _fields(ctx, str(given)) if name.startswith(incomplete)]
 
 
 def values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Values of the resource or of the field in the argument `path`: of an enumeration, true and false."""
+    """Values of the enumeration or truth value that the argument `path` names."""
     from swarmware.model.names import split_field
 
     path, field = split_field(str(ctx.params.get("path", "")))
@@ -105,7 +105,7 @@ def setting_values(ctx: click.Context, param: click.Parameter, incomplete: str) 
 
 
 def field_values(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Words `field=value` of the type of the argument `path`; bash splits them at the sign."""
+    """Words `field=value` for the type of the argument `path`; bash splits them at the equals sign."""
     known = _fields(ctx, str(ctx.params.get("path", "")))
     given = [str(word) for word in ctx.params.get(param.name or "") or ()]
     if given and given[-1] in known and not incomplete:
@@ -122,7 +122,7 @@ def field_values(ctx: click.Context, param: click.Parameter, incomplete: str) ->
 
 
 def condition_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Fields, and behind a comparison their values, of a condition on the resource in the argument `path`."""
+    """Fields for a condition on the resource in the argument `path`, or their values after a comparison."""
     known = _fields(ctx, str(ctx.params.get("path", "")))
     if compared := re.search(r"([\w.]+)\s*[!=]=\s*(['\"]?)(\w*)$", incomplete):
         field, quote, begun = compared.groups()
@@ -140,7 +140,7 @@ def _literal(value: str, quote: str) -> str:
 
 
 def missions(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
-    """Missions of this installation, and of the ground station when they were listed; else files."""
+    """Missions of this installation and of the ground station if they were listed, else files."""
     from click.shell_completion import CompletionItem
 
     from swarmctl.commandline import word_cache
@@ -163,7 +163,7 @@ def _fields(ctx: click.Context, path: str) -> dict[str, list[str]]:
 
 
 def services(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
-    """Services of the selected platforms: owners of a board `app/NAME/status`."""
+    """Services of the selected platforms, recognised by their boards `app/NAME/status`."""
     from swarmctl.commandline import completion_cache
 
     paths = completion_cache.local(completion_cache.load()[2], settings(ctx).node)

@@ -10,7 +10,7 @@ from swarmctl.commandline.nodes import NodeSelection
 from swarmware.runtime.filewriter import replace_file
 
 LIMIT: Final = 20_000
-"""Maximum number of paths: about 1 MB, read within 20 ms."""
+"""Maximum number of paths, about 1 MB, which are read within 20 ms."""
 
 KEY: Final = "key"
 """Kind of the rows that are keys of configuration files, below config/."""
@@ -19,7 +19,7 @@ VALUED: Final = frozenset({"board", "event", "stream", "setting"})
 
 
 class CachedResource(NamedTuple):
-    """One resource as the completion shows it."""
+    """Resource as the completion shows it."""
 
     path: str
     kind: str
@@ -27,13 +27,13 @@ class CachedResource(NamedTuple):
 
 
 def file() -> Path:
-    """$XDG_CACHE_HOME/swarm/seen.json, else below ~/.cache."""
+    """File of the cache: $XDG_CACHE_HOME/swarm/seen.json, else below ~/.cache."""
     root = os.environ.get("XDG_CACHE_HOME", "")
     return (Path(root) if root else Path("~/.cache").expanduser()) / "swarm" / "seen.json"
 
 
 def load() -> tuple[str, list[str], list[CachedResource]]:
-    """Joined node, platforms and resources; empty without a valid file."""
+    """Joined node, platforms and resources, all empty without a valid file."""
     try:
         found: Any = json.loads(file().read_bytes())
         rows = [CachedResource(*map(str, row)) for row in found["resources"]]
@@ -45,9 +45,10 @@ def load() -> tuple[str, list[str], list[CachedResource]]:
 def save(
     way: str, platforms: Iterable[str], listed: Iterable[CachedResource] = (), whole: Iterable[str] = ()
 ) -> None:
-    """Adds platforms and resources that were listed through a node; those of `whole` are complete.
+    """Adds platforms and resources that were listed through a node.
 
-    Another joined node means another swarm: former entries are removed.
+    `whole`: platforms whose list is complete, so that their former resources are removed.
+    Another joined node may belong to another swarm, so it removes all former entries.
     """
     before, known, old = load()
     gone = set(whole)
@@ -60,8 +61,8 @@ def save(
 
 
 def save_keys(way: str, platform: str, keys: Iterable[tuple[str, bool]]) -> None:
-    """Replaces the keys of a platform's configuration: name, and whether it is a live setting."""
-    from swarmware.model import names, paths  # a completion lives without them
+    """Replaces the keys of a platform's configuration by pairs of a name and whether it is live."""
+    from swarmware.model import names, paths  # not at the top: a completion must start fast
 
     before, platforms, old = load()
     prefix = names.join(platform, paths.setting(""))
@@ -78,13 +79,14 @@ def _write(way: str, platforms: Iterable[str], rows: Iterable[CachedResource]) -
     target = file()
     try:
         target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # not durable: a lost cache is filled again by the next list
         replace_file(target, json.dumps(content, separators=(",", ":")).encode(), mode=0o600, durable=False)
     except OSError:
         return  # without a writable home there is no completion of paths
 
 
 def steps(paths: Iterable[str], begun: str) -> list[str]:
-    """Completions: the next segment of each path, as for files; a single branch is entered at once."""
+    """Completions up to the next segment, as for files; a single branch is entered at once."""
     fitting = [path for path in paths if path.startswith(begun)]
     at = len(begun)
     while True:
@@ -103,7 +105,7 @@ def _cut(path: str, at: int) -> str:
 
 
 def local(rows: Iterable[CachedResource], platform: str) -> Iterator[str]:
-    """Paths without their platform, of the selected platforms, or of all when none is selected."""
+    """Paths without their platform, of the selected platforms or of all without a selection."""
     selected = NodeSelection(platform).matches if platform else None
     for row in rows:
         _, name, path = row.path.split("/", 2) if row.path.count("/") > 1 else ("", "", "")

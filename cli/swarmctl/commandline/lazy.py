@@ -1,4 +1,4 @@
-"""A command group that imports a command only when it is called; that keeps `swarmctl --help` fast."""
+"""A command group that imports a command only when it is called, which keeps `swarmctl --help` fast."""
 
 import os
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from swarmware.runtime.event_loop import import_without_tls
 SENTENCE: Final = 500
 """Maximum characters of the first sentence of a help text."""
 EXTERNAL: Final = "swarmctl-"
-"""Programs on PATH with this prefix are commands as well, as in git."""
+"""Prefix of programs on PATH that are commands as well, as in git."""
 
 
 class Lazy(NamedTuple):
@@ -36,7 +36,7 @@ class Command(click.Command):
 
     @property
     def params(self) -> list[click.Parameter]:
-        """Its own parameters and the shared options."""
+        """The command's own parameters and the shared options."""
         return self._all
 
     @params.setter
@@ -45,18 +45,18 @@ class Command(click.Command):
 
     @cached_property
     def shared(self) -> list[click.Option]:
-        """The shared options, made at the first use: a group defines all its commands, and one is called."""
+        """The shared options, made at the first use, because only one command of a group is called."""
         return shared_options({name for p in self._own for name in (p.name or "", *p.opts)}, self.nodes)
 
     @cached_property
     def _all(self) -> list[click.Parameter]:
-        """One list: click adds its help option to it for a moment."""
+        """All parameters, always the same list, because click temporarily adds its help option to it."""
         return [*self._own, *self.shared]
 
     def invoke(self, ctx: click.Context) -> Any:
         """Runs the command.
 
-        Raises: UsageError when several nodes are selected for a command of one.
+        Raises: UsageError when several nodes are selected for a command that acts through one node.
         """
         selected = settings(ctx).node
         if self.nodes is Nodes.ONE and any(char in selected for char in "*{,"):
@@ -68,7 +68,7 @@ class Command(click.Command):
         return super().invoke(ctx)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The arguments first, then the command's own options, the shared ones below."""
+        """Prints the arguments, then the command's own options, then the shared ones."""
         from swarmctl.commandline.arguments import meaning
 
         params = self.get_params(ctx)
@@ -96,7 +96,7 @@ class Group(click.Group):
     command_class = Command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The subcommands with their whole first sentences, wrapped where the terminal is narrow."""
+        """Prints the subcommands with their complete first sentences, wrapped to the terminal."""
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl([(name, one.get_short_help_str(SENTENCE)) for name, one in commands if one])
@@ -106,7 +106,7 @@ Group.group_class = Group
 
 
 class LazyGroup(Group):
-    """The top group: commands in titled sections, which are imported when called, and programs on PATH."""
+    """The top group: commands in titled sections, imported at a call, and programs on PATH."""
 
     def __init__(self, *args: Any, sections: Mapping[str, Mapping[str, Lazy]], **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -118,7 +118,7 @@ class LazyGroup(Group):
         return {name: lazy for section in self._sections.values() for name, lazy in section.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the sections, not of the alphabet."""
+        """Names in the order of the sections instead of the alphabet."""
         return list(self._table)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
@@ -135,7 +135,7 @@ class LazyGroup(Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the words name; for an unknown one the error names the closest match."""
+        """The command that the words name. Raises: UsageError with the closest match to an unknown name."""
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as error:
@@ -157,11 +157,11 @@ class LazyGroup(Group):
         return found + click.Command.shell_complete(self, ctx, incomplete)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The sections of commands, from the table alone: nothing is imported for it."""
+        """Prints the sections of commands from the table alone, so that nothing is imported."""
         width = max(map(len, self._table))
         for title, section in self._sections.items():
             with formatter.section(title):
-                # names of one width: the summaries of all sections begin in one column
+                # names of equal width, so that the summaries of all sections begin in one column
                 formatter.write_dl([(name.ljust(width), lazy.summary) for name, lazy in section.items()])
         if others := externals(os.environ.get("PATH", "")):
             with formatter.section("Programs on PATH"):
@@ -169,8 +169,8 @@ class LazyGroup(Group):
 
 
 def external(name: str) -> click.Command | None:
-    """A program `swarmctl-NAME` on PATH as a command that hands over to it."""
-    from shutil import which  # it imports the modules of all archives
+    """The command that executes the program `swarmctl-NAME` on PATH."""
+    from shutil import which  # not at the top, because it imports the modules of all archive formats
 
     program = which(EXTERNAL + name) if "/" not in name else None
     if program is None:
@@ -193,7 +193,7 @@ def externals(path: str) -> list[str]:
     for directory in filter(None, path.split(os.pathsep)):
         try:
             entries = [entry for entry in os.scandir(directory) if entry.name.startswith(EXTERNAL)]
-        except OSError:  # a folder of PATH that is missing, as for a shell
+        except OSError:  # a missing folder of PATH is skipped, as in a shell
             continue
         found.update(e.name.removeprefix(EXTERNAL) for e in entries if os.access(e.path, os.X_OK))
     return sorted(found)

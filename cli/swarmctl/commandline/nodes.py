@@ -8,12 +8,12 @@ from swarmware.model import names
 from swarmware.model.names import Pattern
 
 EVERY: Final = "*"
-"""Selection of all nodes, that of `--all`."""
+"""Selection of all nodes, as `--all` makes it."""
 _SPECIAL: Final = frozenset("*{},")
 
 
 def names_one(text: str) -> bool:
-    """Whether a selection is one name, without a pattern; empty: no selection."""
+    """Whether a selection is a single name, neither "" nor a pattern."""
     return bool(text) and not _SPECIAL.intersection(text)
 
 
@@ -25,7 +25,7 @@ def is_selection(text: str) -> bool:
 class NodeSelection:
     """Nodes by the text between the braces of a path pattern: `uav1`, `uav*`, `uav{1,3}`, `uav1,gcs`.
 
-    Raises: InvalidInput when it is none.
+    Raises: InvalidInput for a malformed selection.
     """
 
     __slots__ = ("_words", "pattern")
@@ -38,7 +38,7 @@ class NodeSelection:
                     f"nodes {text!r}: {word!r}: expected names or patterns of platforms, such as uav1,'ugv*'"
                 )
             if names_one(word):
-                self._check_name(word)
+                self._check_name(word)  # as a pattern, an invalid name would match nothing without an error
             else:
                 Pattern(word)  # the message quotes the part that is wrong
         # the segment of a path pattern that matches these platforms
@@ -61,7 +61,7 @@ class NodeSelection:
         return platform in self._words
 
     def choose(self, known: Collection[str], here: str) -> list[str]:
-        """The selected ones of the known platforms, in natural order.
+        """Known platforms that are selected, in natural order.
 
         Raises: NotFound naming the known ones when a name or a pattern matches none.
         """
@@ -78,7 +78,7 @@ class NodeSelection:
 
 
 def _words(text: str) -> Iterator[str]:
-    """The parts between the commas outside braces."""
+    """Parts of a selection between the commas outside braces."""
     depth, begin = 0, 0
     for at, char in enumerate(text):
         depth += (char == "{") - (char == "}")
@@ -89,5 +89,5 @@ def _words(text: str) -> Iterator[str]:
 
 
 def joined(words: Iterable[str]) -> str:
-    """One selection of several."""
+    """One selection of several names and patterns."""
     return ",".join(words)

@@ -10,12 +10,12 @@ from swarmctl.commandline.settings import CliSettings, settings
 
 
 class GivenText(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generic
-    """A text that must not be empty: `--lab "$LAB"` with an unset variable is refused."""
+    """A text that must not be empty, so that `--lab "$LAB"` with an unset variable is refused."""
 
     name = "text"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The text itself; BadParameter for an empty one."""
+        """The text itself. Raises: BadParameter for an empty text."""
         if value == "":
             self.fail("empty; expected a name, or leave it out", param, ctx)
         return value
@@ -44,7 +44,7 @@ def nodes_argument(name: str = "[PLATFORM…]") -> Callable[[Callable[..., Any]]
 
 
 def at_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
-    """The settings with the nodes that the arguments name; without any those of `-n`."""
+    """Settings with the nodes that the arguments name, or with the nodes of `-n` without arguments."""
     found = settings(ctx)
     return found._replace(node=",".join(platforms)) if platforms else found
 
@@ -52,7 +52,7 @@ def at_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
 def named_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
     """The settings with the nodes that arguments or options name.
 
-    Raises: UsageError when none is named: the joined node is not meant by default.
+    Raises: UsageError without a name, because the command must not fall back to the joined node.
     """
     found = at_nodes(ctx, platforms)
     if not found.node:
@@ -61,7 +61,7 @@ def named_nodes(ctx: click.Context, platforms: tuple[str, ...]) -> CliSettings:
 
 
 def at_pattern(ctx: click.Context, pattern: str) -> tuple[CliSettings, str]:
-    """As `at_path`; a platform alone means everything of it, and nothing everything of the selected nodes."""
+    """Like `at_path`, where a platform alone, or an empty pattern, stands for all of its resources."""
     chosen, local = at_path(ctx, pattern.rstrip("/"))
     if local.startswith("/"):
         return chosen._replace(node=local[1:]), "**"

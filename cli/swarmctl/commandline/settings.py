@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PREFIX: Final = "SWARMCTL"
-"""Every option is also read from the environment: SWARMCTL_…"""
+"""Prefix of the environment variables from which every option is also read."""
 
 
 FORMATS: Final = ("table", "wide", "json", "jsonl", "yaml")
@@ -23,9 +23,9 @@ class Nodes(Enum):
     """Nodes that a command acts on."""
 
     SOME = "some"
-    """Each selected node, or the one that was joined."""
+    """Each selected node, or the joined node without a selection."""
     ONE = "one"
-    """By its nature one node."""
+    """Exactly one node, by the nature of the command."""
     NONE = "none"
     """No node of a running swarm."""
 
@@ -34,13 +34,13 @@ class CliSettings(NamedTuple):
     """Options of `swarmctl` itself; accepted before or after the command's name."""
 
     node: str = ""
-    """Selected platforms, as in `commandline/nodes.py`; empty: that of the joined node."""
+    """Selected platforms, as in `commandline/nodes.py`, or "" for the platform of the joined node."""
     lab: str = ""
-    """Running lab whose ground station is joined; empty: the newest."""
+    """Running lab whose ground station is joined, or "" for the newest."""
     config: str = ""
     """Configuration folder of the node to join, from `--config`."""
     output: str = "table"
-    """One of FORMATS."""
+    """Form of the result, one of FORMATS."""
     timeout_s: float = 5.0
     quiet: bool = False
     verbose: bool = False
@@ -53,7 +53,7 @@ class CliSettings(NamedTuple):
 
     @property
     def config_dir(self) -> "Path | None":
-        """The folder given by `--config` or, when no lab is given, by SWARM_CONFIG; else None."""
+        """Folder of `--config` or, without `--lab`, of SWARM_CONFIG; None without either."""
         from pathlib import Path  # it imports the modules of addresses
 
         from swarmware.model.config import CONFIG_VARIABLE
@@ -63,13 +63,13 @@ class CliSettings(NamedTuple):
 
 
 def wants_structured(words: Sequence[str], environ: Mapping[str, str]) -> bool:
-    """Whether the words of a command line, which may be wrong otherwise, ask for a structured result."""
+    """Whether a command line, even an invalid one, asks for a structured result."""
     found = environ.get(f"{PREFIX}_OUTPUT", "")
     if environ.get(f"{PREFIX}_JSON", "").lower() in {"1", "true", "t", "yes", "y", "on"}:
         found = "json"
     for word, following in zip(words, [*words[1:], ""], strict=True):
         if word == "--":
-            break
+            break  # what follows are arguments, although they may look like options
         if word == "--json":
             found = "json"
         elif word in {"-o", "--output"}:

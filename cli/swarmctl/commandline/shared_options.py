@@ -10,7 +10,7 @@ from swarmctl.commandline.parameters import PLATFORM, TEXT
 from swarmctl.commandline.settings import FORMATS, PREFIX, Nodes, settings
 
 _NODES: Final = "swarmctl.nodes"
-"""Key of the context's data: the command and the option that selected the nodes last."""
+"""Key in the context's data for the command and the option that selected the nodes last."""
 
 
 def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
@@ -32,7 +32,7 @@ def _keep(ctx: click.Context, param: click.Parameter, value: Any) -> None:
 
 
 def _keep_nodes(ctx: click.Context, name: str, value: Any, *, typed: bool) -> None:
-    """Stores the selection of `--node` or `--all`; a typed one is not replaced by that of the environment.
+    """Stores the selection of `--node` or `--all`; the environment does not replace a typed selection.
 
     Raises: UsageError when both are typed at one command.
     """
@@ -78,7 +78,7 @@ _SHARED: Final = (
         "--all",
         name="everywhere",
         is_flag=True,
-        help_text="All platforms, same as -n '*'; of a command to vehicles, all vehicles.",
+        help_text="All platforms, same as -n '*'; for a command to vehicles, all vehicles.",
         envvar=None,  # a variable that is forgotten must not address the whole swarm
         allow_from_autoenv=False,
     ),
@@ -86,7 +86,7 @@ _SHARED: Final = (
         "--lab",
         name="lab",
         metavar="NAME",
-        help_text="Running lab to use; default: the newest.",
+        help_text="Running lab to use; by default the newest.",
         type=TEXT,
         shell_complete=completion.labs,
     ),
@@ -95,7 +95,7 @@ _SHARED: Final = (
         name="config",
         metavar="DIR",
         type=TEXT,
-        help_text="Configuration folder of the node to use; default: SWARM_CONFIG, a lab, /etc/swarm.",
+        help_text="Configuration folder of the node to use; by default SWARM_CONFIG, a lab or /etc/swarm.",
         envvar=None,  # the one variable of daemons and modules, too: see `Settings.config_dir`
         allow_from_autoenv=False,
     ),
@@ -122,7 +122,7 @@ _SHARED: Final = (
 
 
 def shared_options(taken: set[str], nodes: Nodes = Nodes.SOME) -> list[click.Option]:
-    """The options of every command, except those that the command defines itself.
+    """The options of every command, except options that the command defines itself.
 
     `nodes`: which of the options that select nodes it accepts.
     """

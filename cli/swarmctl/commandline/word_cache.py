@@ -10,10 +10,10 @@ from swarmware import __version__
 from swarmware.runtime.filewriter import replace_file
 
 LIMIT: Final = 20_000
-"""Maximum number of paths, as of the cache of paths."""
+"""Maximum number of paths, the same as in the cache of paths."""
 
 FieldValues = dict[str, list[str]]
-"""Dotted names of fields, each with the values that it may have; empty: any."""
+"""Dotted names of fields, each with its permitted values; an empty list permits any value."""
 
 
 class CachedWords(NamedTuple):
@@ -22,30 +22,30 @@ class CachedWords(NamedTuple):
     way: str
     """Configuration folder of the joined node."""
     types: dict[str, str]
-    """Type of a resource, of a command that of its request, by its global path."""
+    """Type of a resource, or of the request of a command, by its global path."""
     fields: dict[str, FieldValues]
-    """Fields by the name of the type; by the path of a resource with values of its own."""
+    """Fields by the name of a type, or by the path of a resource with values of its own."""
     missions: list[str]
     hints: dict[str, str]
     """Permitted values and default of a setting, by its global path."""
 
 
 def file() -> Path:
-    """`words.json` beside the cache of paths."""
+    """File of the words, `words.json` beside the cache of paths."""
     return completion_cache.file().with_name("words.json")
 
 
 def empty(way: str = "") -> CachedWords:
-    """No words yet of a swarm."""
+    """Empty words, as of a swarm that was never listed."""
     return CachedWords(way, {}, {}, [], {})
 
 
 def load() -> CachedWords:
-    """The words; none without a valid file."""
+    """The stored words, or empty ones without a valid file."""
     try:
         found: Any = json.loads(file().read_bytes())
         if found["version"] != __version__:
-            return empty()  # types may have other fields now
+            return empty()  # another version's types may have other fields
         fields = {
             str(name): {str(field): [str(value) for value in values] for field, values in known.items()}
             for name, known in found["fields"].items()
@@ -64,7 +64,7 @@ def save(
     missions: Iterable[str] | None = None,
     hints: Mapping[str, str] | None = None,
 ) -> None:
-    """Adds words that were met through a node; another joined node means another swarm: former ones go."""
+    """Adds words that were met through a node; another joined node removes all former words."""
     before = load()
     known = before if before.way == way else empty(way)
     merged = CachedWords(
@@ -86,14 +86,14 @@ def save(
 
 
 def fields_of(path: str, platform: str) -> FieldValues:
-    """Fields of the resource at a path; without a platform in it at `platform`, or (empty) at any."""
+    """Fields of the resource at a path; a path without a platform belongs to `platform`, or to any if ""."""
     words = load()
     full = _full(path, platform, words.types)
     return words.fields.get(full) or words.fields.get(words.types.get(full, ""), {})
 
 
 def values_of(path: str, platform: str) -> tuple[list[str], str]:
-    """Values to offer for a setting, and its hint; the path as of `fields_of`."""
+    """Values to offer for a setting, and its hint; the path is resolved as in `fields_of`."""
     words = load()
     full = _full(path, platform, {**words.types, **words.hints})
     known = words.fields.get(full) or words.fields.get(words.types.get(full, ""), {})

@@ -1,4 +1,4 @@
-"""Membership of platforms: the folder of the root, invitations, rosters on their way, the file of hosts.
+"""Membership of platforms: the folder of the root, invitations, distribution of rosters, the file of hosts.
 
-The commands `keys`, `fleet` and `node` share it; it prints results, and knows no option of theirs.
+The commands `keys`, `fleet` and `node` share it. It prints results and does not depend on their options.
 """

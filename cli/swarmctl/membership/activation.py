@@ -1,4 +1,4 @@
-"""New keys of the node on this computer: its running broker, which reads them at its start, is restarted."""
+"""Activation of new keys: the broker of the node here, which reads them at its start, is restarted."""
 
 import asyncio
 from typing import Final
@@ -13,27 +13,27 @@ from swarmware.types.net import Routes
 from swarmware.types.rpc import Empty
 
 RESTART_S: Final = 20.0
-"""Maximum time until the broker runs again: as `start_s` of the guard."""
+"""Maximum time until the broker runs again, the same as `start_s` of the guard."""
 REACH_S: Final = 10.0
-"""Maximum wait for the first other member: neighbours find each other within two seconds."""
+"""Maximum wait for the first other member; neighbours find each other within two seconds."""
 POLL_S: Final = 0.25
-"""Period of the questions for routes: their board changes when a node appears, and with each cost."""
+"""Polling period of the routes, whose board changes not only with new nodes but with each cost."""
 
 
 class ActivatedKeys:
-    """What became of new keys."""
+    """Result of the activation of new keys."""
 
     def __init__(self, *, in_use: bool = False, reached: tuple[str, ...] = (), reason: str = "") -> None:
         self.in_use = in_use
-        """The running node uses them."""
+        """Whether the running node uses the new keys."""
         self.reached = reached
-        """Other members in reach."""
+        """Other members that the node reaches."""
         self.reason = reason
-        """Why the running node does not use them; empty: it does not run, or uses them."""
+        """Why the running node does not use the keys, or "" if it does not run or uses them."""
 
 
 def activate(out: Output, node: NodeKeys, *, others: bool) -> ActivatedKeys:
-    """Lets the running node use its new keys; `others`: wait until it reaches another member.
+    """Restarts the broker with its new keys; with `others`, waits until it reaches another member.
 
     An armed vehicle is not interrupted.
     """
@@ -54,7 +54,7 @@ async def _restart(out: Output, node: NodeKeys, *, others: bool) -> ActivatedKey
 
 
 async def _reached(session: Session) -> tuple[str, ...]:
-    """Platforms with a route: the first ones that appear; none when none does in time."""
+    """The first platforms that have a route, or () if none appears in time."""
     path = names.join(session.here, "sys/broker/routes")
     try:
         async with asyncio.timeout(REACH_S):
@@ -71,7 +71,7 @@ async def _reached(session: Session) -> tuple[str, ...]:
 
 
 def show_activation(out: Output, platform: str, found: ActivatedKeys, *, running: bool, others: bool) -> None:
-    """Prints whether the node uses its keys, or what makes it use them."""
+    """Prints whether the node uses its keys, or how to make it use them."""
     if found.in_use and not others:
         out.say(f"{platform} uses these keys now")
     elif found.reached:

@@ -9,13 +9,13 @@ from swarmware.errors import InvalidInput
 from swarmware.transport.enrolment.token import HOSTS_MAX
 
 PORT: Final = 7449
-"""TCP port of the inviter, if it is free and no other one is given."""
+"""Default TCP port of the inviter, if it is free."""
 _OF_CONTAINERS: Final = ("docker", "br-", "virbr", "lxc", "podman")
-"""Beginnings of the names of interfaces that lead to programs on this computer only."""
+"""Prefixes of virtual interfaces, which only programs on this computer can reach."""
 
 
 def own_addresses() -> tuple[str, ...]:
-    """Addresses by which other computers may reach this one; without any the loopback address."""
+    """Addresses by which other computers may reach this one, or the loopback address without any."""
     import psutil
 
     stats = psutil.net_if_stats()
@@ -28,7 +28,7 @@ def own_addresses() -> tuple[str, ...]:
 
 
 def reachable(addresses: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Those of the addresses of each interface that others can use: IPv4, else IPv6, else loopback."""
+    """Addresses that other computers can use, from each interface: IPv4, else IPv6, else loopback."""
     parsed = [
         ip_address(text.partition("%")[0])
         for name, texts in addresses.items()
@@ -41,7 +41,7 @@ def reachable(addresses: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """Host and port of an option: HOST, HOST:PORT, [IPV6]:PORT; port 0: none is given.
+    """Host and port of an option HOST, HOST:PORT or [IPV6]:PORT; the port is 0 if it is left out.
 
     Raises: InvalidInput for any other text.
     """

@@ -1,4 +1,4 @@
-"""`swarmctl keys revoke` and `rotate`: the root signs a roster, and the node here hands it on."""
+"""`swarmctl keys revoke` and `rotate`: the root signs a roster, and the node here distributes it."""
 
 import asyncio
 from collections.abc import Callable
@@ -32,14 +32,14 @@ class RosterChanged(msgspec.Struct, frozen=True):
     revoked: list[str]
     """Platforms that the command revoked."""
     nodes: list[NodeRoster]
-    """Roster of each member; empty: no node here runs that could give it to them."""
+    """Roster of each member, or [] if no node runs here to distribute it."""
 
 
 def revoke(out: Output, root_dir: Path | None, platforms: tuple[str, ...], *, yes: bool) -> None:
     """Revokes members and changes the group key.
 
-    Raises: NotFound for a platform that is not a member, InvalidInput for the node on this computer; as
-    `confirm` and `hand_over`.
+    Raises: NotFound for a platform that is not a member, InvalidInput for the node on this computer, and the
+    errors of `confirm` and `hand_over`.
     """
     folder = RootFolder(root_dir)
     root = current_root(out, folder)
@@ -63,9 +63,9 @@ def rotate(out: Output, root_dir: Path | None) -> None:
 def signed(
     out: Output, folder: RootFolder, change: Callable[[Root], bytes], revoked: tuple[str, ...]
 ) -> RosterChanged:
-    """Makes a change of the roster and hands it on. Raises: as `hand_over` and the change."""
+    """Applies a change to the roster and distributes it. Raises: as `hand_over` and the change."""
     with folder.locked():
-        root = folder.load()
+        root = folder.load()  # again under the lock: another command may have signed a roster meanwhile
         change(root)
     roster = root.roster
     nodes = asyncio.run(_distribute(out, root))
@@ -74,7 +74,7 @@ def signed(
 
 
 def warn_late(out: Output, changed: RosterChanged) -> None:
-    """Prints which members do not have the roster yet."""
+    """Warns of members that do not have the roster yet."""
     if late := [one.platform for one in changed.nodes if not one.synchronous]:
         out.warn(
             f"{', '.join(late)}: without roster {changed.version} yet; each takes it when it is in reach"

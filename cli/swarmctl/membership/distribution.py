@@ -1,4 +1,4 @@
-"""A new roster on its way: from the root to the node on this computer, and from there to the swarm."""
+"""Distribution of a new roster: from the root to the node on this computer, and from there to the swarm."""
 
 import asyncio
 from collections.abc import Sequence
@@ -18,23 +18,23 @@ from swarmware.transport.security.root import Root
 from swarmware.types.net import RosterState, SignedRoster
 
 POLL_S: Final = 0.25
-"""Period of the questions for the roster of each node: a board of another node is read, not followed."""
+"""Polling period of the rosters of other nodes."""
 
 
 class NodeRoster(msgspec.Struct, frozen=True):
-    """The roster that a node has."""
+    """State of the roster at one node."""
 
     platform: str
     version: int | None
-    """None: the node was not reached."""
+    """Version of the node's roster, or None if the node was not reached."""
     synchronous: bool
-    """It is the one of the root."""
+    """Whether the node has the root's newest roster."""
     reason: str = ""
     """Why the node was not reached."""
 
 
 def local_member(out: Output, root: Root) -> NodeKeys | None:
-    """The node on this computer, if it is a member of the root's swarm; None without a node or without keys.
+    """The node on this computer as a member of the root's swarm, or None without a node or its keys.
 
     Raises: Denied when it belongs to another swarm, or this user may not read its keys; ConfigError.
     """
@@ -48,14 +48,14 @@ def local_member(out: Output, root: Root) -> NodeKeys | None:
     if found != root.public:
         raise Denied(
             f"{node.platform} belongs to the swarm of root {fingerprint(found)}, and this root is"
-            f" {fingerprint(root.public)}; expected --root with that of its swarm, or --config of"
+            f" {fingerprint(root.public)}; expected --root with the root of its swarm, or --config of"
             " another node"
         )
     return node
 
 
 def current_root(out: Output, folder: RootFolder) -> Root:
-    """The root in a folder; from an older copy of it, with the newer roster of the node on this computer.
+    """The root in a folder; an older copy is updated with the newer roster of the node on this computer.
 
     Raises: as `RootFolder.load` and `local_member`; OSError when the folder cannot be written.
     """
@@ -73,10 +73,10 @@ def current_root(out: Output, folder: RootFolder) -> Root:
 
 
 async def hand_over(out: Output, root: Root) -> bool:
-    """Gives the root's roster to the node on this computer, which gives it to the others while it runs.
+    """Gives the root's roster to the node on this computer, which distributes it while it runs.
 
-    Returns whether it runs and has taken it. Raises: as `local_member`; OSError when the folder of keys
-    cannot be written.
+    Returns whether the node runs and has accepted the roster. Raises: as `local_member`; OSError when the
+    folder of keys cannot be written.
     """
     node, version = local_member(out, root), root.roster.version
     if node is None:
@@ -97,6 +97,7 @@ async def hand_over(out: Output, root: Root) -> bool:
                 RosterState,
                 timeout_s=out.settings.timeout_s,
             )
+    # the roster is signed and therefore valid, whether the broker answers now or not
     except SwarmError as error:
         node.take(root.signed)
         out.warn(f"{node.platform} did not take roster {version} ({error}): it does at its next start")
@@ -105,7 +106,7 @@ async def hand_over(out: Output, root: Root) -> bool:
 
 
 async def follow(out: Output, root: Root) -> list[NodeRoster]:
-    """The roster of each member: when all that are in reach have the root's, else after the time-out."""
+    """The roster of each member, once all reachable members have the root's or after the time-out."""
     wanted = root.roster.version
     async with connect(out.settings, out) as session:
         members = [member.platform for member in root.roster.valid()]
@@ -117,18 +118,18 @@ async def follow(out: Output, root: Root) -> list[NodeRoster]:
                     if all(one.synchronous for one in found):
                         break
         except TimeoutError:
-            pass  # those without it are in the result
+            pass  # not an error: the result shows which members are late
         return found or [NodeRoster(name, None, False, "no answer in time") for name in members]
 
 
 async def reached_rosters(out: Output, platforms: Sequence[str], wanted: int) -> list[NodeRoster]:
-    """The roster that each node has now, asked through the node on this computer, which runs."""
+    """The present roster of each node, requested through the running node on this computer."""
     async with connect(out.settings, out) as session:
         return await rosters(session, platforms, wanted)
 
 
 async def rosters(session: Session, platforms: Sequence[str], wanted: int) -> list[NodeRoster]:
-    """The roster that each node has now."""
+    """The present roster of each node, or the reason why it is not known."""
     states, errors = await read_boards(session, list(platforms), "net/roster", RosterState)
     return [
         NodeRoster(name, states[name].version, states[name].version >= wanted)

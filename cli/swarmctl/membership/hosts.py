@@ -18,16 +18,16 @@ from swarmware.model.explanation import explain
 from swarmware.model.toml_lines import KeyPath, key_text
 
 CONFIG: Final = "config/"
-"""Start of the names of files below the configuration folder of a node."""
+"""Prefix of the names of files in the configuration folder of a node."""
 NODE_FILE: Final = "config/node.toml"
 DATA: Final = "data/"
-"""Start of the names of files below the data folder of a node."""
+"""Prefix of the names of files in the data folder of a node."""
 
 _NAMED: Final = re.compile(r"key (\w+): ")
-"""Start of the error of a check between keys of a node."""
+"""Start of the error message of a check between keys of a node."""
 
 Address = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_\[:][A-Za-z0-9_.:%\]-]{0,252}$")]
-"""A name or an IP address; it never begins with a dash, which ssh reads as an option."""
+"""A name or an IP address, never with a leading dash, which ssh would read as an option."""
 PlatformName = Annotated[
     str,
     msgspec.Meta(
@@ -41,16 +41,16 @@ Port = Annotated[int, msgspec.Meta(ge=1, le=65535)]
 
 
 class HostDefaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Keys of all hosts that do not have their own; folders are relative to the file."""
+    """Defaults of the keys of all hosts; folders are relative to the file."""
 
     user: User = "root"
     """User of the SSH connection."""
     port: Port = 22
     """TCP port of the SSH server."""
     identity: str = ""
-    """File of the private SSH key; empty: as `ssh` is configured, or its agent."""
+    """File of the private SSH key, or "" for the key that `ssh` or its agent selects."""
     known_hosts: str = ""
-    """File of the known host keys; empty: that of `ssh`."""
+    """File of the known host keys, or "" for the default of `ssh`."""
     sudo: bool = False
     """Run everything by `sudo -n`, for a user other than root."""
     prefix: AbsolutePath = "/opt/swarm"
@@ -58,13 +58,13 @@ class HostDefaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     config_dir: AbsolutePath = "/etc/swarm"
     """Configuration folder of the node on the host."""
     supervisor: Literal["systemd", "none"] = "systemd"
-    """What starts the node: a unit of systemd, or `swarmd node` as a detached process."""
+    """Starter of the node: a unit of systemd, or `swarmd node` as a detached process for `none`."""
     unit: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9@._-]*$")] = "swarm.target"
     """Unit of systemd that is started and stopped."""
     pip: tuple[str, ...] = ()
     """Further arguments of `pip install`, such as --no-index and --find-links for hosts without a network."""
     services: str = ""
-    """Folder with the files of services (broker.toml …); empty: none are pushed."""
+    """Folder with the files of services (broker.toml …), or "" to push none."""
     missions: tuple[str, ...] = ()
     """Folders of missions, for ground stations."""
     node: dict[str, Any] = {}
@@ -72,7 +72,7 @@ class HostDefaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class HostEntry(HostDefaults, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One host; keys that are left out are those of `defaults`, and its `node` is laid over theirs."""
+    """One host; `defaults` fills the keys that it leaves out, and also the missing keys of its `node`."""
 
     name: PlatformName
     """Name of the platform: [a-z][a-z0-9_]{0,30}, unique in the file."""
@@ -90,7 +90,7 @@ class FleetFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class FleetHost(msgspec.Struct, frozen=True):
-    """A host with all its keys: its own, else the defaults."""
+    """A host with all its keys, each its own or the default."""
 
     name: str
     address: str
@@ -101,14 +101,14 @@ class FleetHost(msgspec.Struct, frozen=True):
 
     @property
     def node(self) -> dict[str, Any]:
-        """The whole content of its node.toml."""
+        """The complete content of the host's node.toml."""
         return {**self.keys.node, "platform": self.name}
 
 
 def read_hosts(path: Path) -> list[FleetHost]:
     """Read a file of hosts.
 
-    Raises: ConfigError with file, line, key and what was expected; FileNotFoundError.
+    Raises: ConfigError with file, line, key and expected value; FileNotFoundError.
     """
     return parse_hosts(document.read(path), path)
 
@@ -116,7 +116,7 @@ def read_hosts(path: Path) -> list[FleetHost]:
 def parse_hosts(text: str, path: Path) -> list[FleetHost]:
     """The hosts of this text; `path` is named in errors.
 
-    Raises: ConfigError with file, line, key and what was expected.
+    Raises: ConfigError with file, line, key and expected value.
     """
     source = str(path)
     raw = document.toml(text, source)
@@ -131,7 +131,7 @@ def parse_hosts(text: str, path: Path) -> list[FleetHost]:
 
 
 def choose(hosts: list[FleetHost], selection: str, path: Path) -> list[FleetHost]:
-    """The selected hosts, all without a selection.
+    """The selected hosts, or all hosts without a selection.
 
     Raises: NotFound naming the known ones.
     """
@@ -142,14 +142,14 @@ def choose(hosts: list[FleetHost], selection: str, path: Path) -> list[FleetHost
 
 
 def _whole(defaults: HostDefaults, one: HostEntry, given: frozenset[str], folder: Path) -> FleetHost:
-    """The host with its keys over the defaults; `given`: keys that its table has."""
+    """A host whose keys are its own if they are in `given`, the keys of its table, else the defaults."""
     own = {name: getattr(one, name) for name in HostDefaults.__struct_fields__ if name in given - {"node"}}
     node = {**defaults.node, **one.node}
     return FleetHost(one.name, one.address, msgspec.structs.replace(defaults, **own, node=node), folder)
 
 
 def _contradictions(file: FleetFile, whole: list[FleetHost]) -> Iterator[tuple[KeyPath, str]]:
-    """What the types do not express."""
+    """Contradictions between keys, which the types cannot express."""
     places: dict[tuple[str, int, str], str] = {}
     names: set[str] = set()
     for number, (one, host) in enumerate(zip(file.hosts, whole, strict=True)):
@@ -225,7 +225,7 @@ def hosts_schema() -> str:
 
 
 def host_names(file: str, begun: str) -> list[str]:
-    """Names of hosts in this file that begin so; none where it cannot be read."""
+    """Names of hosts in this file that begin with `begun`; none if the file cannot be read."""
     try:
         found = document.toml(document.read(Path(file)), file).get("hosts", [])
         names = [str(one["name"]) for one in found if "name" in one]

@@ -1,4 +1,4 @@
-"""Changes of a file of hosts (HOSTS.toml): one entry is added, removed or renamed; all other text stays."""
+"""Changes of a file of hosts (HOSTS.toml): adds, removes or renames an entry and keeps all other text."""
 
 import re
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ MODE: Final = 0o644
 
 
 def host_lines(name: str, address: str, node: dict[str, str]) -> str:
-    """The text of an entry."""
+    """The text of an entry in the file of hosts."""
     import tomli_w
 
     text = "\n[[hosts]]\n" + tomli_w.dumps({"name": name, "address": address})
@@ -24,7 +24,7 @@ def host_lines(name: str, address: str, node: dict[str, str]) -> str:
 
 
 def add_host(path: Path, name: str, address: str, node: dict[str, str]) -> bool:
-    """Add an entry; a missing file is made. Returns False when exactly this host is there already.
+    """Add an entry, to a new file if it is missing. Returns False if the same entry exists already.
 
     Raises: Conflict when the name is taken by another host; ConfigError, OSError.
     """
@@ -42,9 +42,9 @@ def add_host(path: Path, name: str, address: str, node: dict[str, str]) -> bool:
 
 
 def remove_hosts(path: Path, names: tuple[str, ...]) -> list[str]:
-    """Remove the entries of these hosts; returns those that were there.
+    """Remove the entries of these hosts; returns the names that had an entry.
 
-    Raises: InvalidInput for the last host of a file, and where an entry is not a table `[[hosts]]`;
+    Raises: InvalidInput for the last host of a file, and if an entry is not a table `[[hosts]]`;
     ConfigError, OSError.
     """
     text = document.read(path)
@@ -85,7 +85,7 @@ def _names(text: str, path: Path) -> dict[str, str]:
 
 
 def _parts(text: str, hosts: list[str]) -> Iterator[tuple[str, str]]:
-    """The text in parts, each with the name of the host that it belongs to; empty: none."""
+    """The text in parts, each with the name of its host, or "" for text outside the entries."""
     number, part, host = -1, "", ""
     for line in text.splitlines(keepends=True):
         header = _HEADER.fullmatch(line)
@@ -100,10 +100,11 @@ def _parts(text: str, hosts: list[str]) -> Iterator[tuple[str, str]]:
 
 
 def _write(path: Path, text: str, expected: list[str]) -> None:
-    """Replaces the file when it has exactly the expected hosts.
+    """Replaces the file if the new text has exactly the expected hosts.
 
-    Raises: InvalidInput otherwise; ConfigError, OSError.
+    Raises: InvalidInput for other hosts; ConfigError, OSError.
     """
+    # the edit was textual, so only parsing shows whether it did what it should
     if list(_names(text, path)) != expected:
         raise InvalidInput(
             f"{path}: its hosts are not tables `[[hosts]]`; expected that, or a change by hand"

@@ -1,4 +1,4 @@
-"""`swarmctl keys invite`: makes tokens, and admits the nodes that join with them within their time."""
+"""`swarmctl keys invite`: makes tokens, and admits nodes that join with them before they expire."""
 
 import asyncio
 import os
@@ -34,14 +34,14 @@ VALID_MAX_S: Final = 30 * 86400.0
 
 
 class InvitedNode(msgspec.Struct, frozen=True):
-    """A platform that may join, or what became of its invitation."""
+    """The invitation of a platform, and its outcome."""
 
     platform: str
     state: Literal["invited", "joined", "expired", "open"]
-    """`open`: the swarm has no keys, and needs no invitation."""
+    """Outcome of the invitation; `open` if the swarm has no keys and needs no invitation."""
     role: str
     command: str
-    """What is typed on the node."""
+    """Command to type on the node."""
     token: str
     expires_utc_ns: int
     address: str = ""
@@ -49,15 +49,15 @@ class InvitedNode(msgspec.Struct, frozen=True):
 
 
 class InvitationPlan(msgspec.Struct, frozen=True):
-    """What an operator asked for."""
+    """Options of an invitation."""
 
     platforms: tuple[str, ...]
     role: str
     valid_s: float
     address: str = ""
-    """HOST or HOST:PORT for the tokens; empty: the addresses of this computer."""
+    """HOST or HOST:PORT for the tokens, or "" for the addresses of this computer."""
     file: str = ""
-    """File for the credentials; empty: over the network."""
+    """File for the credentials, or "" to invite over the network."""
 
 
 def invite_nodes(out: Output, root_dir: Path | None, plan: InvitationPlan) -> None:
@@ -79,7 +79,7 @@ def invite_nodes(out: Output, root_dir: Path | None, plan: InvitationPlan) -> No
 
 
 def check_plan(plan: InvitationPlan) -> None:
-    """Check what an operator asked for. Raises: InvalidInput, ConfigError."""
+    """Check the options of an invitation. Raises: InvalidInput, ConfigError."""
     for platform in plan.platforms:
         check_platform(platform)
     if len(set(plan.platforms)) != len(plan.platforms):
@@ -121,7 +121,7 @@ class _Gate:
         self._joined: list[str] = []
 
     async def run(self) -> None:
-        """Serves until each invitation has expired, or was used by a node that has its keys.
+        """Serves until each invitation has expired or its node has confirmed that it has its keys.
 
         Raises: Partial when some expired, NoAnswer when all did.
         """
@@ -168,7 +168,7 @@ class _Gate:
             self._changed.set()
 
     async def _answer(self, data: bytes, address: str) -> WrittenAnswer | None:
-        async with self._turn:
+        async with self._turn:  # one admission at a time, because each changes the root's roster
             found = self._core.on_request(data, utc_ns(), time.monotonic_ns())
             if not isinstance(found, Admission):
                 self._out.detail(f"a request of {address} was refused or not readable")
@@ -190,7 +190,7 @@ class _Gate:
     async def _admit(self, admission: Admission) -> Root:
         request, invitation = admission.request, admission.invitation
         with self._folder.locked():
-            root = self._folder.load()
+            root = self._folder.load()  # another command may have changed it since the invitation
             if not admission.repeated:
                 root.admit(Candidate(request.platform, invitation.role, request.sign_public, request.proof))
         if not admission.repeated:
@@ -205,7 +205,7 @@ class _Gate:
 
 
 def _broker_port(out: Output) -> int:
-    """UDP port of the broker on this computer, which new members get as a seed; 0: none."""
+    """UDP port of the broker on this computer, which new members get as a seed, or 0 without one."""
     try:
         return unicast_port(NodeKeys.find(out.settings))
     except NotFound:
@@ -219,7 +219,7 @@ def show_invited(
     address: str = "",
     file: str = "",
 ) -> None:
-    """Prints an invitation, or what became of it."""
+    """Prints an invitation, or its outcome."""
     text = one.token.text()
     command = f"swarmctl keys join {text}" + (f" --file {file}" if file else "")
     if out.settings.structured:
@@ -238,7 +238,8 @@ def _to_file(out: Output, folder: RootFolder, plan: InvitationPlan) -> None:
     """Admits a platform with credentials that are made here, and writes them to a file."""
     (platform,) = plan.platforms
     path, seed = Path(plan.file), os.urandom(SEED_BYTES)
-    if not os.access(path.parent, os.W_OK):  # before the roster changes
+    # before the roster changes, because a member without its file could never join
+    if not os.access(path.parent, os.W_OK):
         raise Denied(f"{path.parent}: cannot be written; expected an existing folder of this user")
     utc_s = utc_ns() // 1_000_000_000
     with folder.locked():

@@ -23,7 +23,7 @@ from swarmware.transport.enrolment.token import JoinToken
 from swarmware.transport.sodium import NONCE_BYTES
 
 ADMIT_S: Final = 15.0
-"""Maximum wait for the answer: the inviter signs the roster, and gives it to its own node."""
+"""Maximum wait for the answer, while the inviter signs the roster and gives it to its own node."""
 
 
 RECEIPT_S: Final = 2.0
@@ -40,19 +40,19 @@ class JoinedSwarm(msgspec.Struct, frozen=True):
     members: int
     keys_dir: str
     running: bool
-    """The node runs."""
+    """Whether the node runs."""
     in_use: bool = False
-    """The running node uses these keys."""
+    """Whether the running node uses these keys."""
     reached: tuple[str, ...] = ()
-    """Other members that it reaches."""
+    """Other members that the node reaches."""
     ahead_s: float | None = None
-    """Wall clock of this computer minus that of the inviter; None: not known."""
+    """Wall clock of this computer minus the inviter's, or None if unknown."""
     seed: str = ""
-    """Broker of the inviter that was entered in services/broker.toml; empty: it has no fixed unicast_port."""
+    """Inviter's broker as entered in services/broker.toml, or "" if it has no fixed unicast_port."""
 
 
 def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
-    """Joins the swarm of a token, and prints what the node is there.
+    """Joins the swarm of a token, and prints the node's membership.
 
     Raises: InvalidInput for a mistyped token or another platform's, NotFound without a node, Conflict when it
     has an identity, NoAnswer when no inviter answers; Denied for a token that was used or has expired, and
@@ -73,7 +73,7 @@ def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
 
 
 def _enter_seed(out: Output, node: NodeKeys, credentials: Credentials) -> str:
-    """Enters the broker of the inviter as a seed; returns it, empty where it has no port that stays."""
+    """Enters the inviter's broker as a seed and returns it, or "" if the broker has no fixed port."""
     if not credentials.broker_port or ":" in credentials.inviter:
         return ""
     seed = f"{credentials.inviter}:{credentials.broker_port}"
@@ -88,7 +88,7 @@ def _enter_seed(out: Output, node: NodeKeys, credentials: Credentials) -> str:
 def credentials_for(
     out: Output, token: JoinToken, platform: str, seed: bytes, keep: Callable[[Credentials], None]
 ) -> Credentials:
-    """What the inviter of a token answers to a platform with this key; it gets a receipt after `keep`.
+    """The inviter's answer to a platform with this key; the inviter gets a receipt after `keep`.
 
     Raises: InvalidInput for the token of a file; NoAnswer when no inviter answers; Denied for a token that
     was used or has expired; as `keep`.
@@ -100,7 +100,7 @@ def credentials_for(
 def _check_network(token: JoinToken) -> None:
     if not token.hosts:
         raise InvalidInput(
-            "token: it belongs to a file; expected --file FILE with the one that `keys invite` wrote"
+            "token: it belongs to a file; expected --file FILE with the file that `keys invite` wrote"
         )
 
 
@@ -138,7 +138,7 @@ def _show(out: Output, node: NodeKeys, credentials: Credentials, seed: str) -> N
     if joined.ahead_s is not None and abs(joined.ahead_s) > CLOCK_S:
         way = "ahead of" if joined.ahead_s > 0 else "behind"
         out.warn(
-            f"the clock of this computer is {spoken(abs(joined.ahead_s))} {way} that of the inviter: times in"
+            f"the clock of this computer is {spoken(abs(joined.ahead_s))} {way} the inviter's: times in"
             " its logs will not match; expected a clock set by NTP or by hand (date --set)"
         )
     show_activation(out, node.platform, activated, running=running, others=True)
@@ -149,9 +149,10 @@ async def _ask(
 ) -> Credentials:
     """The credentials of the first inviter that answers.
 
-    Raises: its sealed refusal; without any the first unsigned one, with the reason of each address; NoAnswer
-    when no address has sent one either; as `keep`.
+    Raises: the sealed refusal of an inviter, else an unsigned refusal with the reason of each address;
+    NoAnswer when no address answered; as `keep`.
     """
+    # all addresses at once, so that unreachable ones cost a single time-out
     attempts = {
         asyncio.create_task(_connect(host, token.port, connect_s), name=f"connect {host}"): host
         for host in token.hosts
@@ -172,12 +173,13 @@ async def _ask(
                 except (WireError, OSError, TimeoutError, asyncio.IncompleteReadError) as error:
                     reasons.append(f"{host}: {_cause(error, 'no answer in time')}")
                     continue
+                # an unsigned refusal may be forged, so the next address is asked as well
                 if isinstance(found, SwarmError):
                     unsigned = unsigned or found
                     reasons.append(f"{host}: {found}")
                     continue
                 credentials = msgspec.structs.replace(found, inviter=host)
-                keep(credentials)
+                keep(credentials)  # before the receipt, which ends the inviter's offer to answer again
                 await _send_receipt(writer, joiner.receipt(os.urandom(NONCE_BYTES)))
                 return credentials
             finally:

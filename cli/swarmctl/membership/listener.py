@@ -1,4 +1,4 @@
-"""The inviter's socket: moves the bytes of nodes that join, within limits of size, time and number."""
+"""The inviter's socket: exchanges bytes with joining nodes within limits of size, time and number."""
 
 import asyncio
 import contextlib
@@ -16,11 +16,11 @@ from swarmware.transport.enrolment.messages import REQUEST_MAX, SIZE_BYTES, Join
 REQUEST_S: Final = 5.0
 """Maximum time between the connection and the last byte of the request."""
 CONNECTIONS_MAX: Final = 32
-"""Maximum connections at a time; a request and its answer take milliseconds."""
+"""Maximum connections at a time, which is ample because a request and its answer take milliseconds."""
 
 
 def listening_socket(port: int) -> socket.socket:
-    """A socket on all addresses at a port; 0: the usual one, or any when that is in use.
+    """A socket on all addresses at a port; for port 0 the default port, or any free one if it is in use.
 
     Raises: Conflict when the given port is in use.
     """
@@ -42,11 +42,11 @@ def _bound(port: int) -> socket.socket:
 
 
 class WrittenAnswer(msgspec.Struct, frozen=True):
-    """What a connection gets for its request."""
+    """Answer to the request of a connection."""
 
     data: bytes
     confirmed: bool = False
-    """Whether the node sends a receipt for it."""
+    """Whether the node sends a receipt for the answer."""
 
 
 class JoinListener:
@@ -58,7 +58,7 @@ class JoinListener:
         answer: Callable[[bytes, str], Awaitable[WrittenAnswer | None]],
         take_receipt: Callable[[bytes], None],
     ) -> None:
-        """`permit`: whether an address may send a request; `answer`: the answer to one of an address."""
+        """`permit`: whether an address may send a request; `answer`: the answer to an address's request."""
         self._permit = permit
         self._answer = answer
         self._take_receipt = take_receipt
@@ -71,7 +71,9 @@ class JoinListener:
             await server.serve_forever()
 
     async def _on_connection(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        address = str(writer.get_extra_info("peername", ("unknown",))[0]).removeprefix("::ffff:")
+        address = str(writer.get_extra_info("peername", ("unknown",))[0]).removeprefix(
+            "::ffff:"
+        )  # IPv4 on a dual-stack socket
         self._connections += 1
         try:
             if self._connections > CONNECTIONS_MAX or not self._permit(address):
@@ -87,7 +89,7 @@ class JoinListener:
             writer.close()
 
     async def _read(self, reader: asyncio.StreamReader) -> bytes | None:
-        """A request or receipt; None when none came in time, or it is too large."""
+        """A request or receipt, or None if it is late or too large."""
         try:
             async with asyncio.timeout(REQUEST_S):
                 size = int.from_bytes(await reader.readexactly(SIZE_BYTES), "big")
@@ -96,7 +98,7 @@ class JoinListener:
             return None
 
     async def _write(self, writer: asyncio.StreamWriter, data: bytes) -> None:
-        # a node that has closed the connection asks again, and gets the same answer
+        # no retry here: a node that lost the connection asks again, and gets the same answer
         with contextlib.suppress(TimeoutError, ConnectionError):
             async with asyncio.timeout(REQUEST_S):
                 writer.write(len(data).to_bytes(SIZE_BYTES, "big") + data)

@@ -1,4 +1,4 @@
-"""The folder of keys of the node on this computer: what is in it, and how it gets an identity."""
+"""The folder of keys of the node on this computer: its contents, and how it gets an identity."""
 
 import os
 import pwd
@@ -17,7 +17,7 @@ from swarmware.transport.security.roster import parse_roster
 from swarmware.transport.sodium import SigningKey
 
 JOIN_KEY: Final = "join.key"
-"""Seed of an identity whose join has not ended: asked for again, the inviter answers it again."""
+"""File with the seed of a pending identity, so that a repeated join asks for the same identity again."""
 SERVICE_USER: Final = "swarm"
 """User of the daemons under systemd."""
 
@@ -44,7 +44,7 @@ class NodeKeys(NamedTuple):
 
     @property
     def folder(self) -> Path:
-        """Its folder of keys."""
+        """The node's folder of keys."""
         return self.config_dir / self.node.keys_dir  # an absolute path stays unchanged
 
     @property
@@ -71,8 +71,8 @@ class NodeKeys(NamedTuple):
     def check_free(self, *, replace: bool) -> None:
         """Check that the node may get an identity.
 
-        Raises: Conflict when it has one, unless `replace`; then when it runs; Denied when the folder cannot
-        be written; ConfigError when the user who is to have it is missing.
+        Raises: Conflict when it has one and `replace` is False, or when it runs; Denied when the folder
+        cannot be written; ConfigError when the user that must own the folder does not exist.
         """
         if self.has_identity:
             if not replace:
@@ -86,6 +86,7 @@ class NodeKeys(NamedTuple):
                     " (systemctl stop swarm.target 'swarmd@*', or end of `swarmd node`)"
                 )
         place = self.folder
+        # the nearest existing folder decides whether the missing ones can be created
         while not place.exists():
             place = place.parent
         if not os.access(place, os.W_OK | os.X_OK):
@@ -93,7 +94,7 @@ class NodeKeys(NamedTuple):
         self._service_user()
 
     def pending_seed(self) -> bytes:
-        """The seed of the new identity; that of an interrupted join is used again.
+        """The seed of the new identity, or of an interrupted join, which continues with it.
 
         Raises: Denied, OSError when the folder cannot be written.
         """
@@ -106,19 +107,21 @@ class NodeKeys(NamedTuple):
         return seed
 
     def write(self, credentials: Credentials) -> None:
-        """Write the identity; a kill leaves either no identity or a whole one.
+        """Write the identity, so that a kill leaves either no identity or a complete one.
 
         Raises: Denied when the roster does not have this node with this key, ConfigError, OSError.
         """
         check_member(credentials, self.platform)
         self._make_folder()
+        # this file marks an identity, so it must be missing while the others change
         (self.folder / NODE_KEY).unlink(missing_ok=True)
         write_keys(self.folder, credentials.seed, credentials.root_public, credentials.roster)
+        # last: until then a repeated join asks for the same identity
         (self.folder / JOIN_KEY).unlink(missing_ok=True)
         self._give_to_service_user()
 
     def replace_roster(self, credentials: Credentials) -> None:
-        """Write a roster that has the key of the node with another name. Raises: OSError."""
+        """Write a roster in which the node's key has another platform name. Raises: OSError."""
         write_keys(self.folder, credentials.seed, credentials.root_public, credentials.roster)
         self._give_to_service_user()
 
@@ -137,7 +140,7 @@ class NodeKeys(NamedTuple):
             self.folder.mkdir(mode=0o700, parents=True)
 
     def _service_user(self) -> pwd.struct_passwd | None:
-        """The user of the daemons, to whom root gives the keys of a node under systemd; None: another node.
+        """The daemons' user, which must own the keys of a node under systemd; None for other nodes.
 
         Raises: ConfigError when there is no such user.
         """
@@ -159,7 +162,7 @@ class NodeKeys(NamedTuple):
 
 
 def check_member(credentials: Credentials, platform: str) -> None:
-    """Check that the credentials are of a member of the swarm.
+    """Check that the credentials belong to a member of the swarm.
 
     Raises: Denied when the roster does not have the platform with this key, ConfigError when it is damaged.
     """

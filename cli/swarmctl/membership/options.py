@@ -11,7 +11,7 @@ root_option: Final = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     envvar="SWARMCTL_ROOT",
     metavar="DIR",
-    help="Folder of the swarm's root key; default: ~/.local/share/swarmware/root.",
+    help="Folder of the swarm's root key; by default ~/.local/share/swarmware/root.",
 )
 
 hosts_option: Final = click.option(
@@ -19,5 +19,5 @@ hosts_option: Final = click.option(
     "hosts_file",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="HOSTS.toml",
-    help="Change the file of `swarmctl fleet`, too.",
+    help="File of `swarmctl fleet` to change as well.",
 )

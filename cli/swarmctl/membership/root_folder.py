@@ -34,11 +34,11 @@ class RecordedInvitation(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     expires_utc_s: int
     used: bool = False
     serial: int = 0
-    """Of the member that a file admitted before it was used; 0: the invitation was over the network."""
+    """Serial of the member that a file admitted in advance, or 0 for an invitation over the network."""
 
 
 def default_root() -> Path:
-    """Folder of the root when no option names another one."""
+    """Folder of the root unless an option names another one."""
     data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local/share"
     return Path(data) / "swarmware" / "root"
 
@@ -51,12 +51,12 @@ class RootFolder:
 
     @property
     def exists(self) -> bool:
-        """Whether there is a root in the folder."""
+        """Whether the folder contains a root."""
         return (self.path / ROOT_KEY).exists()
 
     @property
     def fingerprint(self) -> str:
-        """Fingerprint of the root in the folder; empty: there is none."""
+        """Fingerprint of the root in the folder, or "" without a root."""
         path = self.path / ROOT_PUBLIC
         return fingerprint(path.read_bytes()) if self.exists and path.exists() else ""
 
@@ -75,23 +75,23 @@ class RootFolder:
         return Root.load(self.path)
 
     def continue_from(self, signed: bytes) -> None:
-        """Take a newer roster that the root has signed: the folder is an older copy. Raises: OSError."""
+        """Continue an older copy of the folder from a newer roster of the same root. Raises: OSError."""
         with self.locked():
             replace_file(self.path / ROSTER, signed, mode=0o644)
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keeps other commands from changing the root's files; made as a folder of this user alone."""
+        """Lock of the root's files against other commands; creates the folder for this user alone."""
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX)
             yield
         finally:
-            os.close(descriptor)
+            os.close(descriptor)  # releases the lock; the file stays, as a new one would be a second lock
 
     def refused(self, utc_s: int) -> dict[bytes, JoinRefusal]:
-        """Numbers of earlier tokens, and why each is refused now."""
+        """Numbers of earlier tokens, each with the reason of its refusal."""
         return {
             bytes.fromhex(one.number): JoinRefusal.USED
             if one.used
@@ -102,7 +102,7 @@ class RootFolder:
         }
 
     def unused_files(self) -> dict[tuple[str, int], int]:
-        """Platform and serial of each member whose file was not seen in use → expiry of the file, in UTC."""
+        """Expiry in UTC of each file that was not seen in use, by platform and serial of its member."""
         return {
             (one.platform, one.serial): one.expires_utc_s
             for one in self._record()
@@ -119,7 +119,7 @@ class RootFolder:
             replace_file(self.path / INVITATIONS, msgspec.json.encode(kept), mode=0o600)
 
     def record(self, *invitations: Invitation, used: bool = False, serial: int = 0) -> None:
-        """Add invitations to the record, or note that they were used; `serial`: of the member of a file."""
+        """Add invitations to the record, or note their use; `serial` of the member that a file admits."""
         with self.locked():
             known = {one.number: one for one in self._record()}
             for one in invitations:
@@ -135,7 +135,7 @@ class RootFolder:
         try:
             found = document.json(document.read(path), list[RecordedInvitation], str(path))
             for one in found:
-                bytes.fromhex(one.number)
+                bytes.fromhex(one.number)  # only a check: `refused` needs the bytes
         except FileNotFoundError:
             return []
         except ConfigError:

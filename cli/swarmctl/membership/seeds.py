@@ -1,4 +1,4 @@
-"""Seeds of a node's broker: where a new member finds the others without multicast."""
+"""Seeds of a node's broker: addresses at which a new member finds the others without multicast."""
 
 import json
 import re
@@ -19,7 +19,7 @@ _LINE: Final = re.compile(r"(?m)^seeds = \[[^\]\n]*\]$")
 
 
 def unicast_port(node: NodeKeys) -> int:
-    """UDP port at which others reach the broker of this node; 0: it has another one after each start.
+    """Fixed UDP port at which others reach the broker of this node, or 0 if it changes with each start.
 
     Raises: ConfigError.
     """
@@ -28,9 +28,9 @@ def unicast_port(node: NodeKeys) -> int:
 
 
 def add_seed(node: NodeKeys, seed: str) -> bool:
-    """Enters a seed in the file of the broker; whether it was not in it before.
+    """Enters a seed in the broker's file; returns False if it was there already.
 
-    Raises: ConfigError when the file is invalid, or its line of seeds is not clear; OSError.
+    Raises: ConfigError when the file is invalid, or its line of seeds is ambiguous; OSError.
     """
     path = paths.service_config(node.config_dir, BROKER)
     config = load_service(node.config_dir, BROKER, find(BROKER).Config)
@@ -40,8 +40,9 @@ def add_seed(node: NodeKeys, seed: str) -> bool:
     wanted = [*present, seed]
     before = document.read(path) if path.exists() else ""
     line = f"seeds = {json.dumps(wanted)}"
+    # the line is replaced as text, which keeps the operator's comments; the result is parsed as a check
     after, count = _LINE.subn(lambda _match: line, before, count=1)
-    if not count:
+    if not count:  # at the top, because below the header of a table it would be a key of that table
         after = f"{line}\n{before}"
     if document.toml(after, str(path)).get("seeds") != wanted:
         raise ConfigError(f"{path}: the line of key seeds is not clear; expected {line!r} by hand")

@@ -36,7 +36,7 @@ class ResourceReading(msgspec.Struct, frozen=True):
     stamp_ns: int
     """Hardware clock of the owner."""
     age_s: float | None
-    """None: the owner's clock is not known here."""
+    """Age of the value, or None if the owner's clock is not known here."""
     sequence: int
     version: int
     quality: Quality
@@ -45,15 +45,15 @@ class ResourceReading(msgspec.Struct, frozen=True):
     source: str
     """own | mirror | asked."""
     utc_ns: int | None = None
-    """Its stamp on the wall clock of this machine; None: the owner's clock is not known here."""
+    """Stamp on the wall clock of this machine, or None if the owner's clock is not known here."""
     measured_hz: float | None = None
-    """Rate at which the owner has written the newest values; None: not known."""
+    """Rate at which the owner has written the newest values, or None if unknown."""
     angles: dict[str, dict[str, float]] = {}
     """Roll, pitch and yaw in degrees of each quaternion, by the name before its components."""
 
     @property
     def warning(self) -> str:
-        """Warning to print with the value; empty: none."""
+        """Warning to print with the value, or "" if it needs none."""
         if self.quality is not Quality.LOST:
             return ""
         age = "of unknown age" if self.age_s is None else f"{self.age_s:.0f} s old"
@@ -84,7 +84,7 @@ class Written(msgspec.Struct, frozen=True):
         return ", ".join((f"version {self.version}", *(f"in force in {name}" for name in self.applied_by)))
 
     def check_applied(self) -> None:
-        """Raises: NoAnswer when an application with the setting has not taken it."""
+        """Check that every application with the setting confirmed it. Raises: NoAnswer."""
         if self.awaited:
             names = ", ".join(self.awaited)
             raise NoAnswer(
@@ -96,7 +96,7 @@ class Written(msgspec.Struct, frozen=True):
 async def read(
     session: Session, path: str, fields: str = "", *, names: tuple[str, ...] = (), fresh: bool = False
 ) -> ResourceReading:
-    """The newest value of a resource, or of its fields: `fields` as in a path, of that those in `names`.
+    """Newest value of a resource, reduced to the field `fields` and to its fields in `names`, if given.
 
     Raises: NotFound, NoAnswer, InvalidInput for an unknown field.
     """
@@ -132,7 +132,7 @@ async def read_all(
     names: tuple[str, ...] = (),
     fresh: bool = False,
 ) -> tuple[list[ResourceReading], list[SwarmError]]:
-    """The values that were read, and the errors of the others."""
+    """Values of the readable resources, and the errors of the unreadable ones."""
 
     async def one(path: str) -> ResourceReading | SwarmError:
         try:
@@ -156,7 +156,7 @@ async def write(session: Session, path: str, text: str, version: int | None = No
 
 
 async def _ask_owner(session: Session, verb: str, path: str, request: msgspec.Struct) -> TreeSetDone:
-    """Asks the platform of a resource for a change: it decides with the rights of this session."""
+    """Asks the platform of a resource for a change, which it grants by the rights of this session."""
     platform = split(path)[0] or session.here
     return await session.ask(join(platform, paths.tree_request(verb)), request, TreeSetDone, about=path)
 

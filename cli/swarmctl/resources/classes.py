@@ -1,4 +1,4 @@
-"""Payload types by their names: those installed here, and those that a platform describes."""
+"""Payload types by their names: installed classes, and types that a platform describes."""
 
 import msgspec
 
@@ -13,7 +13,7 @@ from swarmware.types.tree import TypeRequest
 
 
 async def described(session: Session, platform: str, name: str) -> TypeDescription:
-    """Description of a type: of its class if it is installed here, else that of the platform.
+    """Description of a type, from its class if it is installed here, else from the platform.
 
     Raises: NotFound, NoAnswer, WireError.
     """
@@ -39,7 +39,7 @@ async def described_anywhere(session: Session, name: str) -> TypeDescription:
 
 
 async def payload_class(session: Session, platform: str, name: str) -> type[msgspec.Struct] | None:
-    """The class of a type; None when it is not installed here and its platform does not describe it.
+    """Class of a type, or None if it is neither installed here nor described by its platform.
 
     Raises: WireError for an invalid description.
     """

@@ -46,13 +46,13 @@ def json_or_text(text: str) -> Any:
 
 
 def scalar_type(words: tuple[str, ...]) -> str:
-    """Name of the common type of one plain word; empty: it is a value with fields."""
+    """Name of the common type of one plain word, or "" for a value with fields."""
     value = json_or_text(words[0]) if len(words) == 1 and not _FIELD.match(words[0]) else None
     return {bool: "Bool", int: "Int", float: "Float", str: "Text"}.get(type(value), "")
 
 
 def _plain_of(cls: type[msgspec.Struct], name: str, text: str, path: str) -> Any:
-    """The value of a field: as JSON where that fits its type, else as the word was typed: `reason=5`."""
+    """Value of a field: parsed as JSON if that fits its type, else the word itself, as in `reason=5`."""
     value = json_or_text(text)
     kind = next((field.type for field in msgspec.structs.fields(cls) if field.encode_name == name), None)
     if kind is None or isinstance(value, str):

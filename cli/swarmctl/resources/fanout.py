@@ -33,8 +33,8 @@ async def read_boards(
 ) -> tuple[dict[str, R], dict[str, SwarmError]]:
     """The newest value of a board of each platform: from a mirror if there is one, else from its owner.
 
-    `fresh`: from its owner at once, as a board without a subscriber has no mirror. A platform without a
-    route has an error: its last values are `last_words`.
+    `fresh`: ask the owner at once, for boards without a subscriber, which have no mirror. A platform
+    without a route gets an error; `last_words` has its last values.
     """
 
     async def one(platform: str) -> R | SwarmError:

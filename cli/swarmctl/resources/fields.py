@@ -11,7 +11,7 @@ from swarmware.types.units import unit_of, unit_suffix
 
 QUATERNION: Final = ("x", "y", "z", "w")
 VERTICAL: Final = 1 - 1e-9
-"""Sine of the pitch from which roll and yaw turn about the same axis: the roll is 0 then."""
+"""Sine of the pitch at gimbal lock, where roll and yaw turn about the same axis and the roll counts as 0."""
 INDENT: Final = "  "
 
 
@@ -27,7 +27,7 @@ class Angles(NamedTuple):
 
 
 def angles_of(x: float, y: float, z: float, w: float) -> Angles | None:
-    """The angles of a quaternion; None when it is none.
+    """Angles of a quaternion, or None if its length is zero or not finite.
 
     Source: Diebel, Representing Attitude (2006), section 8.
     """
@@ -90,7 +90,7 @@ def with_unit(value: Any, unit: str) -> str:
 
 
 def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
-    """The plain values inside of a value, by dotted names; a list of plain values is one."""
+    """Plain values inside a value, by dotted names; a list of plain values counts as one value."""
     if isinstance(value, Mapping) and value:
         for key, item in value.items():
             yield from _flat(item, f"{name}.{key}" if name else str(key))

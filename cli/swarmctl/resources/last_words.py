@@ -32,7 +32,7 @@ class LastWords(msgspec.Struct, frozen=True):
 
     platform: str
     seen_s: float | None
-    """Since its newest datagram here, or the newest of these values; None: unknown."""
+    """Age of the newest datagram received here, or of the newest of these values; None if unknown."""
     mission: MissionState | None
     vehicle: VehicleState | None
     pose: Pose | None
@@ -40,7 +40,7 @@ class LastWords(msgspec.Struct, frozen=True):
 
 
 async def last_words(session: Session, platform: str) -> LastWords:
-    """The last values of a platform; a value that was never received here is None."""
+    """Last values of a platform, each None if it was never received here."""
 
     async def one(path: str) -> TreeValue | None:
         try:
@@ -50,7 +50,7 @@ async def last_words(session: Session, platform: str) -> LastWords:
 
     silent_s, values = await asyncio.gather(_silent_s(session, platform), asyncio.gather(*map(one, KEPT)))
     found = dict(zip(KEPT, values, strict=True))
-    # a vehicle at rest sends no new value for a long time, but beacons
+    # a vehicle at rest publishes nothing for a long time but sends beacons, so they count as well
     ages = [value.age_s for value in values if value is not None and value.age_s is not None]
     ages += [] if silent_s is None else [silent_s]
 
@@ -69,7 +69,7 @@ async def last_words(session: Session, platform: str) -> LastWords:
 
 
 async def _silent_s(session: Session, platform: str) -> float | None:
-    """Time since the newest datagram of any of its computers; None: the joined node received none lately."""
+    """Age of the newest datagram from any computer of a platform, or None without a recent one."""
     try:
         path = names.join(session.here, "sys/broker/links")
         found = await session.ask(path, Empty(), Neighbours)

@@ -25,7 +25,7 @@ _BY_LINK = {
 
 
 async def limit_of(session: Session, path: str) -> ChannelLimit | None:
-    """The rule that limits the rate of a resource on the way here; None: none does, or it is not known."""
+    """Rule that limits the rate of a resource on its way here, or None if no rule is known to."""
     platform, local = names.split(path)
     try:
         found = await newest(session, names.join(platform or session.here, "net/limits"))
@@ -40,6 +40,7 @@ async def thinning(session: Session, entry: TreeEntry, meter: RateMeter) -> str:
     """Sentence about a resource that arrives less often than it is written, with the reason."""
     written_hz, here_hz = meter.written_hz or 0.0, meter.here_hz or 0.0
     limit = await limit_of(session, entry.path)
+    # the order is from certain to assumed: a rule explains the loss exactly, the kind of link only roughly
     if names.split(entry.path)[0] == session.here:
         reason = "they were replaced before they were read"
     elif limit is not None and limit.settings.adaptive:

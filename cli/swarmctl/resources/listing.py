@@ -20,12 +20,12 @@ PAGE: Final = 2000
 
 
 def is_pattern(path: str) -> bool:
-    """Whether it may match more than one path."""
+    """Whether a path is a pattern, which may match several paths."""
     return any(char in path for char in "*{")
 
 
 async def listing(session: Session, pattern: str) -> TreeListing:
-    """All pages of the list; `/uav1` means all below it, empty the platform of the session, else all.
+    """All resources that match; `/uav1` means all below it, and "" all of the selected platforms.
 
     Raises: NotFound when nothing matches, or the platform is not known.
     """
@@ -53,7 +53,7 @@ async def listing(session: Session, pattern: str) -> TreeListing:
 async def at_owners(session: Session, found: TreeListing) -> TreeListing:
     """The list with ages, qualities and measured rates as their owners know them.
 
-    A platform without an answer keeps what is known here; one that is unreachable is not asked.
+    The entries of a platform that does not answer stay as known here; an unreachable platform is not asked.
     """
     reachable = {one.platform for one in found.platforms if one.reachable} - {session.here}
     by_platform: dict[str, list[str]] = {}
@@ -76,7 +76,7 @@ async def at_owners(session: Session, found: TreeListing) -> TreeListing:
 
 
 def _as_owned(entry: TreeEntry, known: TreeEntry | None) -> TreeEntry:
-    """An entry with what its owner knows of its value, and the owner's rule."""
+    """An entry with the age, quality, rates and rule that its owner reports."""
     if known is None:
         return entry
     if known.age_s is None:
@@ -139,9 +139,9 @@ async def entry_of(session: Session, path: str) -> TreeEntry:
 
 
 async def find_entry(session: Session, path: str) -> TreeEntry | None:
-    """The resource of any kind at a path; None: there is none, as far as is known now.
+    """The resource of any kind at a path, or None if none is known now.
 
-    Raises: InvalidInput for what is not a path.
+    Raises: InvalidInput for a malformed path.
     """
     full = names.check_path(session.path(path))
     platform = names.split(full)[0] or session.here
@@ -156,7 +156,7 @@ async def find_entry(session: Session, path: str) -> TreeEntry | None:
 
 
 async def consequence(session: Session, path: str) -> str:
-    """Effect of setting the resource or a field, from its template; empty: no confirmation needed."""
+    """Effect of setting the resource or a field, from its template, or "" if it needs no confirmation."""
     platform, local = names.split(names.check_path(names.split_field(path)[0]))
     entry = await _exact(session, names.join(platform or session.here, local))
     return "" if entry is None else entry.confirm
@@ -175,13 +175,13 @@ async def check_present(session: Session, path: str) -> None:
 
 
 async def _ask_value(session: Session, full: str) -> None:
-    """Asks the owner for a value, for the error that says why there is none."""
+    """Asks the owner for a value to get its error, which names the reason for a missing resource."""
     owner = names.split(full)[0] or session.here
     await session.ask(names.join(owner, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
 
 
 async def _exact(session: Session, full: str) -> TreeEntry | None:
-    """The resource at a global path; None: there is none.
+    """The resource at a global path, or None if it does not exist.
 
     Raises: NotFound, NoAnswer for a platform that is unknown or not reachable.
     """
@@ -192,7 +192,7 @@ async def _exact(session: Session, full: str) -> TreeEntry | None:
 
 
 async def _at_owner(session: Session, platform: str, full: str) -> TreeEntry | None:
-    """The resource as its platform lists it: a new one is known there first."""
+    """The resource as its own platform lists it, because a new resource is known there first."""
     if platform == session.here:
         return None
     found = await pages(session, full, platform)

@@ -6,20 +6,20 @@ from typing import Final
 from swarmctl.session.session import Session
 
 PERIOD_S: Final = 1.0
-"""Between two drawings."""
+"""Pause between two drawings."""
 
 
 class LiveView:
-    """Draws what a function returns, once a period; an empty text: the function has printed it."""
+    """Draws the text of a function once per period; "" means that the function has printed it itself."""
 
     def __init__(self, session: Session, draw: Callable[[], Awaitable[str]]) -> None:
         self._session = session
         self._draw = draw
 
     async def run(self, count: int | None) -> None:
-        """Draws `count` times; None: until it is cancelled.
+        """Draws `count` times, or until it is cancelled if `count` is None.
 
-        On a terminal the text is redrawn at its place; elsewhere one follows the other.
+        A terminal shows the newest text in place; elsewhere the texts follow each other.
         """
         out = self._session.out
         drawn = 0

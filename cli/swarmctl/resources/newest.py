@@ -18,9 +18,9 @@ its subscription may have ended."""
 
 
 async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeValue:
-    """The newest value: the copy at the joined node if it is young enough, else that of the owner.
+    """The newest value: the copy at the joined node if it is young enough, else the owner's value.
 
-    Of a platform without a route it is the last value that the joined node received.
+    For a platform without a route the last value that the joined node received is returned.
     Raises: NotFound, NoAnswer.
     """
     platform = split(path)[0] or session.here
@@ -28,6 +28,7 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
         return await owned(session, path)
     reachable = await session.in_reach(platform)
     copy = None
+    # the mirror first, because it costs no traffic between the nodes
     try:
         ask = join(session.here, "sys/tree/get")
         copy = await session.ask(ask, TreeGet(path), TreeValue, about=path if reachable else "")
@@ -39,13 +40,15 @@ async def newest(session: Session, path: str, *, fresh: bool = False) -> TreeVal
     try:
         return await owned(session, path)
     except NoAnswer:
+        # a stale copy with its age shown is better than an error
         if copy is None:
             raise
         return copy
 
 
 def _is_young(copy: TreeValue) -> bool:
-    """Whether the copy is used without a query; the last value of an owner that has ended is as it is."""
+    """Whether a copy is used without a query to its owner."""
+    # an owner that has ended can no longer be asked, so its last value is as good as it gets
     if copy.quality is Quality.LOST:
         return True
     return copy.quality is Quality.LIVE and copy.age_s is not None and copy.age_s < FRESH_S

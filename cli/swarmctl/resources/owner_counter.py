@@ -17,7 +17,7 @@ def is_numbered(session: Session, entry: TreeEntry) -> bool:
 
 
 async def at_owner(session: Session, path: str) -> TreeValue | None:
-    """The newest value at its owner, with its number and rate there; None: no answer."""
+    """Newest value at its owner, with its number and rate there, or None without an answer."""
     try:
         return await owned(session, path)
     except SwarmError:
@@ -37,7 +37,7 @@ class OwnerCounters:
         self._first = await self._read()
 
     async def rates_hz(self) -> dict[str, float]:
-        """Rates by a second reading; a resource that was not written, or has no answer, is missing."""
+        """Rates by a second reading; resources without a new value or an answer are left out."""
         found = {}
         for path, last in (await self._read()).items():
             first = self._first.get(path)

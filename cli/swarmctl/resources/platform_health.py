@@ -1,4 +1,4 @@
-"""Health of platforms: that of a platform with several computers is the worst of them."""
+"""Health of platforms; a platform with several computers is as healthy as its worst computer."""
 
 import asyncio
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ PATH: Final = "health/state"
 GUARDS: Final = {"alive": 0, "absent": 1, "hung": 2}
 BATTERIES: Final = {"unknown": 0, "ok": 1, "low": 2, "critical": 3}
 FAULTS_SHOWN: Final = 16
-"""Faults that a state names, as in that of one computer."""
+"""Maximum faults that a state names, the same as for one computer."""
 
 
 async def platform_health(
@@ -45,7 +45,7 @@ async def platform_health(
 
 
 def merged(units: Mapping[str, HealthState | None]) -> HealthState:
-    """The state of a platform from those of its computers; None: it did not answer.
+    """The state of a platform, merged from its computers' states, each None if it did not answer.
 
     Faults are named by unit: `fc: app/hal=died`.
     """
@@ -72,5 +72,5 @@ def merged(units: Mapping[str, HealthState | None]) -> HealthState:
 
 
 def _rank(order: Mapping[str, int], name: str) -> int:
-    """Place in the order; one that is not known here is the worst."""
+    """Place in the order; an unknown name ranks as the worst."""
     return order.get(name, len(order))

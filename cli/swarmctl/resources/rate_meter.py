@@ -22,18 +22,18 @@ class Observation(NamedTuple):
     """One value as it arrived here."""
 
     sequence: int
-    """Counter of its owner."""
+    """Number of the value by its owner's counter."""
     stamp_ns: int
-    """Clock of its owner."""
+    """Stamp of the value on its owner's clock."""
     arrived_ns: int
-    """Clock of this node."""
+    """Arrival on the clock of this node."""
     size_bytes: int = 0
     delay_s: float | None = None
-    """Time from the stamp to the arrival; None: the owner's clock is not known here."""
+    """Time from the stamp to the arrival, or None if the owner's clock is not known here."""
 
 
 class RateMeter:
-    """Observations of one resource within the last `window_s`; None: all."""
+    """Observations of one resource within the last `window_s`, or of all time if it is None."""
 
     def __init__(self, window_s: float | None = None, *, numbered: bool = True) -> None:
         """`numbered`: the values have the numbers of their owner; else they were numbered on arrival."""
@@ -44,11 +44,13 @@ class RateMeter:
         self._seen: deque[Observation] = deque()
 
     def add(self, seen: Observation) -> None:
-        """Add one value; after a restart of its owner the former ones no longer count."""
+        """Add one value; a restart of its owner discards the former ones."""
+        # the counter falls only at a restart, and numbers of two runs have no common rate
         if self._seen and seen.sequence <= self._seen[-1].sequence:
             self._seen.clear()
         self._seen.append(seen)
         if self._window_ns is not None:
+            # two values stay, however old, so that a slow resource still has a rate
             while len(self._seen) > 2 and seen.arrived_ns - self._seen[0].arrived_ns > self._window_ns:
                 self._seen.popleft()
 
@@ -62,7 +64,7 @@ class RateMeter:
 
     @property
     def written_hz(self) -> float | None:
-        """Rate at which the owner writes, from its counter and its clock: also of what does not arrive.
+        """Rate at which the owner writes, by its counter and clock, so that lost values count as well.
 
         None before the second value, or while its counter is not known.
         """
@@ -73,12 +75,12 @@ class RateMeter:
 
     @property
     def here_hz(self) -> float | None:
-        """Rate of the arrivals; None before the second."""
+        """Rate of the arrivals, or None before the second value."""
         return _rate(len(self._seen) - 1, self.span_s)
 
     @property
     def intervals_s(self) -> Statistics | None:
-        """Times between two arrivals; None before the second."""
+        """Times between two arrivals, or None before the second value."""
         pairs = zip(self._seen, list(self._seen)[1:], strict=False)
         return statistics((after.arrived_ns - before.arrived_ns) / 1e9 for before, after in pairs)
 
@@ -89,7 +91,8 @@ class RateMeter:
 
     @property
     def bytes_per_s(self) -> float | None:
-        """Bytes of payload that arrive in a second; None before the second value."""
+        """Bytes of payload that arrive in a second, or None before the second value."""
+        # without the first value: the span begins with its arrival
         return _rate(sum(seen.size_bytes for seen in list(self._seen)[1:]), self.span_s)
 
     @property
@@ -101,6 +104,7 @@ class RateMeter:
     def thinned(self) -> bool:
         """Whether clearly fewer values arrive than their owner writes."""
         written_hz, here_hz = self.written_hz, self.here_hz
+        # a few values scatter too much for a verdict before the fifth
         return len(self._seen) >= 5 and bool(written_hz and here_hz and written_hz > 1.3 * here_hz)
 
 
@@ -109,7 +113,7 @@ def _rate(count: int, span_s: float) -> float | None:
 
 
 def statistics(values: Iterable[float]) -> Statistics | None:
-    """Minimum, mean, maximum and standard deviation; None without a value."""
+    """Minimum, mean, maximum and standard deviation, or None without a value."""
     found = list(values)
     if not found:
         return None

@@ -16,9 +16,9 @@ from swarmware.types.rpc import Empty
 from swarmware.types.vehicle import VehicleState
 
 GROUNDED: Final = frozenset({"health", "logger", "register"})
-"""Services without which a vehicle flies on: an armed one may restart them."""
+"""Services that flight does not depend on, so an armed vehicle may restart them."""
 POLL_S: Final = 0.25
-"""Period of the questions to the guard: no event is awaited, because its broker or tree may be restarted."""
+"""Polling period of the guard; an event could be missed while its broker or tree restarts."""
 
 
 class RestartedServices(msgspec.Struct, frozen=True):
@@ -31,7 +31,7 @@ class RestartedServices(msgspec.Struct, frozen=True):
 async def restart(
     session: Session, wanted: tuple[str, ...], wait_s: float, *, yes: bool, force: bool
 ) -> None:
-    """Restarts services one after the other and prints each; nothing named: all under the guard.
+    """Restarts the named services, or all under the guard, one after the other, and prints each.
 
     Raises: NotFound for a service that is not under the guard, Denied for an armed vehicle unless `force`,
     NoAnswer when one does not run again in time; as `confirm`.
@@ -87,6 +87,7 @@ async def restart_one(session: Session, platform: str, name: str, wait_s: float)
                     now = _watched(await session.ask(status, Empty(), GuardStatus), name)
                 except NoAnswer:
                     continue  # without its broker the node does not answer for a moment
+                # the old process counts as running until the guard has ended it
                 if now.restarts > before.restarts and now.state == ServiceState.RUNNING:
                     return now
     except TimeoutError:

@@ -28,15 +28,15 @@ class ValueArrival(msgspec.Struct, frozen=True):
     cls: type[msgspec.Struct] | None
     frame: Frame
     arrived_ns: int
-    """Own clock when it was read here."""
+    """Arrival on the clock of this node."""
     local_ns: int | None
-    """Own clock at its stamp; None: the owner's clock is not known here."""
+    """Stamp converted to this node's clock, or None if the owner's clock is not known here."""
     bound_s: float | None
-    """Bound of the error of that conversion; None as above."""
+    """Error bound of the converted stamp, or None without a conversion."""
     arrived: bool = True
-    """False: the value of a board that was there before the subscription."""
+    """False if the value of the board is older than the subscription."""
     late: bool = False
-    """A former value of a board, which arrives after newer ones."""
+    """True if newer values of the board arrived before this one."""
 
     @property
     def path(self) -> str:
@@ -45,12 +45,12 @@ class ValueArrival(msgspec.Struct, frozen=True):
 
     @property
     def value(self) -> Any:
-        """Plain data with field names; a single value without its Struct."""
+        """Plain data with field names, or the bare value of a Struct with a single field."""
         return decoded(self.cls, self.frame.payload, self.frame.codec)
 
     @property
     def age_s(self) -> float | None:
-        """Time from its stamp to its arrival here."""
+        """Time from the stamp of the value to its arrival here, or None if unknown."""
         return None if self.local_ns is None else (self.arrived_ns - self.local_ns) / 1e9
 
     @property
@@ -73,11 +73,12 @@ class ValueSubscription:
 
     @classmethod
     async def open(cls, session: Session, entries: list[TreeEntry], *, history: bool = False) -> Self:
-        """Subscribes to the resources, after their types were found; `history`: of boards to every value.
+        """Subscribes to the resources; with `history` also to every value of boards, not only the newest.
 
         Raises: WireError for an invalid description of a type.
         """
         opened = cls(session)
+        # types first: a value that arrived before its type was known could not be decoded
         classes = [await payload_class(session, split(e.path)[0] or session.here, e.type) for e in entries]
         for entry, payload in zip(entries, classes, strict=True):
             every = entry.kind in ORDERED
@@ -106,7 +107,7 @@ class ValueSubscription:
             await self._news.put(
                 ValueArrival(entry, payload, frame, now_ns, local_ns, bound_s, arrived, late)
             )
-            arrived = True
+            arrived = True  # only the first value of a board can be older than the subscription
 
     def utc_ns(self, new: ValueArrival) -> int | None:
         """Stamp of a value on the wall clock of this machine."""

@@ -21,7 +21,7 @@ class SettingUndone(msgspec.Struct, frozen=True):
 
 
 async def undo_resource(session: Session, path: str, *, yes: bool) -> None:
-    """Takes back the last change of a setting and prints both values; `yes`: asks nothing.
+    """Takes back the last change of a setting and prints both values, without a confirmation if `yes`.
 
     Raises: as `check_present`; NotFound when it was not changed, InvalidInput when it is not a setting;
     NoAnswer when an application has not taken it; as `confirm`.

@@ -1,4 +1,4 @@
-"""Several values of a file: checked before anything is changed, then set all or none."""
+"""Several values of a file, all checked before the first is set, and all set or none."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
@@ -28,13 +28,13 @@ class ValueChange(NamedTuple):
     before: Any
     after: Any
     name: str
-    """For messages."""
+    """Name of the resource in messages."""
 
 
 def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
-    """Checks a value of a file before anything is changed; its owner checks it again.
+    """Checks a value of a file before any is set; its owner checks it again.
 
-    Raises: InvalidInput naming file, key and what was expected.
+    Raises: InvalidInput naming file, key and the expected value.
     """
     types = PYTHON_TYPES.get(entry.type)
     if types is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
@@ -48,9 +48,9 @@ def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
 
 
 async def set_all(session: Session, changes: Iterable[ValueChange]) -> None:
-    """Sets all of them; a refusal takes back those before it, and is raised.
+    """Sets all values; a refusal undoes the changes before it, and is raised.
 
-    Raises: Partial when some could not be taken back.
+    Raises: Partial when some changes could not be undone.
     """
     done: list[ValueChange] = []
     for change in changes:

@@ -14,20 +14,20 @@ from swarmware.types.json_form import plain
 
 
 def decoded(cls: type[msgspec.Struct] | None, data: bytes | memoryview, codec: Codec = Codec.NONE) -> Any:
-    """A payload as plain data with field names, a single value without its Struct.
+    """A payload as plain data with field names, or the bare value of a Struct with a single field.
 
-    `cls`: None for a type without a description; then it is a list or a map as on the wire.
+    `cls`: None for a type without a description, whose payload stays a list or map as on the wire.
     """
     if cls is not None:
         try:
             return single(registry.decode(cls, data, codec))
         except SwarmError:
-            pass  # its owner has another version of the type
+            pass  # its owner has another version of the type: shown as on the wire
     return plain(list_or_none(bytes(data)))
 
 
 def single(value: msgspec.Struct) -> Any:
-    """A value as plain data; a single value without its Struct."""
+    """A value as plain data, or the bare value of a Struct with a single field."""
     found = plain(value)
     return found["value"] if isinstance(found, dict) and found.keys() == {"value"} else found
 
@@ -59,7 +59,7 @@ def _names(fields: str) -> list[str]:
 
 
 def select(value: Any, path: str, fields: str, names: tuple[str, ...] = ()) -> Any:
-    """The field of the dotted name `fields`, and of that the fields `names`: one alone, several by name.
+    """The field with the dotted name `fields`, reduced to its fields `names`: one bare, several by name.
 
     Raises: InvalidInput naming the existing fields.
     """

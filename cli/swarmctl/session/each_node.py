@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class ResourceAbsent(NotFound):
-    """One of several nodes has no such resource: a pattern of nodes does not mean that one."""
+    """Absence of a resource at one of several nodes, which a pattern of nodes then leaves out."""
 
 
 async def at_each(
@@ -25,11 +25,11 @@ async def at_each(
     *args: P.args,
     **kwargs: P.kwargs,
 ) -> None:
-    """Calls `command` for each selected node; a single name is the command as it is.
+    """Calls `command` for each selected node, or directly if the selection is a single name.
 
-    A node that a pattern selects and that has no such resource is left out, unless none has it.
-    Raises: NotFound when a name or a pattern matches no node; Partial when the command failed at some;
-    the error of a single node.
+    A node without the resource is left out if only a pattern selects it and another node has the resource.
+    Raises: NotFound when a name or a pattern matches no node; Partial when the command failed at some
+    nodes; the node's own error for a single node.
     """
     if not is_selection(session.settings.node):
         await command(session, *args, **kwargs)
@@ -46,10 +46,12 @@ async def at_each(
         except SwarmError as error:
             errors[name] = error
         except BaseException as error:
+            # the others wait for this node's part of the common question: without it they never end
             joint.fail(error)
             raise
         joint.finish(name)
 
+    # no TaskGroup: the failure of one node must not cancel the command at the others
     ended = await asyncio.gather(*(one(name) for name in nodes), return_exceptions=True)
     for error in ended:
         if isinstance(error, BaseException):

@@ -25,26 +25,26 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
     """One node of a lab."""
 
     platform: str
-    """Platform, with the unit of a computer that is not `main`: `uav1.fc`."""
+    """Platform, followed by the unit for a computer other than `main`, such as `uav1.fc`."""
     kind: PlatformKind
     folder: str
     """Folder with all files of this node except its shared memory."""
     shm_dir: str
     processes: str
-    """one | per-daemon."""
+    """Processes of the node: one | per-daemon."""
     address: str = "127.0.0.1"
     """Address of its broker."""
     namespace: str = ""
-    """Link to its network namespace, made by the radio; empty: that of the computer."""
+    """Link to the node's network namespace, made by the radio, or "" in the computer's own."""
     user_namespace: str = ""
-    """Link to the user namespace to which that one belongs; empty: that of the computer."""
+    """Link to the user namespace that owns the network namespace, or "" for the computer's own."""
     offset_s: float
-    """Simulated clock: this node's reading minus the machine's CLOCK_MONOTONIC at its zero."""
+    """Offset of the node's simulated clock: its reading when the machine's CLOCK_MONOTONIC was 0."""
     drift_ppm: float
     pid: int = 0
-    """pid of the main process; 0: not started yet."""
+    """pid of the main process, or 0 before its start."""
     pid_start: int = 0
-    """Start of the process in clock ticks since boot: distinguishes it from a later one of the same pid."""
+    """Start of the process in clock ticks since boot, which differs when the pid is used again."""
 
     @property
     def config_dir(self) -> Path:
@@ -82,7 +82,7 @@ class LabNode(msgspec.Struct, frozen=True, kw_only=True):
         return ProcessIdentity(self.pid, self.pid_start)
 
     def alive(self) -> bool:
-        """Whether any of its processes runs: a main process that was killed is started again."""
+        """Whether any of its processes runs; a killed main process may be about to restart."""
         return self.pid > 0 and (self.identity.alive() or bool(marked(self.folder, NODE_MARK)))
 
 
@@ -97,23 +97,23 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     folder: str
     created_utc_ns: int
     starter: ProcessIdentity
-    """Process that started it."""
+    """Process that started the lab."""
     multicast_group: str
     udp_port: int
     radio_file: str = ""
-    """Model of the radio that connects the nodes; empty: they are connected without one."""
+    """Model of the radio that connects the nodes, or "" if they are connected without one."""
     mongodb_uri: str = ""
     mongodb_database: str = ""
-    """Database to which the logs are forwarded; empty: they stay on the nodes."""
+    """Database to which the logs are forwarded, or "" if they stay on the nodes."""
     ready_s: float = 0.0
-    """Time from the first start of a process until the ground station had all trees; 0: not yet."""
+    """Time from the first start of a process until the ground station had all trees, or 0 until then."""
     nodes: tuple[LabNode, ...]
     unit_delay_ms: tuple[float, ...] = ()
-    """Shortest and longest simulated delay between the computers of a vehicle; empty: none."""
+    """Shortest and longest simulated delay between the computers of a vehicle; () without a delay."""
     world: str = ""
-    """World of the vehicles; empty: that of the experiment."""
+    """World of the vehicles, or "" for the experiment's world."""
     airframes: dict[str, str] = {}
-    """Airframes by air vehicle; of others motion is simulated without one."""
+    """Airframes by air vehicle; vehicles without an entry move without a model of their airframe."""
     services: tuple[str, ...] = ()
     """Services of every node beside the usual ones."""
 
@@ -129,7 +129,7 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
         raise NotFound(f"node {platform!r} (lab {self.name}): no such node; expected one of {known}")
 
     def select(self, selection: str) -> list[LabNode]:
-        """The selected nodes in natural order; empty: all, in the order of their numbers.
+        """The selected nodes in natural order, or all in the order of their numbers if `selection` is "".
 
         Raises: NotFound naming the existing nodes when a name or a pattern matches none.
         """
@@ -183,17 +183,17 @@ def labs_folder() -> Path:
 
 
 def save(state: LabState) -> None:
-    """Writes lab.json; readers see the old one or the new one."""
+    """Writes lab.json; readers see either the former or the new content."""
     path = Path(state.folder) / FILE
     data = msgspec.json.format(msgspec.json.encode(state), indent=1)
-    # the address of the database may have a password in it
+    # for this user alone: the address of the database may contain a password
     replace_file(path, data, mode=0o600, durable=False)
 
 
 def load(folder: Path) -> LabState:
     """The lab in this folder.
 
-    Raises: NotFound when there is none; ConfigError when its state file is damaged.
+    Raises: NotFound without a lab; ConfigError when its state file is damaged.
     """
     try:
         return document.json(
@@ -215,7 +215,7 @@ def labs() -> list[LabState]:
 
 
 def running_labs() -> list[LabState]:
-    """All labs of this user of which a process runs, in any folder of labs."""
+    """All labs of this user with a running process, in any folder of labs."""
     found = []
     for mark in sorted(marks()):
         try:
@@ -226,14 +226,14 @@ def running_labs() -> list[LabState]:
 
 
 def of_station(config_dir: Path) -> LabState | None:
-    """The lab whose ground station has this configuration folder; None: there is none."""
+    """The lab whose ground station has this configuration folder, or None."""
     return next((lab for lab in labs() if lab.station.config_dir == config_dir), None)
 
 
 def find(name: str = "") -> LabState:
     """The lab of that name, or the newest that runs.
 
-    Raises: NotFound when there is none.
+    Raises: NotFound without such a lab.
     """
     if name:
         return load(labs_folder() / check_name(name))
@@ -244,9 +244,9 @@ def find(name: str = "") -> LabState:
 
 
 def find_left(name: str = "") -> LabState:
-    """As `find`, also a lab of which no node runs, but another process, as its radio.
+    """Like `find`, but includes labs of which only another process runs, such as the radio.
 
-    Raises: NotFound when there is none.
+    Raises: NotFound without such a lab.
     """
     try:
         return find(name)
@@ -258,7 +258,7 @@ def find_left(name: str = "") -> LabState:
 
 
 def chosen(settings: CliSettings) -> LabState | None:
-    """The lab to use: the named one, or the newest that runs; None: no lab, but a node of this machine.
+    """The named lab, or the newest that runs; None if a node of this machine is used instead.
 
     Raises: NotFound when the named one does not exist.
     """

@@ -1,8 +1,8 @@
 """Processes of a lab: identity, state and termination.
 
-psutil finds them by their environment. Identity, signals and waiting are the kernel's own, start ticks
-and pidfds: the state file of a lab needs an identity that another process can compare, while psutil gives
-a creation time of the wall clock, which moves when that clock is set, and its `wait_procs` polls.
+psutil finds the processes by their environment. Identity, signals and waiting use start ticks and pidfds of
+the kernel: psutil's creation times move when the wall clock is set, so another process could not compare
+them, and its `wait_procs` polls.
 """
 
 import os
@@ -21,15 +21,15 @@ from swarmware.runtime.start_ticks import lives, start_ticks
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""
 NODE_MARK: Final = "SWARM_LAB_NODE"
-"""The same for the processes of one node; its value is the node's folder."""
+"""Environment variable that the processes of one node inherit; its value is the node's folder."""
 
 
 class ProcessIdentity(msgspec.Struct, frozen=True, order=True):
-    """One process: the kernel gives a pid again, but never with the same start time."""
+    """One process; the kernel reuses a pid, but never with the same start time."""
 
     pid: int
     start_ticks: int
-    """Clock ticks since boot; 0: there was no such process."""
+    """Start in clock ticks since boot, or 0 if the process never existed."""
 
     def alive(self) -> bool:
         """Whether the process runs; a zombie does not."""
@@ -69,7 +69,7 @@ def by_mark(variable: str) -> dict[str, list[ProcessIdentity]]:
 
 
 def marks() -> set[str]:
-    """Marks of all labs of this user of which a process runs."""
+    """Marks of all labs of this user with a running process."""
     return {mark for _, mark in _marks(MARK)}
 
 
@@ -89,7 +89,7 @@ def _marks(variable: str) -> Iterator[tuple[ProcessIdentity, str]]:
 
 
 def wait_gone(processes: Iterable[ProcessIdentity], timeout_s: float) -> list[ProcessIdentity]:
-    """Waits until they have ended, woken by the kernel; returns those that have not.
+    """Waits until the processes have ended, woken by the kernel; returns the processes that still run.
 
     A zombie counts as ended.
     """
@@ -121,7 +121,7 @@ def end(first: Iterable[ProcessIdentity], mark: str, *, grace_s: float = 8.0) ->
     for process in nodes:
         process.send(signal.SIGTERM)
     wait_gone(nodes, grace_s)
-    rest = marked(mark)
+    rest = marked(mark)  # after the nodes, whose guards would restart a process that ended before them
     for process in rest:
         process.send(signal.SIGTERM)
     wait_gone(rest, 2.0 if rest else 0.0)

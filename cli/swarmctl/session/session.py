@@ -30,7 +30,7 @@ P = ParamSpec("P")
 
 NAME: Final = "swarmctl"
 OPTIONAL_SERVICES: Final = frozenset({"files", "video"})
-"""Services that a node runs only where its node.toml has them, by the name in their addresses."""
+"""Services that a node runs only if its node.toml lists them, by the name in their addresses."""
 
 
 class Session:
@@ -44,15 +44,15 @@ class Session:
         """Platform of the node that was joined."""
         self.selection = NodeSelection(settings.node or self.here)
         self.platform = "" if is_selection(settings.node) else settings.node or self.here
-        """Platform that `--node` names, else the one that was joined; empty where it may name several."""
+        """Platform of `--node`, else the joined one, or "" if the selection may name several."""
         self._joint: JointConfirmation | None = None
         self._routes: Routes | None = None
         self._known: tuple[str, ...] = ()
         self.classes: dict[tuple[str, str], type[msgspec.Struct] | None] = {}
-        """Payload types that are not installed here, by platform and name; None: not described."""
+        """Payload types that are not installed here, by platform and name; None without a description."""
 
     def at(self, platform: str, out: Output, joint: JointConfirmation) -> Self:
-        """This session for one of the selected nodes, with a confirmation in common with the others."""
+        """This session for one of the selected nodes, which share one confirmation."""
         one = copy(self)
         one.settings = self.settings._replace(node=platform)
         one.selection = NodeSelection(platform)
@@ -67,7 +67,7 @@ class Session:
         return self._joint is not None
 
     def path(self, path: str) -> str:
-        """A path with its platform: `nav/pose` → `/uav1/nav/pose` with `-n uav1`; of several a pattern."""
+        """A path with its platform, such as `/uav1/nav/pose` for `-n uav1`, or a pattern for several."""
         platform, local = names.split(path)
         return names.join(platform or self.selection.pattern, local)
 
@@ -82,7 +82,7 @@ class Session:
     async def confirm(self, yes: bool, what: str) -> None:
         """Returns when the operator confirms what happens at this platform; once for all selected ones.
 
-        Empty: nothing that needs it here. Then it waits for the answer about the others.
+        `what`: effect to confirm, or "" if this platform needs no confirmation and waits for the others.
         Raises: UsageError without a terminal, Abort after a refusal.
         """
         if self._joint is None:
@@ -96,7 +96,7 @@ class Session:
             await self._joint.others_ended()
 
     async def platforms(self) -> list[str]:
-        """The joined node, every platform it can reach, and known ones that are unreachable.
+        """The joined node, every platform that it can reach, and known but unreachable platforms.
 
         Raises: NoAnswer when its broker does not answer.
         """
@@ -104,7 +104,7 @@ class Session:
         return sorted({self.here, *ways, *await self.known()}, key=names.natural)
 
     async def selected(self) -> list[str]:
-        """The selected platforms; without a selection all known ones. A single name is not checked.
+        """The selected platforms, or all known ones without a selection. A single name is not checked.
 
         Raises: NotFound when a name or a pattern matches none.
         """
@@ -143,7 +143,7 @@ class Session:
             raise NotFound(f"{text} ({error})") from error
 
     def age_s(self, platform: str, stamp_ns: int) -> float | None:
-        """Age of a stamp of a platform's clock; None: that clock is not known at the joined node."""
+        """Age of a stamp on a platform's clock, or None if the joined node does not know that clock."""
         local_ns = self.module.remote_clocks.to_local(names.hardware_id(platform), stamp_ns)
         return None if local_ns is None else (self.module.now_ns() - local_ns) / 1e9
 
@@ -162,7 +162,7 @@ class Session:
         return self._routes
 
     async def other_computers(self, platform: str) -> list[str]:
-        """Addresses of the computers of a platform beside `main`; of one computer, or for one: none.
+        """Addresses of the computers of a platform beside `main`; empty if `platform` names one computer.
 
         Raises: as `routes`.
         """
@@ -174,7 +174,7 @@ class Session:
         return sorted(found)
 
     async def reach(self, platform: str) -> None:
-        """Checks that a platform is known and has a route, to fail without waiting for a time-out.
+        """Checks that a platform is known and has a route, so that a request need not run into a time-out.
 
         Raises: NotFound for an unknown platform, NoAnswer for one without a route.
         """
@@ -197,7 +197,7 @@ class Session:
         raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
 
     async def known(self) -> tuple[str, ...]:
-        """All platforms whose tree is known here, also unreachable ones; empty without a tree service."""
+        """All platforms whose tree is known here, even if unreachable; empty without a tree service."""
         if not self._known:
             path, nothing = names.join(self.here, "sys/tree/list"), TreeList(f"/{self.here}/none", 1)
             try:
@@ -231,7 +231,7 @@ def config_dir(settings: CliSettings) -> Path:
 def local_config_dirs(settings: CliSettings) -> dict[str, Path]:
     """Configuration folders of the selected platforms, whose files must be on this machine, in natural order.
 
-    Without a selection that of the node to join. Raises: NotFound when one is not on this machine.
+    Without a selection it is the folder of the node to join. Raises: NotFound when one is on another machine.
     """
     from swarmctl.session import labs
 

@@ -1,1 +1,1 @@
-"""The commands of `traffic`: counters of a broker, rates of channels, and their limits."""
+"""Commands of `traffic`: counters of a broker, rates of channels, and their limits."""

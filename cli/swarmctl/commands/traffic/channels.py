@@ -1,4 +1,4 @@
-"""Rules of channels: set, taken back, removed, shown with the state of the channels."""
+"""Rules of channels, which are set, undone, removed, and shown with the state of the channels."""
 
 from collections.abc import Iterable
 
@@ -35,11 +35,11 @@ from swarmware.types.channel import (
 )
 
 AUTO = "auto"
-"""In an option: this rule sets it no longer; of the rate: what the link carries."""
+"""Value of an option that clears it in the rule; as a rate, follow the capacity of the link."""
 DEFAULT = "default"
-"""Of the rate: this rule sets it no longer."""
+"""Value of `--rate` that clears the rate in the rule."""
 _NAMED = 3
-"""Paths that a warning names."""
+"""Maximum paths that a warning names."""
 
 
 class ChannelsView(msgspec.Struct, frozen=True):
@@ -53,7 +53,7 @@ class ChannelsView(msgspec.Struct, frozen=True):
 def change(
     rate: str | None, protocol: str | None, compress: str | None, buffer: str | None, priority: str | None
 ) -> tuple[ChannelSettings, tuple[str, ...]]:
-    """The settings of options, and those that the rule sets no longer.
+    """The settings of options, and the names of the settings that the options clear.
 
     Raises: InvalidInput, OutOfRange for an option that is invalid.
     """
@@ -96,9 +96,9 @@ def _max_hz(text: str) -> float:
 
 
 def duration_s(text: str) -> float:
-    """The time of `--for`; empty: 0, until the rule is changed.
+    """The time of `--for`, or 0 for "", which keeps the rule until it is changed.
 
-    Raises: InvalidInput, OutOfRange for one that no rule can have.
+    Raises: InvalidInput, OutOfRange for a time outside the limits of a rule.
     """
     found_s = span_s(text) if text else 0.0
     if text and not 0 < found_s <= SPAN_MAX_S:
@@ -107,7 +107,7 @@ def duration_s(text: str) -> float:
 
 
 def effect(request: SetChannel) -> str:
-    """What a change does to the swarm that an operator must confirm; empty: no confirmation."""
+    """Effect of a change on the swarm that an operator must confirm, or "" if none is needed."""
     max_hz = request.settings.max_hz
     end = f"for {request.for_s:g} s" if request.for_s else "without an end"
     if max_hz == 0.0:
@@ -128,7 +128,7 @@ async def set_channel(session: Session, request: SetChannel, *, yes: bool) -> No
 
 
 async def undo_channel(session: Session) -> None:
-    """Takes back the last change of an operator and prints all rules. Raises: as `Session.ask`."""
+    """Undoes the last change of an operator and prints all rules. Raises: as `Session.ask`."""
     path = names.join(session.platform, "sys/broker/undo_channel")
     _show_rules(session, await session.ask(path, UndoChannel(), ChannelLimits))
 
@@ -140,7 +140,7 @@ async def clear_channels(session: Session, pattern: str) -> None:
 
 
 async def list_channels(session: Session, pattern: str = "**") -> None:
-    """Prints the rules, and of matching channels the rate in force, its origin and their state.
+    """Prints the rules, and for matching channels the rate in force, its origin and their state.
 
     Raises: as `Session.ask`.
     """
@@ -211,13 +211,13 @@ async def list_channels(session: Session, pattern: str = "**") -> None:
 
 
 def _rate_text(state: ChannelState) -> str:
-    """The present limit of the rate, else the rate in force; empty if every value is sent."""
+    """The present limit of the rate, else the rate in force, or "" if every value is sent."""
     found_hz = state.rate.max_hz if state.rate_hz is None else state.rate_hz
     return "" if found_hz is None else f"{found_hz:.3g} Hz"
 
 
 def _counters(state: ChannelState) -> tuple[Cell, ...]:
-    """What waits, was dropped and was held back; the broker alone counts what beacons carry."""
+    """Counts of waiting, dropped and held-back values; for channels in beacons only the broker has them."""
     if state.link == BEACON_LINK:
         return (None,) * 4
     return state.waiting, state.waiting_bytes, state.dropped, state.held_back
@@ -230,7 +230,7 @@ def _place(rate: ChannelRate) -> str:
 
 
 def _after(limits: ChannelLimits, age_s: float) -> ChannelLimits:
-    """The rules of a board that was written some time ago, with what is left of their times now."""
+    """The rules of a board of this age, with their times reduced to the present remainder."""
     rules = [
         one
         if one.remaining_s is None

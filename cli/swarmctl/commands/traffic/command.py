@@ -19,16 +19,16 @@ SORT_KEYS: Final = (
     "received",
     "name",
 )
-"""Those of `traffic.top.SortKey`, which is imported when the command runs."""
+"""Columns of `traffic.top.SortKey`, repeated here because that module is imported when the command runs."""
 
 
 @click.group(cls=Group)
 def cmd() -> None:
-    """How often and how values travel, and what that costs.
+    """Rates, channels and costs of the values between nodes.
 
-    `channels` shows how often each resource is sent to each platform, and where that was set; `set`, `undo`
-    and `clear` change it. `top` follows the traffic of this moment, `ls` has its totals since the start, and
-    `needs` compares it with the capacity of a link.
+    `channels` shows at which rate each resource is sent to each platform, and where the rate was set; `set`,
+    `undo` and `clear` change it. `top` shows the present traffic, `ls` the totals since the start, and
+    `needs` compares the traffic with the capacity of a link.
 
     Example: swarmctl traffic top --node uav1
     """
@@ -74,7 +74,7 @@ def ls(ctx: click.Context) -> None:
 )
 @click.pass_context
 def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only: str | None) -> None:
-    """Follow what links and channels offer, send, repeat, hold back, drop and deliver; Ctrl-C ends it.
+    """Follow the rates at which links and channels send, repeat, hold back, drop and deliver; Ctrl-C ends it.
 
     `traffic ls` shows the totals since the start, `traffic channels` the rates that are set.
 
@@ -89,27 +89,33 @@ def top(ctx: click.Context, period_s: float, count: int | None, sort: str, only:
 
 @cmd.command(name="set")
 @click.argument("pattern")
-@click.option("--link", metavar="PLATFORMS", default="", help="Name or pattern of receivers; none: all.")
+@click.option("--link", metavar="PLATFORMS", default="", help="Name or pattern of receivers; by default all.")
 @click.option(
     "--rate",
     metavar="RATE",
-    help="5hz, 0hz: nothing, max: no limit, auto: what the link carries, default.",
+    help="5hz, 0hz to send nothing, max for no limit, auto to follow the link, default to clear it.",
 )
 @click.option(
     "--protocol",
     type=click.Choice(["udp", "zmq", "rtp", "auto"]),
-    help="Of boards: udp (beacons) or zmq (notifications); of images: rtp (video).",
+    help="For boards udp (beacons) or zmq (notifications), for images rtp (video).",
 )
 @click.option(
-    "--compress", metavar="METHOD", help="none, zlib:6, zstd:3, auto; of images jpeg:80 or h264 (video)."
+    "--compress", metavar="METHOD", help="none, zlib:6, zstd:3, auto; for images jpeg:80 or h264 (video)."
 )
-@click.option("--buffer", metavar="SIZE/TIME", help="2MB/30s, 2MB, 30s: what waits for its transmission.")
+@click.option("--buffer", metavar="SIZE/TIME", help="Limit of the queue: 2MB/30s, 2MB or 30s.")
 @click.option(
     "--priority",
     type=click.Choice(["high", "normal", "low", "auto"]),
     help="Order among the channels to one platform.",
 )
-@click.option("--for", "span", metavar="TIME", default="", help="30s, 5m: then the former settings return.")
+@click.option(
+    "--for",
+    "span",
+    metavar="TIME",
+    default="",
+    help="Time such as 30s or 5m, after which the former settings return.",
+)
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def set_(
@@ -124,12 +130,12 @@ def set_(
     span: str,
     yes: bool,
 ) -> None:
-    """Set how matching resources travel to other platforms; then show all rules.
+    """Set rate, protocol, compression, buffer and priority of matching resources; then show all rules.
 
-    `--rate auto` leaves out items of streams before they wait for the link, `auto:30hz` has a limit as well;
-    boards by notification follow it in any case. `--rate default`, and `auto` for protocol, buffer or
-    priority: the rule sets it no longer. It asks for a confirmation where the rate silences resources, or
-    slows the states that barriers wait for.
+    `--rate auto` drops items of streams that the link cannot carry, and `auto:30hz` sets a limit as well;
+    boards by notification always follow the link. `--rate default`, or `auto` for protocol, buffer and
+    priority, clears the value in the rule. A confirmation is needed if the rate silences resources or slows
+    the states that barriers wait for.
 
     Example: swarmctl traffic set 'sensor/**' --rate 5hz --compress zstd:1 --buffer 2MB/30s -n uav1
     """
@@ -149,7 +155,7 @@ def set_(
 @cmd.command()
 @click.pass_context
 def undo(ctx: click.Context) -> None:
-    """Take back the last change of the rules of channels by an operator; then show all rules.
+    """Undo an operator's last change of the rules of channels; then show all rules.
 
     Example: swarmctl traffic undo --node uav1
     """
@@ -163,7 +169,7 @@ def undo(ctx: click.Context) -> None:
 @click.argument("pattern", default="")
 @click.pass_context
 def clear(ctx: click.Context, pattern: str) -> None:
-    """Remove the rules of channels that operators have set; those of channels.toml stay.
+    """Remove the rules of channels that operators have set; the rules of channels.toml stay.
 
     Example: swarmctl traffic clear 'sensor/**' --node uav1
     """
@@ -178,9 +184,9 @@ def clear(ctx: click.Context, pattern: str) -> None:
 @click.argument("pattern", default="**")
 @click.pass_context
 def channels(ctx: click.Context, pattern: str) -> None:
-    """Show how often each resource is sent to each platform and where that was set, and what waits for it.
+    """Show the rate of each resource to each platform, where the rate was set, and the state of its queue.
 
-    SET BY names what decides the rate: traffic set, tree rule, channels.toml, tree.toml of the subscriber,
+    SET BY names the origin of the rate: traffic set, tree rule, channels.toml, tree.toml of the subscriber,
     rate_hz of the resource, or a default. SET AT has the node and the pattern of the rule.
 
     Example: swarmctl traffic channels 'nav/**' --node uav1
@@ -195,20 +201,22 @@ def channels(ctx: click.Context, pattern: str) -> None:
 @cmd.command()
 @click.argument("pattern", default="**")
 @click.option(
-    "--capacity", metavar="RATE", help="Of the link: 250kbit, 5mbit, 1gbit; none: as it was measured."
+    "--capacity",
+    metavar="RATE",
+    help="Capacity of the link, such as 250kbit, 5mbit or 1gbit; by default the measured one.",
 )
 @click.option(
     "--link",
     metavar="PLATFORM",
     default="",
-    help="Receiver whose rules and measured capacity count; none: rules for all.",
+    help="Receiver whose rules and measured capacity count; by default the rules for all receivers.",
 )
 @click.pass_context
 def needs(ctx: click.Context, pattern: str, capacity: str | None, link: str) -> None:
-    """Compare what resources need with the capacity of a link, and show the rates at which they fit.
+    """Compare the needs of resources with the capacity of a link, and show the rates at which they fit.
 
-    The capacity is stated, or measured by the node while the link was the limit; where it is both, both are
-    compared.
+    The capacity is stated, or measured by the node while the link was the limit; if both are known, both
+    are compared.
 
     Example: swarmctl traffic needs 'sensor/**' --capacity 1mbit --node uav1
     """

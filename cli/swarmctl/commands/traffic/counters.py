@@ -10,7 +10,7 @@ from swarmware.types.net import UNACCEPTED, Traffic
 from swarmware.types.rpc import Empty
 
 _DROP: Final = {"DUPLICATE": 7, "LATE": 6, "HELD BACK": 5, "MAX HZ": 4, "DROPPED": 3, "LOST": 2, "OFFERED": 1}
-"""Columns that are hidden on a narrow terminal."""
+"""Columns that a narrow terminal hides, the highest number first."""
 
 
 async def list_counters(session: Session) -> None:

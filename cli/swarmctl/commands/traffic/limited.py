@@ -1,4 +1,4 @@
-"""Channels whose rate has a limit now: one that is set, or what the link carries."""
+"""Channels whose rate is limited now, by a rule or by the capacity of the link."""
 
 from typing import Final
 
@@ -9,17 +9,17 @@ from swarmware.types.channel import ChannelStates
 
 
 class LimitedChannel(msgspec.Struct, frozen=True):
-    """A channel by notification to one receiver, with the limit of its rate."""
+    """A channel by notification to one receiver, with its present rate limit."""
 
     channel: str
     receiver: str
     rate_hz: float
-    """At the end of the period."""
+    """Rate limit at the end of the period."""
     reason: str
     held_back_hz: float
-    """Values that were left out."""
+    """Rate of the values that were left out."""
     waiting: int
-    """At the end of the period."""
+    """Values in the queue at the end of the period."""
 
 
 COLUMNS: Final = (
@@ -33,7 +33,7 @@ COLUMNS: Final = (
 
 
 def limited(before: ChannelStates | None, now: ChannelStates, span_s: float) -> list[LimitedChannel]:
-    """The channels with a limit, by name and receiver; after the first reading nothing counts as left out."""
+    """The channels with a limit, by name and receiver; the first reading counts no value as left out."""
     known = {(one.path, one.link): one.held_back for one in before.channels} if before is not None else {}
     found = []
     for one in now.channels:

@@ -23,19 +23,18 @@ VALUED: Final = frozenset({Kind.BOARD, Kind.STREAM, Kind.EVENT})
 
 
 class ChannelNeed(msgspec.Struct, frozen=True):
-    """What one resource takes of a link."""
+    """Share of a link that one resource needs."""
 
     path: str
     kind: Kind
     written_hz: float
     value_bytes: float
-    """Payload of a value."""
+    """Mean payload of a value."""
     written_bytes_s: float
     sent_bytes_s: float
-    """With the rate and the compression that are set."""
+    """Bytes per second with the rate and the compression that are set."""
     fair_hz: float | None = None
-    """Rate at which all resources fit, if it is lower than the present one: each gets an equal share, and
-    those that need less leave the rest to the others."""
+    """Rate in a max-min fair share of the link, or None if the present rate fits."""
 
 
 class LinkNeeds(msgspec.Struct, frozen=True):
@@ -43,18 +42,18 @@ class LinkNeeds(msgspec.Struct, frozen=True):
 
     platform: str
     link: str
-    """Receivers whose rules count; empty: the rules for all."""
+    """Receivers whose rules count, or "" for the rules for all receivers."""
     capacity_bytes_s: float
-    """As it was stated; else as it was measured."""
+    """Capacity of the link as stated, else as measured."""
     measured_bytes_s: float | None
-    """Capacity that the platform has measured, while the link was the limit; None: not measured."""
+    """Capacity that the platform measured while the link was the limit, or None if never measured."""
     measured_s: float | None
-    """Time since then."""
+    """Age of the measurement, or None without one."""
     written_bytes_s: float
     sent_bytes_s: float
     fits: bool
     channels: list[ChannelNeed]
-    """Those with the largest needs first."""
+    """Needs by resource, the largest first."""
 
 
 def compare(
@@ -67,7 +66,7 @@ def compare(
 ) -> list[ChannelNeed]:
     """The needs by resource, with the rates at which all fit.
 
-    `sizes`: bytes of a value; `ratios`: coded bytes by plain ones, of what was compressed so far.
+    `sizes`: bytes of a value; `ratios`: compressed by plain bytes of the values compressed up to now.
     """
     rules = tuple(limits)
     found = []
@@ -103,11 +102,12 @@ def _sent_hz(need: ChannelNeed, rules: tuple[ChannelLimit, ...], link: str) -> f
 
 
 def _fair_share(needs: list[float], capacity: float) -> float | None:
-    """The largest share of one need, so that all fit; None: they fit as they are."""
+    """Max-min fair limit of a need, with which all fit, or None if they fit without a limit."""
     if sum(needs) <= capacity:
         return None
     left, rest = capacity, len(needs)
     for need in sorted(needs):
+        # needs below an equal share are met in full, and the larger ones divide the rest
         if need > left / rest:
             return left / rest
         left -= need
@@ -118,9 +118,9 @@ def _fair_share(needs: list[float], capacity: float) -> float | None:
 async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: float | None) -> None:
     """Prints the needs of matching resources and whether a link has room for them.
 
-    `stated_bytes_s`: its capacity; None: as it was measured.
-    Raises: NotFound when no resource that is written matches, or the capacity was neither stated nor
-    measured; as `Session.ask`.
+    `stated_bytes_s`: capacity of the link, or None for the measured one.
+    Raises: NotFound when no matching resource is written, or the capacity is neither stated nor measured;
+    as `Session.ask`.
     """
     target = session.platform
     traffic = await session.ask("sys/broker/traffic", Empty(), Traffic)
@@ -137,7 +137,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
         raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
     states = await session.ask("sys/tree/channels", ListChannels(), ChannelStates)
     board = await owned(session, names.join(target, "net/limits"))
-    # of what was compressed the broker has counted compressed bytes: the size is that of its newest value
+    # the broker counts compressed bytes, so the newest value has the plain size of a compressed resource
     compressed = {one.path for one in states.compressions if one.plain_bytes}
     sizes = {
         one.channel: one.offered_bytes / one.offered_frames

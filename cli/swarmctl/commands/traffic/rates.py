@@ -22,7 +22,7 @@ class ChannelRates(msgspec.Struct, frozen=True):
     repeated_hz: float
     repeated_bytes_s: float
     delivered_hz: float
-    """Of frames whose receiver answered; boards have no answer."""
+    """Rate of frames whose receiver answered; boards have no answer."""
 
 
 class LinkRates(msgspec.Struct, frozen=True):
@@ -32,18 +32,18 @@ class LinkRates(msgspec.Struct, frozen=True):
     transport: str
     offered_hz: float
     sent_hz: float
-    """udp: of datagrams, beacons included."""
+    """Rate of frames; for udp of datagrams, including beacons."""
     sent_bytes_s: float
     received_hz: float
     received_bytes_s: float
     repeated_bytes_s: float
     dropped_hz: float
     delivered_hz: float
-    """Of frames that the neighbour acknowledged, in datagrams."""
+    """Rate of frames in datagrams that the neighbour acknowledged."""
     lost_hz: float
-    """Datagrams of the neighbour that did not arrive."""
+    """Rate of the neighbour's datagrams that did not arrive."""
     waiting_frames: int
-    """At the end of the period."""
+    """Frames in the queue at the end of the period."""
     waiting_bytes: int
 
 
@@ -53,7 +53,7 @@ class TrafficRates(msgspec.Struct, frozen=True):
     platform: str
     at_ns: int
     sent_bytes_s: float
-    """On the wire, of all channels."""
+    """Bytes on the wire per second, over all channels."""
     received_bytes_s: float
     channels: list[ChannelRates]
     links: list[LinkRates]
@@ -61,9 +61,9 @@ class TrafficRates(msgspec.Struct, frozen=True):
 
 
 def rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
-    """Rates between two readings of the counters, of what has moved; the order is that of the counters.
+    """Rates between two readings of the counters, in their order, without channels and links at rest.
 
-    After a restart of the broker in between, rates since that restart: its counters began again.
+    After a restart of the broker in between, the rates begin at the restart, which reset the counters.
     """
     if now.since_ns != before.since_ns:
         before = msgspec.structs.replace(
@@ -109,7 +109,7 @@ _CHANNEL_FIELDS: Final = {
     "repeated_bytes_s": "repeated_bytes",
     "delivered_hz": "delivered_frames",
 }
-"""Counter of each rate of a channel."""
+"""Counter from which each rate of a channel derives."""
 _LINK_FIELDS: Final = {
     "offered_hz": "offered_frames",
     "sent_hz": "sent_frames",
@@ -121,7 +121,7 @@ _LINK_FIELDS: Final = {
     "delivered_hz": "delivered_frames",
     "lost_hz": "lost",
 }
-"""Counter of each rate of a link."""
+"""Counter from which each rate of a link derives."""
 
 
 def _deltas(

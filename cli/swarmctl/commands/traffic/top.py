@@ -21,7 +21,7 @@ from swarmware.types.rpc import Empty
 
 
 class SortKey(StrEnum):
-    """Columns by which channels and links are ordered; `name` ascending, the others descending."""
+    """Columns by which channels and links are ordered, `name` ascending and the others descending."""
 
     BYTES = "bytes"
     OFFERED = "offered"
@@ -40,7 +40,7 @@ class TrafficTable(StrEnum):
     LINKS = "links"
     CHANNELS = "channels"
     LIMITED = "limited"
-    """Channels by notification whose rate has a limit now; not shown where there is none."""
+    """Channels by notification whose rate is limited now; an empty table is not shown."""
 
 
 _CHANNEL_KEYS: Final = {
@@ -53,7 +53,7 @@ _CHANNEL_KEYS: Final = {
     SortKey.DELIVERED: ("delivered_hz",),
     SortKey.RECEIVED: ("received_hz",),
 }
-"""Fields whose sum orders the channels."""
+"""Fields whose sum orders the channels, by the key."""
 _LINK_KEYS: Final = _CHANNEL_KEYS | {
     SortKey.RESENT: ("repeated_bytes_s",),
     SortKey.HELD: ("waiting_bytes",),
@@ -61,7 +61,7 @@ _LINK_KEYS: Final = _CHANNEL_KEYS | {
 
 
 class TrafficTop:
-    """The view of the rates: which tables, in which order."""
+    """The view of the rates: chosen tables in a chosen order."""
 
     def __init__(self, session: Session, sort: SortKey, parts: Sequence[TrafficTable]) -> None:
         self._session = session
@@ -69,10 +69,10 @@ class TrafficTop:
         self._parts = parts
 
     async def follow(self, period_s: float, count: int | None) -> None:
-        """Prints the rates once per period; ends after `count` periods, when one is given.
+        """Prints the rates once per period, for `count` periods or without an end if it is None.
 
-        Raises: as `Session.ask` where no platform answers; Partial when one did not answer in the last
-        period.
+        Raises: as `Session.ask` when no platform answers; Partial when some platform did not answer in the
+        last period.
         """
         session = self._session
         asked = await session.selected() if session.settings.node else [session.platform]
@@ -83,7 +83,7 @@ class TrafficTop:
         states = await self._states(asked)
         turn = 0
         while turn != count:
-            # from reading to reading: a period of the clock may end just after the command began
+            # relative to the last reading: a period of the clock may end just after the command began
             await until(clock, clock.now_ns() + round(period_s * 1e9))
             now, errors = await self._traffic(asked)
             if not now and len(asked) == 1:
@@ -109,7 +109,7 @@ class TrafficTop:
         return await ask_all(self._session, asked, "sys/broker/traffic", Empty(), Traffic)
 
     async def _states(self, asked: list[str]) -> dict[str, ChannelStates]:
-        """States of the channels by notification; a node without a tree service has none."""
+        """States of the channels by notification; nodes without a tree service are left out."""
         if TrafficTable.LIMITED not in self._parts:
             return {}
         found, _ = await ask_all(self._session, asked, "sys/tree/channels", ListChannels(), ChannelStates)
@@ -124,7 +124,7 @@ class TrafficTop:
         return msgspec.structs.replace(found, channels=channels, links=links)
 
     def _show(self, found: list[TrafficRates], *, last: bool) -> None:
-        """Prints a line per platform for programs, else tables; several nodes have a column of the node."""
+        """Prints a line per platform for programs, else tables, with a column of nodes for several nodes."""
         session, out = self._session, self._session.out
         if session.settings.structured:
             for one in found:
@@ -215,7 +215,7 @@ _COLUMNS: Final = {
 def _with_limited(
     found: TrafficRates, since_ns: int, before: dict[str, ChannelStates], now: dict[str, ChannelStates]
 ) -> TrafficRates:
-    """The rates with the channels that have a limit, as far as their node reports them."""
+    """The rates with the rate-limited channels that their node reports."""
     states = now.get(found.platform)
     if states is None:
         return found

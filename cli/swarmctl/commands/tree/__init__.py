@@ -1,1 +1,1 @@
-"""The commands of `tree`: list, draw, read and watch resources; `swarmctl.resources.access` sets them."""
+"""Commands of `tree` that list, draw, read and watch resources; `swarmctl.resources.access` sets them."""

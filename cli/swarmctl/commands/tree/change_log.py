@@ -1,4 +1,4 @@
-"""The changes that a platform was asked for, also refused ones."""
+"""Log of the changes requested from a platform, including refused ones."""
 
 from typing import Any
 
@@ -14,34 +14,34 @@ from swarmware.types.tree import LoggedChange, TreeLog, TreeLogQuery
 
 
 class RecordedChange(msgspec.Struct, frozen=True):
-    """A change that was asked for: made, or refused."""
+    """A requested change, which was made or refused."""
 
     utc_ns: int
-    """Wall clock of the platform."""
+    """Time of the request on the platform's wall clock."""
     path: str
     by: str
     """`role@platform` of the requester, or `application@platform` on the platform itself."""
     before: Any
-    """None: there was no value, or it is not known."""
+    """Former value, or None without a known one."""
     after: Any
-    """None: refused."""
+    """New value, or None if the change was refused."""
     refused: str
-    """Reason of a refusal; empty: the change was made."""
+    """Reason of the refusal, or "" if the change was made."""
 
 
 class ChangeRecord(msgspec.Struct, frozen=True):
-    """Changes that a platform was asked for, the newest first."""
+    """Changes requested from a platform, the newest first."""
 
     changes: list[RecordedChange]
     platform: str
     more: int
-    """Number of older changes that match."""
+    """Number of older matching changes that are not shown."""
 
 
 async def print_log(
     session: Session, pattern: str, *, by: str, since: str, refused: bool, count: int
 ) -> None:
-    """Prints who asked for which change, when, and what came of it.
+    """Prints the requester, time, resource and result of each change.
 
     Raises: NotFound, NoAnswer, Denied; InvalidInput for an invalid pattern or time.
     """
@@ -89,7 +89,7 @@ def _recorded(one: LoggedChange) -> RecordedChange:
 
 
 def _plain(text: str) -> Any:
-    """The value of a JSON text, of a type with one field that field; a text that is not JSON as it is."""
+    """The value of a JSON text, without the Struct of a single field; any other text stays unchanged."""
     if not text:
         return None
     try:

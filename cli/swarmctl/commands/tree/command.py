@@ -14,7 +14,7 @@ FIELDS = click.option(
     multiple=True,
     metavar="NAME",
     shell_complete=completion.field_names,
-    help="A field of the value; several are allowed.",
+    help="Field of the value to show; may be repeated.",
 )
 
 WINDOW = click.option(
@@ -54,8 +54,12 @@ def ls(ctx: click.Context, pattern: str) -> None:
 
 @cmd.command()
 @click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
-@click.option("--watch", is_flag=True, help="Draw it again each second, with ages and rates; Ctrl-C ends it.")
-@click.option("--count", type=click.IntRange(min=1), metavar="N", help="With --watch: end after N drawings.")
+@click.option(
+    "--watch", is_flag=True, help="Draw the tree again each second, with ages and rates; Ctrl-C ends it."
+)
+@click.option(
+    "--count", type=click.IntRange(min=1), metavar="N", help="Number of drawings after which --watch ends."
+)
 @click.pass_context
 def show(ctx: click.Context, pattern: str, watch: bool, count: int | None) -> None:
     """Draw the tree of resources.
@@ -79,10 +83,10 @@ def show(ctx: click.Context, pattern: str, watch: bool, count: int | None) -> No
 @click.option("--fresh", is_flag=True, help="Query the owner even if there is a fresh mirror.")
 @click.pass_context
 def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> None:
-    """Print the newest value of a resource, or of fields of it, with its time (UTC, by the clock of this
-    machine), age and measured rate; a pattern gives the values of all.
+    """Print the newest value of a resource or of its fields, with time (UTC, by the clock of this machine),
+    age and measured rate; a pattern prints the values of all resources that match.
 
-    Of a setting, `config get` also shows the origin.
+    For a setting, `config get` also shows the origin.
 
     Example: swarmctl tree get /uav1/nav/pose.x_m
     """
@@ -101,16 +105,16 @@ def get(ctx: click.Context, path: str, names: tuple[str, ...], fresh: bool) -> N
     "version",
     type=int,
     metavar="N",
-    help="Set it only if it still has this version, which `tree get --json` shows.",
+    help="Set the resource only if it still has this version, which `tree get --json` shows.",
 )
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation, such as for arming.")
 @click.pass_context
 def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bool) -> None:
     """Set a resource, or one of its fields; the owner checks type, range and permission.
 
-    It asks for a confirmation where the template of the resource requires one. Several platforms are set at
-    the same time: '/uav*/config/navigator/altitude_kp'. Of a setting it does the same as `config set`, which
-    takes its key.
+    A confirmation is needed if the template of the resource requires one. A pattern such as
+    '/uav*/config/navigator/altitude_kp' sets several platforms at the same time. For settings, `config set`
+    does the same with their keys.
 
     Example: swarmctl tree set /uav1/config/navigator/altitude_kp 1.5
     """
@@ -128,7 +132,7 @@ def set_(ctx: click.Context, path: str, value: str, version: int | None, yes: bo
 def undo(ctx: click.Context, path: str, yes: bool) -> None:
     """Undo the last change of a setting; a second call restores it.
 
-    A pattern of nodes leaves out those without the setting.
+    A pattern of nodes leaves out nodes without the setting.
 
     Example: swarmctl tree undo /uav1/config/navigator/altitude_kp
     """
@@ -141,19 +145,19 @@ def undo(ctx: click.Context, path: str, yes: bool) -> None:
 
 @cmd.command()
 @click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"command"}, "w"))
-@click.option("--by", default="", metavar="NAME", help="Only of requesters whose name contains this.")
-@click.option("--since", default="", metavar="TIME", help="Only of the last 30s, 5m, 2h or 1d.")
+@click.option("--by", default="", metavar="NAME", help="Only changes by requesters whose name contains NAME.")
+@click.option("--since", default="", metavar="TIME", help="Only changes of the last 30s, 5m, 2h or 1d.")
 @click.option("--refused", is_flag=True, help="Only changes that were refused.")
 @click.option(
     "--count",
     type=click.IntRange(1, 500),
     default=20,
     metavar="N",
-    help="The newest N changes; default: 20.",
+    help="Number of changes to print, the newest; default: 20.",
 )
 @click.pass_context
 def log(ctx: click.Context, pattern: str, by: str, since: str, refused: bool, count: int) -> None:
-    """Print who asked for which change of a resource, when, from what to what, and what was refused.
+    """Print changes of resources: requester, time, former and new value, and refusals.
 
     Example: swarmctl tree log '/*/config/**' --since 1h
     """
@@ -172,9 +176,14 @@ def log(ctx: click.Context, pattern: str, by: str, since: str, refused: bool, co
     metavar="X",
     help="Notify only when a number differs by more than X.",
 )
-@click.option("--min-interval", default="", metavar="TIME", help="At most one notification in 500ms, 2s, 1m.")
 @click.option(
-    "--max-interval", default="", metavar="TIME", help="Repeat a value without a change after this."
+    "--min-interval",
+    default="",
+    metavar="TIME",
+    help="Minimum time between notifications, such as 500ms, 2s or 1m.",
+)
+@click.option(
+    "--max-interval", default="", metavar="TIME", help="Time after which an unchanged value is sent again."
 )
 @click.option("--reset", is_flag=True, help="Remove the rule of this pattern.")
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
@@ -188,10 +197,10 @@ def rule(
     reset: bool,
     yes: bool,
 ) -> None:
-    """Set which changes a platform notifies to its subscribers; without an option print the rules in force.
+    """Set the rule by which a platform notifies its subscribers; without an option print the rules in force.
 
-    A rule is stored at the platform, holds for all its subscribers and replaces their own rules. A rate that
-    `traffic set` gives precedes the minimum interval; `traffic channels` shows which one is in force.
+    A rule is stored at the platform, holds for all its subscribers and replaces their own rules. A rate of
+    `traffic set` has precedence over the minimum interval; `traffic channels` shows the rule in force.
 
     Example: swarmctl tree rule '/*/power/**' --deadband 0.5 --min-interval 2s
     """
@@ -216,7 +225,9 @@ def rule(
 
 @cmd.command()
 @click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
-@click.option("--file", default="", metavar="FILE", help="Write it there: TOML, or JSON by the ending .json.")
+@click.option(
+    "--file", default="", metavar="FILE", help="File to write: TOML, or JSON if its name ends in .json."
+)
 @click.pass_context
 def dump(ctx: click.Context, pattern: str, file: str) -> None:
     """Print structure and values of a platform or a pattern as TOML, or write them to a file.
@@ -234,10 +245,10 @@ def dump(ctx: click.Context, pattern: str, file: str) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def load(ctx: click.Context, file: str, yes: bool) -> None:
-    """Set the settings of a dump to its values, all or none; that of one platform also at others, with -n.
+    """Set the settings in a dump to its values, all or none; with -n at other platforms than the dumped one.
 
-    All values are checked before one is set; when one is refused the others are taken back. Values of boards
-    are measured, and commands move vehicles: these are left alone.
+    All values are checked before the first is set, and a refusal undoes the others. Boards and commands are
+    left alone, because boards are measurements and commands move vehicles.
 
     Example: swarmctl tree load uav1.toml -n uav2
     """
@@ -250,10 +261,10 @@ def load(ctx: click.Context, file: str, yes: bool) -> None:
 @cmd.command(nodes=Nodes.NONE)
 @click.argument("one", metavar="FILE|PLATFORM|PATTERN")
 @click.argument("other", default="", metavar="[FILE|PLATFORM|PATTERN]")
-@click.option("--values", is_flag=True, help="Compare all values, not only those of settings.")
+@click.option("--values", is_flag=True, help="Compare all values, not only the values of settings.")
 @click.pass_context
 def diff(ctx: click.Context, one: str, other: str, values: bool) -> None:
-    """Print what differs between two dumps, a dump and now, or two platforms: resources and settings.
+    """Print the differences of two dumps, a dump and the present tree, or two platforms.
 
     Example: swarmctl tree diff uav1 uav2
     """
@@ -266,13 +277,13 @@ def diff(ctx: click.Context, one: str, other: str, values: bool) -> None:
 @cmd.command()
 @click.argument("pattern", default="", shell_complete=completion.resources(VALUED | {"branch", "command"}))
 @click.option(
-    "--templates", is_flag=True, help="Check the templates of this installation only; needs no node."
+    "--templates", is_flag=True, help="Check only the templates of this installation, without a node."
 )
 @click.pass_context
 def lint(ctx: click.Context, pattern: str, templates: bool) -> None:
     """Check templates and the live tree: units, ranges, types, names, owners, contradictions of platforms.
 
-    A pattern checks only what matches it in the live tree.
+    With a pattern, only matching resources of the live tree are checked.
 
     Example: swarmctl tree lint '/*/config/**'
     """
@@ -297,13 +308,13 @@ def lint(ctx: click.Context, pattern: str, templates: bool) -> None:
 @click.option(
     "--history",
     is_flag=True,
-    help="Of boards also former values: those that a buffer (traffic set --buffer) kept during an outage "
-    "come after newer ones.",
+    help="Show also former values of boards, such as values that a buffer (traffic set --buffer) kept during "
+    "an outage; they come after newer ones.",
 )
 @click.pass_context
 def watch(ctx: click.Context, path: str, names: tuple[str, ...], count: int | None, history: bool) -> None:
-    """Print each new value of a resource, of fields of it, or of all that match, with its time (UTC, by the
-    clock of this machine), its age at the arrival and the rate of the arrivals; Ctrl-C ends it.
+    """Print each new value of a resource, of its fields, or of all that match, with time (UTC, by the clock
+    of this machine), age at the arrival and rate of the arrivals; Ctrl-C ends it.
 
     Example: swarmctl tree watch /uav1/nav/pose --count 10 --json
     """
@@ -333,8 +344,8 @@ def type_(ctx: click.Context, name: str) -> None:
 @WINDOW
 @click.pass_context
 def hz(ctx: click.Context, path: str, window_s: float) -> None:
-    """Measure how often a resource is written by its owner (from the counter in its values) and arrives here,
-    with the times between arrivals.
+    """Measure the rates at which the owner writes a resource (by the counter in its values) and at which it
+    arrives here, and the times between arrivals.
 
     Example: swarmctl tree hz '/*/nav/pose'
     """
@@ -364,8 +375,8 @@ def bw(ctx: click.Context, path: str, window_s: float) -> None:
 @WINDOW
 @click.pass_context
 def delay(ctx: click.Context, path: str, window_s: float) -> None:
-    """Measure the time from the stamps of values to their arrival here, by converted clocks, with the bound
-    of the conversion.
+    """Measure the delay from the stamps of values to their arrival here, by converted clocks, with the error
+    bound of the conversion.
 
     Example: swarmctl tree delay '/*/nav/pose'
     """

@@ -1,4 +1,4 @@
-"""Differences of two trees: of dumps, of a dump and now, of two platforms."""
+"""Differences of two trees, each a dump or the present tree of a platform or pattern."""
 
 import asyncio
 from collections.abc import Container
@@ -17,7 +17,7 @@ from swarmware.model.resource import Kind
 from swarmware.types.json_form import json_form
 
 DESCRIPTOR: Final = ("kind", "type", "reply", "unit", "range", "choices", "access", "rate_hz", "owner")
-"""Fields of a resource that are compared besides its value."""
+"""Fields of a resource that are compared in addition to its value."""
 RESOURCE: Final = "resource"
 VALUE: Final = "value"
 
@@ -26,9 +26,9 @@ class TreeDifference(msgspec.Struct, frozen=True):
     """A field of a resource that differs."""
 
     path: str
-    """Global; local where one platform is compared with another one."""
+    """Global path, or the local one if two different platforms are compared."""
     field: str
-    """`resource`: it exists on one side only; `value`, or a field of its descriptor."""
+    """Name of the differing field: `value`, a field of the descriptor, or `resource` if one side lacks it."""
     here: Any
     there: Any
 
@@ -38,14 +38,14 @@ class TreeDiff(msgspec.Struct, frozen=True):
 
     differences: list[TreeDifference]
     here: str
-    """File or pattern."""
+    """File or pattern of the first side."""
     there: str
 
 
 async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
-    """Prints what differs between two files, platforms or patterns; without `other` between a file and now.
+    """Prints the differences of two files, platforms or patterns, or of a file and the tree without `other`.
 
-    `values`: of all resources, not of settings only.
+    `values`: compare the values of all resources, not only of settings.
     Raises: ConfigError for a file that is not a dump; NotFound when nothing matches.
     """
     valued = VALUED if values else frozenset({Kind.SETTING})
@@ -65,7 +65,7 @@ async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
 
 
 async def _side(session: Session, text: str, valued: Container[str]) -> TreeSnapshot:
-    """A file, else a platform or a pattern of the tree now."""
+    """The content of a file, else the present tree of a platform or a pattern."""
     if is_file(text):
         return read_snapshot(text)
     bare = not text.startswith("/") and text in await session.platforms()
@@ -73,12 +73,12 @@ async def _side(session: Session, text: str, valued: Container[str]) -> TreeSnap
 
 
 def is_file(text: str) -> bool:
-    """Whether a side is a file, or the name of one that is missing; else it is a platform or a pattern."""
+    """Whether a side names a file, existing or not, rather than a platform or a pattern."""
     return text.endswith((".toml", ".json")) or Path(text).is_file()
 
 
 def differences(here: TreeSnapshot, there: TreeSnapshot, *, values: bool) -> list[TreeDifference]:
-    """What differs, in natural order of paths; of two different platforms by local path."""
+    """Differences in natural order of paths, which are local if two different platforms are compared."""
     local = len(here.platforms) == len(there.platforms) == 1 and here.platforms != there.platforms
     left, right = _by_path(here, local=local), _by_path(there, local=local)
     found: list[TreeDifference] = []
@@ -103,7 +103,7 @@ def _kind(one: DumpedResource | None) -> str | None:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Whether two values are equal, also where one of them went through JSON or TOML."""
+    """Whether two values are equal, even if one of them went through JSON or TOML."""
     return bool(one == other or _canonical(one) == _canonical(other))
 
 
@@ -113,6 +113,7 @@ def _canonical(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return ["" if item is None else _canonical(item) for item in value]
     if isinstance(value, int) and not isinstance(value, bool):
+        # a file may have 1 for 1.0; beyond 2**53 a float would make different integers equal
         return str(value) if abs(value) > 2**53 else float(value)
     return value.isoformat() if hasattr(value, "isoformat") else value
 

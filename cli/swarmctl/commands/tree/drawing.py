@@ -16,7 +16,7 @@ class _Node:
 
 
 def tree(entries: Iterable[TreeEntry], *, live: bool = False) -> list[str]:
-    """A line for each resource, below its branch; `live`: with age and measured rate of its value."""
+    """A line for each resource below its branch, with age and measured rate of its value if `live`."""
     root = _Node()
     for entry in entries:
         node = root
@@ -49,7 +49,7 @@ def _about(entry: TreeEntry | None, live: bool) -> str:
 
 
 def rule_text(rule: Rule | None) -> str | None:
-    """A rule in a line: `±0.5 ≥2s ≤30s`; None: none is set."""
+    """A rule in a line such as `±0.5 ≥2s ≤30s`, or None without a rule."""
     if rule is None:
         return None
     parts = [

@@ -28,7 +28,7 @@ REALS: Final = frozenset({"Float"})
 NUMBERS: Final = REALS | {"Int"}
 TEXTS: Final = frozenset({"Text"})
 PLACES: Final = {Kind.SETTING: ("config",), Kind.COMMAND: ("cmd", "sys")}
-"""First segments of the paths of a kind."""
+"""Permitted first segments of the paths of a kind."""
 _SEGMENT: Final = re.compile(r"[a-z][a-z0-9_]*\Z")
 
 
@@ -40,15 +40,15 @@ class LintLevel(OpenEnum):
 
 
 class TreeFinding(msgspec.Struct, frozen=True):
-    """Something in a template or in the tree that should be corrected."""
+    """An error or warning about a template or the tree."""
 
     level: LintLevel
     where: str
-    """Template `multirotor`, or platform."""
+    """Template such as `multirotor`, or platform."""
     path: str
-    """Local path; empty: the whole template."""
+    """Local path, or "" for the whole template."""
     text: str
-    """What was found, and what was expected."""
+    """Finding and expectation as text."""
 
 
 class TreeLint(msgspec.Struct, frozen=True):
@@ -56,11 +56,11 @@ class TreeLint(msgspec.Struct, frozen=True):
 
     findings: list[TreeFinding]
     checked: int
-    """Resources that were checked."""
+    """Number of checked resources."""
 
 
 class Descriptor(Protocol):
-    """What a `Resource` and an entry of the live tree have in common."""
+    """Common interface of a `Resource` and an entry of the live tree."""
 
     @property
     def path(self) -> str: ...
@@ -105,12 +105,12 @@ def descriptor_findings(where: str, local: str, one: Descriptor) -> Iterator[Tre
         yield error(f"choices of a {one.type}; expected them of a Text only")
     if one.kind is Kind.SETTING and one.type in NUMBERS and one.range is None:
         yield warning("a setting without a range; expected the permitted minimum and maximum")
-    if one.kind not in {Kind.BRANCH, Kind.SETTING} and not one.owner:  # the tree keeps all settings
+    if one.kind not in {Kind.BRANCH, Kind.SETTING} and not one.owner:  # the tree service owns all settings
         yield warning("no owner; expected the name of the application that provides it")
 
 
 def contradictions(descriptors: Iterable[tuple[str, str, Descriptor]]) -> Iterator[TreeFinding]:
-    """Resources that have another kind, type or unit at another place: `(where, local path, descriptor)`."""
+    """Resources whose kind, type or unit differs between places, from `(where, local path, descriptor)`."""
     first: dict[str, tuple[str, Descriptor]] = {}
     for where, local, one in descriptors:
         place, known = first.setdefault(local, (where, one))
@@ -135,7 +135,7 @@ def template_findings(folder: Path) -> tuple[list[TreeFinding], int]:
         for one in resources:
             seen.append((name, one.path, one))
             findings = [*descriptor_findings(name, one.path, one), *_types_not_installed(name, one)]
-            # what a template inherits is reported once
+            # templates inherit resources, so the same finding would be reported for each heir
             found += [item for item in findings if (item.path, item.text) not in reported]
             reported |= {(item.path, item.text) for item in findings}
     return [*found, *contradictions(seen)], len(seen)

@@ -23,15 +23,15 @@ class MeasuredRate(msgspec.Struct, frozen=True):
     values: int
     """Values that arrived here."""
     window_s: float
-    """From the first to the last of them."""
+    """Time from the first to the last arrival."""
     written_hz: float | None
-    """Rate at which the owner writes, from its counter and its clock; null: fewer than two values."""
+    """Rate at which the owner writes, by its counter and clock, or null before the second value."""
     here_hz: float | None
     """Rate of the arrivals at the joined node."""
     declared_hz: float
-    """0: no period."""
+    """Rate of the template, or 0 for a resource without a period."""
     interval_s: Statistics | None
-    """Between two arrivals."""
+    """Times between two arrivals."""
 
 
 class MeasuredRates(msgspec.Struct, frozen=True):
@@ -47,9 +47,9 @@ class MeasuredBandwidth(msgspec.Struct, frozen=True):
     values: int
     window_s: float
     written_bytes_s: float | None
-    """What the owner writes: its rate times the mean size; null: fewer than two values."""
+    """Bytes that the owner writes, its rate times the mean size, or null before the second value."""
     here_bytes_s: float | None
-    """What arrives at the joined node."""
+    """Bytes that arrive at the joined node."""
     size_bytes: Statistics | None
 
 
@@ -65,9 +65,9 @@ class MeasuredDelay(msgspec.Struct, frozen=True):
     path: str
     values: int
     delay_s: Statistics | None
-    """null: the owner's clock is not known here."""
+    """Delays of the values, or null if the owner's clock is not known here."""
     bound_s: float | None
-    """Largest error of the conversion of its clock; 0 for the own clock."""
+    """Largest error of the conversion of the owner's clock, 0 for this node's own clock."""
 
 
 class MeasuredDelays(msgspec.Struct, frozen=True):
@@ -77,7 +77,7 @@ class MeasuredDelays(msgspec.Struct, frozen=True):
 
 
 class Measurement:
-    """What arrived of some resources within a time."""
+    """Values of some resources that arrived within a time."""
 
     def __init__(self, session: Session, entries: list[TreeEntry]) -> None:
         self.entries = entries
@@ -101,7 +101,7 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
             async for new in news:
                 if not new.arrived:
                     continue
-                if not began:  # a subscription takes a moment; the window begins with what it brings
+                if not began:  # the subscription takes time, so the window begins with the first value
                     began = True
                     window.reschedule(loop.time() + duration_s)
                 found.meters[new.path].add(new.observation)

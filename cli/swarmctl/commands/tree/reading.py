@@ -16,9 +16,10 @@ from swarmware.types.units import unit_of
 
 
 async def print_values(session: Session, path: str, *, names: tuple[str, ...] = (), fresh: bool) -> None:
-    """Prints the value of one resource or field, or of all resources that match; `fresh`: from their owners.
+    """Prints the value of a resource or field, or of all resources that match, from their owners if `fresh`.
 
-    `names`: fields of each. Raises: Partial when some have no value; the error itself when none has.
+    `names`: fields to print of each value. Raises: Partial when some resources have no value; the error
+    itself when no resource has one.
     """
     name, fields = split_field(path)
     if is_pattern(session.path(name)):
@@ -72,13 +73,13 @@ def _warn_lost(session: Session, reading: ResourceReading) -> None:
 
 
 def _unit(reading: ResourceReading, fields: str, names: tuple[str, ...]) -> str:
-    """Unit of the single value: that of the resource, or the one in the name of its field."""
+    """Unit of a single value, from the resource or from the name of the field."""
     chosen = (names[0] if names else fields).rpartition(".")[2]
     return unit_of(chosen, whole=isinstance(reading.value, int)) if chosen else reading.unit
 
 
 def _print_block(session: Session, reading: ResourceReading) -> None:
-    """A head with time, age and rate, then a line per field."""
+    """Prints a head with time, age and rate, then a line per field."""
     width = session.out.width
     lines = [*wrapped(_about(reading), width, "", "  "), *block(shown_fields(reading.value), width)]
     session.out.text(*lines)

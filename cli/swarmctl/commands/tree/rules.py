@@ -24,7 +24,7 @@ async def set_rule(
     reset: bool,
     yes: bool,
 ) -> None:
-    """Sets or removes the rule of a pattern, and prints the rules in force; without a change only these.
+    """Sets or removes the rule of a pattern, if given, and prints the rules in force.
 
     Raises: Denied, NotFound for a rule that is not set, InvalidInput; as `confirm`.
     """
@@ -59,7 +59,7 @@ async def set_rule(
 
 
 def _effect(request: TreeRule) -> str:
-    """What a rule does to the swarm that an operator must confirm; empty: no confirmation."""
+    """Effect of a rule on the swarm that an operator must confirm, or "" if none is needed."""
     slow_s = request.min_interval_s or 0.0
     if slow_s > 0 and Pattern(request.pattern).matches(MISSION_STATE):
         return f"{MISSION_STATE} is sent every {slow_s:g} s at most: barriers of a mission wait for it"
@@ -67,7 +67,7 @@ def _effect(request: TreeRule) -> str:
 
 
 async def _warn(session: Session, request: TreeRule) -> None:
-    """Names the resources on which a rule has no effect."""
+    """Warns of resources on which a rule has no effect."""
     found = await pages(session, names.join(session.platform, request.pattern), session.platform)
     valued = [one for one in found.entries if one.kind not in {Kind.BRANCH, Kind.COMMAND, Kind.FILE}]
     if not valued:
@@ -81,7 +81,7 @@ async def _warn(session: Session, request: TreeRule) -> None:
 
 
 async def _warn_of_channels(session: Session, request: TreeRule, paths: list[str]) -> None:
-    """Names the resources whose rate is set by a rule of channels, which precedes an interval."""
+    """Warns of resources whose rate a rule of channels sets, with precedence over an interval."""
     if not request.min_interval_s:
         return
     board = await owned(session, names.join(session.platform, "net/limits"))

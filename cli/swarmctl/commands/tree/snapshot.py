@@ -1,4 +1,4 @@
-"""Structure and values of the tree as a file: written, read, loaded."""
+"""Dumps of the tree, with structure and values, which are written, read and loaded."""
 
 from collections.abc import Container, Iterable
 from pathlib import Path
@@ -22,7 +22,7 @@ from swarmware.types.json_form import plain
 from swarmware.types.tree import TreeEntry
 
 AT_ONCE: Final = 64
-"""Values that are read at the same time."""
+"""Maximum values that are read at the same time."""
 
 
 class DumpedResource(msgspec.Struct, frozen=True, kw_only=True):
@@ -40,7 +40,7 @@ class DumpedResource(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: float = 0.0
     owner: str = ""
     value: Any = None
-    """Plain data; None: there was no value."""
+    """Value as plain data, or None without a value."""
 
 
 class TreeSnapshot(msgspec.Struct, frozen=True, kw_only=True):
@@ -48,7 +48,7 @@ class TreeSnapshot(msgspec.Struct, frozen=True, kw_only=True):
 
     resources: tuple[DumpedResource, ...] = ()
     pattern: str = ""
-    """What was asked for, with the platform."""
+    """Pattern of the dump, with the platform."""
 
     @property
     def platforms(self) -> list[str]:
@@ -65,7 +65,7 @@ class LoadedValue(msgspec.Struct, frozen=True):
 
 
 class ValuesLoaded(msgspec.Struct, frozen=True):
-    """Settings that a file has changed, and those that had its values already."""
+    """Settings that a file has changed, and the number of settings that already had its values."""
 
     changed: list[LoadedValue]
     unchanged: int
@@ -96,7 +96,7 @@ def _dumped(entry: TreeEntry, value: Any) -> DumpedResource:
 
 
 async def dump(session: Session, pattern: str, file: str) -> None:
-    """Prints structure and values as TOML, or writes them into a file: TOML, or JSON by its ending.
+    """Prints structure and values as TOML, or writes them to a file as TOML, or JSON if its name ends so.
 
     Raises: NotFound when nothing matches, OSError when the file cannot be written.
     """
@@ -114,7 +114,7 @@ async def dump(session: Session, pattern: str, file: str) -> None:
 
 
 def snapshot_bytes(found: TreeSnapshot, *, as_json: bool = False) -> bytes:
-    """The content of a file."""
+    """The content of a dump file."""
     data: dict[str, Any] = plain(found)
     if as_json:
         return msgspec.json.format(msgspec.json.encode(data), indent=2) + b"\n"
@@ -123,7 +123,7 @@ def snapshot_bytes(found: TreeSnapshot, *, as_json: bool = False) -> bytes:
 
 
 def _short(resource: dict[str, Any]) -> dict[str, Any]:
-    """Without what is empty; TOML has no null."""
+    """A resource without its empty fields, because TOML has no null."""
     kept = {key: value for key, value in resource.items() if key == "value" or value not in ("", None, [], 0)}
     if kept.get("access") == "r":
         del kept["access"]
@@ -165,8 +165,8 @@ def read_snapshot(file: str) -> TreeSnapshot:
 async def load(session: Session, file: str, *, yes: bool) -> None:
     """Sets the settings of a dump to its values, all or none, and prints what changed.
 
-    A dump of one platform is loaded at the selected nodes, if some are selected. Everything else of the
-    dump is left alone: the values of boards are measured, and a command would move a vehicle.
+    A dump of one platform is loaded at the selected nodes, if some are selected. Boards and commands in the
+    dump are left alone, because boards are measurements and a command would move a vehicle.
     Raises: ConfigError for a file that is not a dump, InvalidInput for a value that does not fit or a dump
     without settings, NotFound for a setting that does not exist; as `confirm`, `set_all`.
     """
@@ -175,6 +175,7 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
     entries = await _settings_of(session, wanted)
     if missing := [path for path in wanted if path not in entries]:
         raise NotFound(f"{file}: {', '.join(missing)}: no such setting now; nothing was set")
+    # all values before the first is set, so that an invalid file changes nothing
     for path, value in wanted.items():
         check(file, path, entries[path], value)
     readings, errors = await read_all(session, list(wanted), fresh=True)
@@ -196,7 +197,7 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
 
 
 def _targets(session: Session, found: TreeSnapshot, file: str, there: list[str]) -> dict[str, Any]:
-    """Path and value of each setting that is to be set; `there`: at these platforms, none: its own."""
+    """Path and value of each setting to set, at the platforms `there`, or at its own if that is empty."""
     settings = [one for one in found.resources if one.kind == Kind.SETTING and one.value is not None]
     if not settings:
         raise InvalidInput(f"{file}: has no setting with a value; expected a dump with some")

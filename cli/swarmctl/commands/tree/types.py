@@ -25,16 +25,16 @@ class ShownField(msgspec.Struct, frozen=True):
 
     name: str
     type: str
-    """As in Python: `float | None`, `list[Point]`; `Any` where only the owner knows it."""
+    """Type as in Python, such as `float | None` or `list[Point]`; `Any` if only the owner knows it."""
     unit: str
     required: bool
     default: Any
-    """null: none, or the field is required."""
+    """Default, or null if the default is null or the field is required."""
     low: int | float | None
     high: int | float | None
-    """Smallest and largest number, both included."""
+    """Largest permitted number; `low` and `high` are both included."""
     choices: list[str]
-    """The permitted texts; empty: any."""
+    """Permitted texts, or [] for any text."""
     meaning: str
 
 
@@ -47,11 +47,11 @@ class ShownStruct(msgspec.Struct, frozen=True):
 
 
 class ShownTypes(msgspec.Struct, frozen=True):
-    """The types of a resource, or one type, and those that their fields name."""
+    """The types of a resource, or one type, and the types of their fields."""
 
     types: list[ShownStruct]
     resource: TreeEntry | None = None
-    """Of the resource that was named: its unit, range, access and reply hold for its value."""
+    """The named resource, whose unit, range, access and reply hold for its value."""
 
 
 async def print_type(session: Session, name: str) -> None:

@@ -19,7 +19,7 @@ from swarmware.types.tree import TreeEntry
 from swarmware.types.units import unit_of
 
 WINDOW_S = 5.0
-"""Window of the shown rate: a resource of 1 Hz has a stable one after a few values."""
+"""Window of the shown rate, long enough for a stable rate of a resource at 1 Hz."""
 
 
 class WatchedValue(msgspec.Struct, frozen=True):
@@ -28,17 +28,17 @@ class WatchedValue(msgspec.Struct, frozen=True):
     path: str
     type: str
     stamp_ns: int | None
-    """Hardware clock of the owner."""
+    """Stamp on the hardware clock of the owner."""
     age_s: float | None
     value: Any
-    """The plain value; a single value without its Struct."""
+    """Plain value, without the Struct of a single field."""
     utc_ns: int | None = None
-    """Its stamp on the wall clock of this machine; None: the owner's clock is not known here."""
+    """Stamp on the wall clock of this machine, or None if the owner's clock is not known here."""
     unit: str = ""
     written_hz: float | None = None
-    """Rate at which the owner has written the newest values; None: not known yet."""
+    """Rate at which the owner has written the newest values, or None until it is known."""
     here_hz: float | None = None
-    """Rate of the arrivals here; None: not known yet."""
+    """Rate of the arrivals here, or None until it is known."""
     angles: dict[str, dict[str, float]] = {}
     """Roll, pitch and yaw in degrees of each quaternion, by the name before its components."""
 
@@ -46,8 +46,9 @@ class WatchedValue(msgspec.Struct, frozen=True):
 async def print_changes(
     session: Session, path: str, count: int | None, names: tuple[str, ...] = (), history: bool = False
 ) -> None:
-    """Prints each new value of the resources, or of fields of them; ends after `count`, when one is given.
-    `history`: of boards also former values, which arrive after an outage.
+    """Prints each new value of the resources or their fields, `count` values or without an end if it is None.
+
+    `history`: print also former values of boards, which arrive after an outage.
 
     Raises: Partial when values were overwritten before they were read.
     """
@@ -60,6 +61,7 @@ async def print_changes(
     printed = 0
     async for new in news:
         meter = meters[new.path]
+        # stored and late values would distort the rate of the arrivals
         if new.arrived and not new.late:
             meter.add(new.observation)
         value = select(new.value, new.path, fields, names)
@@ -110,7 +112,7 @@ def _unit(new: ValueArrival, fields: str, names: tuple[str, ...]) -> str:
 
 
 def _lines(new: WatchedValue, width: int | None, *, with_path: bool) -> list[str]:
-    """Time, age and rate, then the path of one among many, then the value."""
+    """Time, age and rate, then the path if there are several resources, then the value."""
     when = "-" if new.utc_ns is None else utc_text(new.utc_ns)
     age = "-" if new.age_s is None else f"{new.age_s:.3f} s"
     rate = "-" if new.here_hz is None else f"{new.here_hz:.1f} Hz"
