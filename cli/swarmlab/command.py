@@ -42,7 +42,7 @@ def _swarm_options(experiments: tuple[str, ...]) -> Callable[[Callable[..., Any]
         "per_daemon": "Run each daemon in its own process, on all nodes or on those named (a,b).",
         "units": "Run the services of each vehicle, or of those named (a,b), on three computers.",
         "airframe": "Airframe of the air vehicles, or of those named: helicopter, uav1=fixed_wing.",
-        "services": "Further services of every node: files, video, or one that is installed.",
+        "services": "Further services of every node: files, video, or an installed one.",
         "mongodb": "Forward all logs to this database as well; @FILE: the URI in a file, @-: from stdin.",
     }
     options = (
@@ -255,7 +255,7 @@ def cut(ctx: click.Context, one: str, other: str | None, one_way: bool) -> None:
 @click.argument("other", metavar="[NODE]", type=PLATFORM, required=False)
 @click.pass_context
 def heal(ctx: click.Context, one: str | None, other: str | None) -> None:
-    """Remove cuts and impairments: of all links, of those of a node, or of those between two nodes.
+    """Remove cuts and impairments of all links, of the links of a node, or between two nodes.
 
     Example: swarmctl lab heal
     """

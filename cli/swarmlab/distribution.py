@@ -42,7 +42,7 @@ STATE: Final = "mission/state"
 REPORT: Final = "distribution.json"
 PICTURE: Final = "distribution.png"
 HARDWARE: Final = "fc"
-"""Computer whose log has the true path of a distributed vehicle; that of `main` has its mission."""
+"""Computer whose log has the true path of a distributed vehicle; the log of `main` has its mission."""
 INPUTS: Final = (("sensor/imu", "nav", "nav/imu_delay"), ("nav/pose", HARDWARE, "nav/pose_delay"))
 """Inputs from another computer, the computers that use them, and the boards with their delays."""
 

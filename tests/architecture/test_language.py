@@ -220,32 +220,6 @@ GRAMMAR: Final = {
 }
 """Telegraph style, and pronouns in place of nouns, which a reader of one line does not understand."""
 NOT_YET: Final = (
-    *(
-        f"cli/{folder}"
-        for folder in (
-            "swarmctl/commands/app",
-            "swarmctl/commands/call",
-            "swarmctl/commands/config",
-            "swarmctl/commands/doctor",
-            "swarmctl/commands/drive",
-            "swarmctl/commands/file",
-            "swarmctl/commands/fleet",
-            "swarmctl/commands/host",
-            "swarmctl/commands/keys",
-            "swarmctl/commands/log",
-            "swarmctl/commands/mission",
-            "swarmctl/commands/new",
-            "swarmctl/commands/node",
-            "swarmctl/commands/pub",
-            "swarmctl/commands/time",
-            "swarmctl/commands/wait",
-            "swarmctl/installation",
-            "swarmctl/terminal",
-            "swarmctl/vehicles",
-            "swarmctl/viewers",
-            "swarmlab",
-        )
-    ),
     "daemons",
     "lib",
     "share/doc",

@@ -41,7 +41,7 @@ class NodeChoice(msgspec.Struct, frozen=True):
     single_unit: bool = False
     """The whole node in one unit of systemd, instead of a unit for each service."""
     unit: str = ""
-    """Name of this computer on its platform; empty: main."""
+    """Name of this computer on its platform, or "" for main."""
 
 
 class HostNode(msgspec.Struct, frozen=True):
@@ -141,7 +141,7 @@ def _single_unit(files: dict[str, bytes], config_dir: Path, choice: NodeChoice, 
 
 
 def _check(choice: NodeChoice, node: NodeConfig, path: Path) -> None:
-    """Raises: Conflict when the choice is another one than that of the file."""
+    """Check a choice against the file. Raises: Conflict when the file has another one."""
     found = {
         "platform": node.platform,
         "unit": node.unit,

@@ -47,7 +47,7 @@ class Host:
     # -- present state
 
     def content(self, path: str) -> bytes | None:
-        """Content of a file; None: there is none. Raises: Denied when this user may not read it."""
+        """Content of a file, or None if it does not exist. Raises: Denied when this user may not read it."""
         try:
             return self.place(path).read_bytes()
         except (FileNotFoundError, NotADirectoryError):
@@ -56,7 +56,7 @@ class Host:
             raise Denied(f"{path}: not readable by this user; expected root") from error
 
     def link(self, path: str) -> str | None:
-        """Target of a symbolic link; None: it is none."""
+        """Target of a symbolic link, or None for any other path."""
         found = self.place(path)
         return str(found.readlink()) if found.is_symlink() else None
 
@@ -71,7 +71,7 @@ class Host:
         return [f"{folder}/{name}" for name in fnmatch.filter(found, pattern)]
 
     def user(self, name: str) -> tuple[int, int] | None:
-        """User id and group id; None: not known here."""
+        """User id and group id, or None for an unknown user."""
         try:
             found = pwd.getpwnam(name)
         except KeyError:

@@ -56,7 +56,7 @@ class JointConfirmation:
         self._refusal: BaseException | None = None
 
     async def confirm(self, yes: bool, node: str, what: str) -> None:
-        """Returns when the operator confirms what happens at all nodes; empty: nothing at this one.
+        """Returns when the operator confirms the effects at all nodes; `what` is "" if this node has none.
 
         Raises: as `confirm`.
         """

@@ -21,7 +21,7 @@ class NodeResult(msgspec.Struct, frozen=True):
     result: Any
     """Document of the command as for one node; null: it failed, or prints none."""
     error: str = ""
-    """Reason of the failure; empty: none."""
+    """Reason of the failure, or "" without one."""
     exit_code: int = 0
     """As if the command had been called for this node alone."""
 

@@ -45,12 +45,12 @@ class Output:
 
     @property
     def width(self) -> int | None:
-        """Columns of the terminal; None: stdout is none, lines are as long as they are."""
+        """Columns of the terminal, or None if stdout is not a terminal, whose lines are not wrapped."""
         return terminal_width(self._out)
 
     @property
     def height(self) -> int | None:
-        """Lines of the terminal; None: stdout is none."""
+        """Lines of the terminal, or None if stdout is not a terminal."""
         return os.get_terminal_size(self._out.fileno()).lines if self._out.isatty() else None
 
     @property
@@ -106,7 +106,7 @@ class Output:
         self._out.flush()
 
     def redraw(self, text: str, *, last: bool = False) -> None:
-        """Print lines in the place of those of the last call, each cut at the width of the terminal.
+        """Print lines in place of the lines of the last call, each cut at the width of the terminal.
 
         As many lines as the terminal shows, because it does not move back to lines that have scrolled
         away; `last`: all lines, they are not drawn again.

@@ -28,7 +28,7 @@ class Column(msgspec.Struct, frozen=True):
     wide: bool = False
     """Shown with `-o wide` only."""
     drop: int = 0
-    """Hidden where the terminal is too narrow for the table: the highest number first; 0: never."""
+    """Order in which columns are hidden on a narrow terminal, the highest first, or 0 for never."""
     wraps: bool = False
     """Its texts are wrapped before another column is hidden."""
 
@@ -61,7 +61,7 @@ def show(cell: Cell) -> str:
 def fitted_table(
     columns: Sequence[Column], cells: Sequence[Sequence[str]], width: int | None = None
 ) -> FittedTable:
-    """The table within `width` characters; None: nothing is wrapped or hidden.
+    """The table within `width` characters, or with nothing wrapped or hidden if `width` is None.
 
     What is too wide gives way in this order: headers are wrapped, columns are hidden by their `drop`,
     cells are wrapped between words, cells are wrapped after the punctuation of paths and lists. A table

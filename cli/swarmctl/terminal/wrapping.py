@@ -18,7 +18,7 @@ _NUMBER: Final = re.compile(r"[(+-]*\d[\d.,e+-]*")
 
 
 def terminal_width(stream: TextIO) -> int | None:
-    """Columns of the terminal behind a stream; None: there is none, lines are as long as they are."""
+    """Columns of the terminal behind a stream, or None without one, so that lines are not wrapped."""
     return terminal_columns() if stream.isatty() else None
 
 
@@ -31,7 +31,7 @@ def clipped(lines: list[str], height: int) -> list[str]:
 
 
 def fitted_text(text: str, width: int | None) -> str:
-    """The text with its long lines wrapped; None: as it is.
+    """The text with its long lines wrapped, or unchanged if `width` is None.
 
     A line continues below its first column, or indented by two blanks.
     """

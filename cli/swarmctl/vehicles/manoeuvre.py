@@ -119,7 +119,7 @@ async def request(
     done: Mapping[str, Done],
     wait_s: float,
 ) -> None:
-    """Requests a manoeuvre with parameters of each vehicle, and prints what was observed.
+    """Requests a manoeuvre with parameters of each vehicle, and prints the observations.
 
     Raises: the refusal, of a single vehicle; as `raise_failures`.
     """

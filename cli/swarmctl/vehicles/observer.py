@@ -40,7 +40,7 @@ class VehicleResult(msgspec.Struct, frozen=True):
     height_m: float | None = None
     from_home_m: float | None = None
     text: str = ""
-    """Reason of a failure; empty: none."""
+    """Reason of a failure, or "" without one."""
 
 
 class CommandResult(msgspec.Struct, frozen=True):
@@ -74,7 +74,7 @@ class _Boards(Generic[T]):
         return 0 if reader is None else reader.sequence
 
     def stamp_ns(self, platform: str) -> int | None:
-        """On the hardware clock of the platform; None: no value yet."""
+        """Stamp on the hardware clock of the platform, or None before the first value."""
         reader = self.of(platform)
         return None if reader is None else reader.stamp_ns
 

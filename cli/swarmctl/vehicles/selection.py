@@ -20,7 +20,7 @@ def mission_states(session: Session) -> dict[str, MissionState]:
 
 
 async def kinds(session: Session) -> dict[str, PlatformKind]:
-    """Kinds of all known platforms, including unreachable ones; empty: not received yet."""
+    """Kinds of all known platforms, including unreachable ones; "" until it is received."""
     boards = session.module.readers("/*/mission/state", MissionState)
     found = {}
     for name in await session.platforms():
@@ -55,7 +55,7 @@ async def is_station(session: Session, platform: str) -> bool:
 
 
 async def choose(session: Session, wanted: Iterable[str]) -> dict[str, PlatformKind]:
-    """The selected vehicles in natural order, with their kinds; without names those of `-n` or `--all`.
+    """The selected vehicles in natural order, with their kinds; without names those that `-n` selects.
 
     Raises: UsageError when none was named, NotFound when nothing matches, InvalidInput for a ground station.
     """

@@ -49,19 +49,19 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
 
     @property
     def held_by(self) -> str:
-        """Operator or pilot that drives it by hand; empty: none."""
+        """Operator or pilot that drives the vehicle by hand, or "" in other modes."""
         return self.mission.held_by if self.mission else ""
 
     @property
     def from_home_m(self) -> float | None:
-        """Horizontal distance from the place where it was armed; None: unknown."""
+        """Horizontal distance from the place of arming, or None if unknown."""
         if self.pose is None or self.home is None:
             return None
         return math.hypot(self.pose.x_m - self.home.x_m, self.pose.y_m - self.home.y_m)
 
     @property
     def circle_m(self) -> float:
-        """Radius of the circle by which it keeps a place; 0: it stops there."""
+        """Radius of the circle on which the vehicle keeps a place, or 0 if it can stop there."""
         return self.nav.circle_m if self.nav is not None else 0.0
 
     @property

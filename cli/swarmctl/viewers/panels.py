@@ -27,7 +27,7 @@ MAP: Final = "map"
 _POSE: Final = "nav/pose"
 """Resource that moves the frame of a platform; others are displayed in the map."""
 _MAP_M: Final = 100_000.0
-"""Distance from the origin beyond which the local map is no longer that of the Earth."""
+"""Distance from the origin beyond which the local map deviates from the Earth's surface."""
 _INFO, _WARNING, _ERROR = 2, 3, 4
 _LEVELS: Final = {"ok": _INFO, "warn": _WARNING, "error": _ERROR}
 _UNKNOWN, _APPROXIMATED = 0, 1

@@ -35,7 +35,7 @@ class BlockSpan(msgspec.Struct, frozen=True):
     start_s: float
     end_s: float
     outcome: str
-    """How the block ended (ok, timeout, error:…); empty: it had not ended."""
+    """End of the block (ok, timeout, error:…), or "" if it had not ended."""
     text: str = ""
     lane: int = 0
     """0 for the first of the blocks that were active at the same time."""
@@ -47,7 +47,7 @@ class MemberTimeline(msgspec.Struct, frozen=True):
     platform: str
     spans: tuple[BlockSpan, ...]
     outcome: MissionPhase | None = None
-    """Newest state of the mission; None: none was recorded."""
+    """Newest state of the mission, or None without a record."""
     end_s: float | None = None
 
     @property
@@ -72,7 +72,7 @@ class BarrierPassage(msgspec.Struct, frozen=True):
 
 
 def of_member(platform: str, steps: Steps, end_s: float) -> MemberTimeline:
-    """The spans of all blocks; one that had not ended lasts until `end_s`."""
+    """The spans of all blocks; a block that had not ended lasts until `end_s`."""
     open_at: dict[str, tuple[float, MissionProgress]] = {}
     found: list[BlockSpan] = []
     outcome: MissionPhase | None = None

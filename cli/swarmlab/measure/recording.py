@@ -76,7 +76,7 @@ class Recording:
         self.missing += sum(max(0, q.last - q.first + 1 - q.entries) for q in queues.values())
 
     def values(self, platform: str, path: str, cls: type[T]) -> list[tuple[float, T]]:
-        """Values in the order of their stamps; one that does not decode is skipped."""
+        """Values in the order of their stamps; undecodable values are skipped."""
         found = []
         for value in sorted(self._values.get((platform, path), []), key=lambda value: value.stamp_ns):
             try:

@@ -36,7 +36,7 @@ TEMPLATES: Final = {"gcs": "gcs", "ugv": "ugv", "usv": "usv", "uav": "multirotor
 
 
 def write_node(lab: LabState, node: LabNode, keys: Path) -> None:
-    """Writes the files of a node; `keys`: folder with those of all platforms."""
+    """Writes the files of a node; `keys`: folder with the keys of all platforms."""
     for directory in (node.config_dir / "services", node.run_dir, node.data_dir):
         directory.mkdir(mode=0o700, parents=True)
     shutil.rmtree(node.shm_dir, ignore_errors=True)

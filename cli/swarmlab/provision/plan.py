@@ -15,9 +15,9 @@ MIN_NODES: Final = 3
 MAX_NODES: Final = 200
 """Larger swarms are simulated in virtual time."""
 OFFSET_S: Final = 5.0
-"""Maximum offset of simulated clocks from true time …"""
+"""Maximum offset of simulated clocks from true time."""
 DRIFT_PPM: Final = 50.0
-"""… and their maximum drift: that of an uncompensated quartz."""
+"""Maximum drift of simulated clocks, typical of an uncompensated quartz."""
 
 
 class PlannedNode(msgspec.Struct, frozen=True):

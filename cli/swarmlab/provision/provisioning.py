@@ -51,10 +51,10 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     usv: int = 0
     """Number of surface vessels among the nodes."""
     name: str = ""
-    """Name of the lab; empty: the experiment's name, with a number when that is taken."""
+    """Name of the lab, or "" for the experiment's name, with a number when that is taken."""
     net: str = "loopback"
     radio: str = ""
-    """Name or path of a radio file; empty: the default of the network."""
+    """Name or path of a radio file, or "" for the default of the network."""
     per_daemon: str | None = None
     """None: one process per node; `all` or names: one per daemon on those."""
     units: str | None = None

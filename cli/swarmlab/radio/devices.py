@@ -9,7 +9,7 @@ from swarmctl.session.labs import LabNode
 from swarmlab.radio.namespace import NodeNamespace, enter_user_namespace, user_namespace
 
 TURN: Final = 64
-"""Frames of one node read before those of the others."""
+"""Maximum frames of one node that are read before the next node's."""
 
 OnFrames = Callable[[int, Iterable[bytes]], None]
 """Called with the index of a node and Ethernet frames that it sends."""

@@ -34,7 +34,7 @@ def find_radio(name: str) -> Path:
 def load_radio(path: Path) -> tuple[RadioModel, tuple[TracePoint, ...]]:
     """A radio file, and the rows of the recorded link that it names.
 
-    Raises: ConfigError with file, line or key, and what was expected.
+    Raises: ConfigError with file, line or key, and the expected value.
     """
     model = load(path, RadioModel)
     return model, () if model.trace is None else _rows(path.parent / model.trace.file)

@@ -43,7 +43,7 @@ _CAPABILITIES: Final = {"CAP_NET_ADMIN": 12, "CAP_SYS_ADMIN": 21}
 
 
 def check_rights() -> bool:
-    """Whether this process has the capabilities for the namespaces; False: in a user namespace it has them.
+    """Whether this process has the capabilities for the namespaces, or gets them only in a user namespace.
 
     Raises: Denied when it can have neither, or a program or the device is missing.
     """
@@ -123,7 +123,7 @@ class NodeNamespace:
         return f"/proc/{os.getpid()}/fd/{self._namespace}"
 
     def read(self) -> bytes | None:
-        """The next frame that the node sends; None when there is none."""
+        """The next frame that the node sends, or None without one."""
         try:
             return os.read(self._device, FRAME_MAX)
         except BlockingIOError:

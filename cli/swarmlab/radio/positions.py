@@ -17,7 +17,7 @@ TRUTH: Final = "sim/truth"
 
 
 class VehiclePositions:
-    """Follows the true pose of each platform; of a vehicle with several computers, on the one that has it."""
+    """Follows the true pose of each platform, at the computer of a distributed vehicle that publishes it."""
 
     def __init__(self, nodes: Sequence[LabNode]) -> None:
         self._nodes = [

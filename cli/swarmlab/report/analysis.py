@@ -181,7 +181,7 @@ class Analysis:
         return {p: errors[formed & np.isfinite(errors)] for p, errors in self._errors.items()}
 
     def _contacts(self, positions: Mapping[str, Floats]) -> list[Contact]:
-        """Contacts that the simulations reported, and those of the true paths."""
+        """Contacts that the simulations reported, and contacts of the true paths."""
         radii = {node.platform: node.radius_m for node in self._metadata.nodes}
         seen = tracks.touches(positions, radii, self._axis)
         for platform in self._vehicles:

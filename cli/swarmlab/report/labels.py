@@ -63,7 +63,7 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
 
 
 def around(points: Iterable[tuple[str, float, float]], size: float, area: LabelBox) -> list[Placed]:
-    """Labels beside their points, inside the area; one that finds no free place is left out."""
+    """Labels beside their points, inside the area; a label without a free place is left out."""
     taken: list[Placed] = []
     for text, x, y in points:
         for dx, dy in _ROUND:

@@ -173,7 +173,7 @@ class ComparisonRow(msgspec.Struct, frozen=True):
 
 
 def comparison(report: ExperimentReport) -> list[ComparisonRow]:
-    """Figures of paper S0 beside those of a run with as many nodes, then figures that it did not report."""
+    """Figures of paper S0 beside the figures of a run with as many nodes, then figures that S0 lacks."""
     rows = _rows(report)
     return rows if comparable(report) else [msgspec.structs.replace(row, paper="") for row in rows]
 

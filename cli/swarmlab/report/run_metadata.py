@@ -17,15 +17,15 @@ class NodeMetadata(msgspec.Struct, frozen=True, kw_only=True):
     platform: str
     kind: PlatformKind
     radius_m: float
-    """Radius of the vehicle; 0: not a vehicle."""
+    """Radius of the vehicle, or 0 for other platforms."""
     clock: ClockTruth
     processes: str
     outcome: str
-    """Newest state of its mission; empty: it had none."""
+    """Newest state of the platform's mission, or "" without one."""
     restarts: Restarts = Restarts()
     """Restarts of its process by its supervisor."""
     ended: str = ""
-    """How the node ended before the end of the run; empty: it did not."""
+    """How the node ended before the end of the run, or "" if it did not."""
     log: str = ""
     """Path of its processes' output in the report folder."""
     cpu_percent: float | None = None
@@ -46,7 +46,7 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     net: str
     version: str
     commit: str = ""
-    """Git commit of the sources, with -dirty where files differ from it; empty: not run from a checkout."""
+    """Git commit of the sources, with -dirty if files differ from it, or "" outside a checkout."""
     versions: dict[str, str] = {}
     """Versions of Python and the libraries."""
     command: str = ""
@@ -57,12 +57,12 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     command_mono_ns: int
     """True time (CLOCK_MONOTONIC) at which the command was given: zero of all plots."""
     instructed_ns: int = 0
-    """The same instant as the ground station stamped it, on its own hardware clock; 0: it never arrived."""
+    """Stamp of the command on the ground station's hardware clock, or 0 if it never arrived."""
     end_mono_ns: int
     """True time at which the last platform's mission was seen to have ended."""
     completed: bool
     failure: str = ""
-    """Why the mission was not completed; empty: it was."""
+    """Why the mission was not completed, or "" if it was."""
     orders: tuple[OrderReceipt, ...]
     nodes: tuple[NodeMetadata, ...]
 

@@ -28,9 +28,9 @@ def needs_measurement(nodes: int, cores: int) -> bool:
 
 
 def refusal(nodes: int, measured: HostInfo, first: int) -> str:
-    """Reason why the computer cannot run this number of nodes; empty when it can.
+    """Reason why the computer cannot run this number of nodes, or "" if it can.
 
-    The cost of a node grows with its neighbours: that of the first ones is a lower bound.
+    The cost of a node grows with its neighbours, so the cost of the first nodes is a lower bound.
     """
     assert measured.nodes_percent is not None
     per_node = measured.nodes_percent / first
@@ -52,7 +52,7 @@ def shortage(nodes: int, measured: HostInfo) -> str:
         return ""
     return (
         f"the processor is short for {nodes} nodes, {measured.summary()}: beacons slow down, and vehicles "
-        "steer less often; figures of time are those of this computer"
+        "steer less often; figures of time are this computer's"
     )
 
 

@@ -169,7 +169,7 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
     """Runs `lab down`: ends the named lab, the newest, or with `everything` all of this user.
 
     `keep`: do not remove configuration and logs.
-    Raises: NotFound when there is none, NoAnswer when a process does not end.
+    Raises: NotFound without such a lab, NoAnswer when a process does not end.
     """
     found = labs.labs() if everything else [labs.find_left(name or out.settings.lab)]
     ended = []

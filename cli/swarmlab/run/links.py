@@ -106,7 +106,7 @@ def cut(one: str, other: str, out: Output, *, one_way: bool) -> None:
 
 
 def heal(one: str, other: str, out: Output) -> None:
-    """Runs `lab heal`: of all links, of those of a node, or of those between two. Raises: as `impair`."""
+    """Runs `lab heal` for all links, the links of a node, or between two. Raises: as `impair`."""
     lab = _lab(out)
     _order(lab, HealLinks(_between(lab, one, other)), out)
 
@@ -137,7 +137,7 @@ def _lab(out: Output) -> LabState:
     lab = labs.find(out.settings.lab)
     if not lab.radio_file:
         raise InvalidInput(
-            f"lab {lab.name}: --net {lab.net} has no radio; expected one that was started with --net netns"
+            f"lab {lab.name}: --net {lab.net} has no radio; expected a lab started with --net netns"
         )
     return lab
 

@@ -14,13 +14,13 @@ class MissionRun:
 
     def __init__(self) -> None:
         self.command_mono_ns = 0
-        """True time of the command; 0: it was not given."""
+        """True time of the command, or 0 if it was not given."""
         self.end_mono_ns = 0
         self.answer: TaskAnswer | None = None
         self.members = MissionMembers((), 0)
         self.in_time = True
         self.error = ""
-        """Error that ended the run early; empty: it ran to its end or its time-out."""
+        """Error that ended the run early, or "" if it ran to its end or its time-out."""
         self.before: dict[str, Usage] = {}
         self.after: dict[str, Usage] = {}
         now = host.busy()

@@ -77,7 +77,7 @@ class SharedChild:
         with self.log.open("ab") as log:
             self._child = subprocess.Popen(
                 self._command,
-                stdin=subprocess.PIPE,  # by its end the process notices that of the lab's starter
+                stdin=subprocess.PIPE,  # its end shows the process that the lab's starter has ended
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=child_environment(self._lab, notify_path) | self._variables,

@@ -24,7 +24,7 @@ SHOWN: Final[dict[str, type[msgspec.Struct]]] = {
     "vehicle/state": VehicleState,
     "health/state": HealthState,
 }
-"""Boards of each vehicle, besides that of the mission, that an operator's console needs."""
+"""Boards of each vehicle that an operator's console needs in addition to the mission's board."""
 LOST: Final = "lost"
 """State of a member that was restarted and does not know the mission."""
 ENDED: Final = INACTIVE | {LOST}

@@ -29,9 +29,9 @@ class ServicePriority(msgspec.Struct, frozen=True):
     platform: str
     service: str
     nice: int
-    """5: it yields to others; -5: it goes before them."""
+    """Nice value, positive for a lower priority."""
     cores: tuple[int, ...]
-    """Cores on which it runs; empty: all."""
+    """Cores on which the application runs, or () for all."""
 
 
 class ApplicationList(msgspec.Struct, frozen=True):

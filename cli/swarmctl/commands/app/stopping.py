@@ -29,7 +29,7 @@ class ServicesChanged(msgspec.Struct, frozen=True):
 async def stop(session: Session, wanted: tuple[str, ...], wait_s: float, *, yes: bool, force: bool) -> None:
     """Stops services and waits until they have ended; asks before.
 
-    Raises: NotFound for a service that is not under the guard, Denied for one that cannot be stopped and for
+    Raises: NotFound for a service that is not under the guard, Denied for an indispensable service and for
     an armed vehicle unless `force`, NoAnswer when one does not end in time; as `Session.confirm`.
     """
     status = await _status(session, wanted)

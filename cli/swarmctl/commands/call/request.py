@@ -22,7 +22,7 @@ class CallAnswer(msgspec.Struct, frozen=True):
 
     path: str
     type: str
-    """Type of the answer; empty: the command has none."""
+    """Type of the answer, or "" for a command without one."""
     value: Any
     """Plain data; a single value without its Struct; null without an answer."""
     receiver: str = ""

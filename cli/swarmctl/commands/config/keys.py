@@ -43,18 +43,18 @@ class ConfiguredKey(msgspec.Struct, frozen=True):
     default: Any
     """Built-in default, or the first value of a live setting."""
     limits: str
-    """Permitted values; empty: all of the type."""
+    """Permitted values, or () for all values of the type."""
     live: bool
     """Changes take effect at once; else the file is changed, and the service restarted."""
     path: str
-    """Path of the live setting in the tree; empty: it is none."""
+    """Path of the live setting in the tree, or "" for a key that needs a restart."""
     service: str
-    """Service that reads the file, `node` for node.toml; empty: it has no file."""
+    """Service that reads the file, `node` for node.toml, or "" for a setting without a file."""
     file: str
     file_key: str
     """Key in the file."""
     line: int
-    """Line in the file; 0: the file does not have the key."""
+    """Line in the file, or 0 if the file does not have the key."""
     file_value: Any
     """Value by the present file; null: no file, or an invalid one."""
     pending: bool
@@ -66,7 +66,7 @@ class ConfiguredKey(msgspec.Struct, frozen=True):
     changed_by: str
     """Requester of the last change of a live setting."""
     changed_utc_ns: int
-    """Wall clock of the platform at the last change; 0: it was never changed."""
+    """Wall clock of the platform at the last change, or 0 if it was never changed."""
     meaning: str
 
     @property

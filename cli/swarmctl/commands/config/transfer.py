@@ -38,7 +38,7 @@ class SettingsLoaded(msgspec.Struct, frozen=True):
 
 
 class SettingDifference(msgspec.Struct, frozen=True):
-    """A setting that differs; None: it does not exist there."""
+    """A setting that differs; a side is None if the setting does not exist there."""
 
     key: str
     here: Any
@@ -46,12 +46,12 @@ class SettingDifference(msgspec.Struct, frozen=True):
 
 
 class SettingsDiff(msgspec.Struct, frozen=True):
-    """Settings of a platform that differ from those of a file or another platform."""
+    """Differences between the settings of a platform and of a file or another platform."""
 
     differences: list[SettingDifference]
     platform: str
     other: str
-    """File or platform; empty: the platform's own files."""
+    """File or platform to compare with, or "" for the platform's own files."""
 
 
 class DumpedSettings(msgspec.Struct, frozen=True):
@@ -186,7 +186,7 @@ async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry
 
 
 def _own_file(session: Session, file: str) -> Path:
-    """The file, or that of the platform in a folder: `NAME/`."""
+    """The file, or the platform's file in a folder, which ends in a slash."""
     return paths.platform_settings(Path(file), session.platform) if file.endswith("/") else Path(file)
 
 

@@ -16,4 +16,4 @@ class CheckResult(msgspec.Struct, frozen=True):
     advice: str = ""
     fixed: bool = False
     platform: str = ""
-    """Platform of the node; empty: a check of this machine."""
+    """Platform of the node, or "" for a check of this machine."""

@@ -18,7 +18,7 @@ SHM_LOW_BYTES: Final = 64 << 20
 
 
 def check_computer(users: set[int], *, fix: bool) -> list[CheckResult]:
-    """Results of all checks of this computer; `users`: those of its nodes; `fix` removes leftovers."""
+    """Results of all checks of this computer; `users`: users of its nodes; `fix` removes leftovers."""
     out = [_python(), _share(), _shared_memory(), _multicast()]
     out += [_remove_ipc(uid) for uid in sorted(users or {os.getuid()})]
     return [*out, *_leftovers(fix)]

@@ -12,7 +12,7 @@ from swarmware.model.clock import utc_ns
 from swarmware.types.outage import LinkOutage, OutagePhase
 
 WINDOW_S: Final = 600.0
-"""Outages that count: those of the last ten minutes."""
+"""Age up to which an outage counts."""
 UNSTEADY: Final = 3
 """Outages of one link in that time, from which it does not hold: a vehicle that passes by causes one."""
 REFUSALS_SHOWN: Final = 8
@@ -48,7 +48,7 @@ def check_joined(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
         text = f"members that this node does not reach: {', '.join(present.unreached)}"
         advice = (
             "whether they run; cable or radio; multicast_interface or seeds in broker.toml; UDP port 7447 and"
-            " the ports of broker.toml in their firewalls, and in that of this computer; the same `root` in"
+            " the ports of broker.toml in their firewalls, and in this computer's; the same `root` in"
             " `swarmctl keys show` there"
         )
         yield CheckResult("members", "warning", text, advice)

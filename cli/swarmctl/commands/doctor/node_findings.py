@@ -43,11 +43,11 @@ class ComputerFaults(msgspec.Struct, frozen=True):
     """Findings of the monitor of one computer."""
 
     computer: str
-    """Its name, such as `uav1.fc`; empty: the platform has only this one."""
+    """Name of the computer, such as `uav1.fc`, or "" for the only computer of a platform."""
     faults: tuple[Fault, ...] = ()
     """Confirmed faults that are not cleared."""
     silent: str = ""
-    """Why the monitor did not answer; empty: it did."""
+    """Why the monitor did not answer, or "" if it did."""
 
 
 class NodeFindings(msgspec.Struct, frozen=True):
@@ -62,9 +62,9 @@ class NodeFindings(msgspec.Struct, frozen=True):
     unanswered: tuple[str, ...] = ()
     """Nodes that are received for some time, and with which no link has come up."""
     members: int = 0
-    """Other members of the swarm; 0: the node has no keys, or its broker does not answer."""
+    """Other members of the swarm, or 0 without keys or an answer of the broker."""
     outages: tuple[LinkOutage, ...] | None = None
-    """Of its links, the newest first; None: its broker does not answer."""
+    """Outages of the node's links, the newest first, or None if its broker does not answer."""
 
 
 def query_node(folder: Path) -> NodeFindings:
@@ -102,7 +102,7 @@ async def _faults(module: Client, computer: Address, named: bool) -> ComputerFau
 
 
 async def _routes(module: Client) -> tuple[RouteState, ...] | None:
-    """Routes of the node; None: its broker does not run, which the check of services reports."""
+    """Routes of the node, or None without its broker, which the check of services reports."""
     try:
         return (await module.request("sys/broker/routes", Empty(), Routes, timeout_s=ANSWER_S)).routes
     except SwarmError:

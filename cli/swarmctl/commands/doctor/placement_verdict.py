@@ -192,7 +192,7 @@ def _load(unit: UnitPlacement) -> UnitLoad:
 
 
 def _communication(unit: UnitPlacement) -> float | None:
-    """Processor time of the communication layer, as a share of one core; None: not known apart."""
+    """Processor time of the communication layer as a share of one core, or None if other code shares it."""
     own = [one for one in unit.applications if one.name in COMMUNICATION]
     if not own or any(one.in_process > 1 for one in own):
         return None
@@ -217,7 +217,7 @@ def _modules(
 def _of_inputs(
     module: PlacedApplication, unit: UnitPlacement, load: UnitLoad, links: Sequence[LinkLoad]
 ) -> tuple[Verdict, str] | None:
-    """Verdict by the inputs from other computers; None: it has none."""
+    """Verdict by the inputs from other computers, or None without such an input."""
     inputs = [one for one in unit.inputs if module.name in one.applications]
     if not inputs:
         return None

@@ -46,7 +46,7 @@ _AXES: Final[dict[str, tuple[str, int]]] = {
 
 
 def keys_in(text: str) -> list[str]:
-    """The keys in what a terminal sends; arrows are those of w, s, a, d."""
+    """The keys in the bytes of a terminal; arrows count as w, s, a and d."""
     found = [
         key.replace("\x1bO", "\x1b[") if len(key) == 3 and key[2] in "ABCD" else key
         for key in _KEY.findall(text)

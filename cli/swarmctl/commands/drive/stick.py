@@ -82,7 +82,7 @@ class Stick:
 
     @property
     def lost(self) -> str:
-        """Why this operator does not have the stick any more; empty: it has it."""
+        """Why this operator lost the stick, or "" while having it."""
         state = self.state
         if state.holder_id == self._granted.holder_id:
             return ""

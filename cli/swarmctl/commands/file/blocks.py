@@ -26,7 +26,7 @@ class MovedFile(msgspec.Struct, frozen=True):
     resumed_bytes: int
     """Bytes that were there from a former transfer."""
     path: str = ""
-    """Where it was stored here; empty: it was sent."""
+    """Path of a received file on this computer, or "" for a sent file."""
 
 
 async def move_blocks(

@@ -42,13 +42,13 @@ from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
 
 RECORD: Final = ".fleet.json"
-"""In the configuration folder: what `fleet` has pushed and started."""
+"""File in the configuration folder that records what `fleet` has pushed and started."""
 STAGED: Final = ".fleet-staged"
-"""In the configuration folder: received and checked files that are being put in place."""
+"""File in the configuration folder with received and checked files that are not all in place yet."""
 LOCK: Final = ".fleet.lock"
 NODE: Final = "node.toml"
 INSTALLED: Final = "wheel/installed"
-"""In the environment: the SHA-256 sum of the installed wheel."""
+"""File in the environment with the SHA-256 sum of the installed wheel."""
 MODE: Final = 0o644
 ANSWER_S: Final = 2.0
 """Maximum wait for the answer of the node to this agent."""
@@ -57,7 +57,7 @@ TAIL_LINES: Final = 5
 
 
 class HostOrder(msgspec.Struct, frozen=True):
-    """What the operator's command orders."""
+    """Order of the operator's command to the agent."""
 
     verb: Literal["status", "push", "start", "stop"]
     config_dir: str
@@ -65,11 +65,11 @@ class HostOrder(msgspec.Struct, frozen=True):
     supervisor: str
     unit: str
     force: bool = False
-    """Stop also an armed vehicle, and a node that does not answer."""
+    """Whether to stop even an armed vehicle or a node that does not answer."""
     resume: bool = False
-    """The node is stopped for an upgrade."""
+    """Whether the node is stopped for an upgrade."""
     digest: str = ""
-    """Of the files of a push."""
+    """Digest of the files of a push."""
     wait_s: float = 60.0
 
 
@@ -81,7 +81,7 @@ class AgentError(msgspec.Struct, frozen=True):
 
 
 class FleetRecord(msgspec.Struct, frozen=True):
-    """What `fleet` has done on this host."""
+    """Record of the actions of `fleet` on this host."""
 
     files: dict[str, str] = {}
     """SHA-256 sum of each pushed file."""
@@ -90,11 +90,11 @@ class FleetRecord(msgspec.Struct, frozen=True):
     started_config: str = ""
     """Digest of the pushed files when the node was started."""
     resume: bool = False
-    """Stopped by an upgrade that has not started it again."""
+    """Whether an upgrade stopped the node and has not started it again."""
 
     @property
     def process(self) -> ProcessIdentity:
-        """The process `swarmd node` that was started; of a unit of systemd none."""
+        """The started process `swarmd node`, which never existed for a unit of systemd."""
         return ProcessIdentity(self.pid, self.start_ticks)
 
 
@@ -159,17 +159,17 @@ class HostAgent:
         replace_file(self._folder / RECORD, msgspec.json.encode(record), mode=MODE)
 
     def _push(self, received: bytes) -> None:
-        """Raises: InvalidInput when it is incomplete; ConfigError; then nothing was changed."""
+        """Checks and stores pushed files. Raises: InvalidInput, ConfigError, both before any change."""
         content = _content(received)
         if digest(content) != self._order.digest:
-            raise InvalidInput("the files arrived incomplete; expected those of the operator's folder")
+            raise InvalidInput("the files arrived incomplete; expected all files of the operator's folder")
         for name, data in content.items():
             check_file(name, data)
         replace_file(self._staged, received, mode=0o600)
         self._put_in_place(received)
 
     def _put_in_place(self, staged: bytes) -> None:
-        """Replaces each file; after an interruption the next order does it again, to the same end."""
+        """Replaces each file; the next order repeats an interrupted replacement with the same result."""
         content = _content(staged)
         node = parse(text(content[NODE_FILE], NODE_FILE), NodeConfig, NODE_FILE)
         record = self._record()
@@ -190,7 +190,7 @@ class HostAgent:
         )
 
     def _config(self, record: FleetRecord, node: NodeConfig) -> str:
-        """Digest of the pushed files as they are now; empty: none were pushed."""
+        """Digest of the present state of the pushed files, or "" without any."""
         found: dict[str, str] = {}
         for name in record.files:
             with suppress(FileNotFoundError):
@@ -223,7 +223,7 @@ class HostAgent:
         )
 
     async def _answer(self, node: NodeConfig) -> tuple[NodeInfo | None, bool | None]:
-        """Identity of the running node and whether it is armed; None: it does not answer."""
+        """Identity of the running node and whether it is armed, each None if the node does not answer."""
         try:
             async with connect(CliSettings(config=str(self._folder), timeout_s=ANSWER_S)) as session:
                 info = await session.ask("sys/node/info", Empty(), NodeInfo)
@@ -232,7 +232,7 @@ class HostAgent:
             return None, None
 
     def _start(self) -> None:
-        """Raises: SwarmError with the end of its log when the node ends, NoAnswer when it is not ready."""
+        """Starts the node. Raises: SwarmError with its last log lines if it ends, NoAnswer if not ready."""
         node, record = load_node(self._folder), self._record()
         started = self._config(record, node)
         deadline_s = time.monotonic() + self._order.wait_s
@@ -277,7 +277,7 @@ class HostAgent:
             raise NoAnswer(f"the node is not ready within {self._order.wait_s:g} s ({path}): {_tail(path)}")
 
     def _stop(self) -> None:
-        """Raises: Denied for an armed vehicle or one that does not answer, NoAnswer when it does not end."""
+        """Stops the node. Raises: Denied if it is armed or does not answer, NoAnswer if it does not end."""
         order, node, record = self._order, load_node(self._folder), self._record()
         ours = record.process.alive()
         if ours or populated(node.run_path):
@@ -312,7 +312,7 @@ class HostAgent:
             raise Denied(f"{node.platform} runs and does not answer, so it may be armed; expected --force")
 
     async def _mission(self) -> MissionState | None:
-        """State of the mission; None: there is no mission service, or it does not answer."""
+        """State of the mission, or None without a mission service or its answer."""
         try:
             async with connect(CliSettings(config=str(self._folder), timeout_s=ANSWER_S)) as session:
                 return (await session.ask("sys/mission/status", Empty(), MissionStatus)).state

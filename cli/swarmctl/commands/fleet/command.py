@@ -17,7 +17,7 @@ PARALLEL: Final = 16
 def cmd() -> None:
     """Install, start and stop nodes on other hosts over SSH; HOSTS.toml names the hosts.
 
-    Each command can be repeated after an interruption: it does what is still missing.
+    Each command can be repeated after an interruption, and then does the remaining steps.
 
     Example: swarmctl fleet up HOSTS.toml
     """
@@ -48,7 +48,7 @@ def _file(function: Callable[..., Any]) -> Callable[..., Any]:
         type=HostName(),
         multiple=True,
         metavar="HOST",
-        help="Hosts by name or pattern (uav1,ugv1 'uav*'); several -H add up; default: all.",
+        help="Hosts by name or pattern (uav1,ugv1 'uav*'); several -H add up; by default all.",
     )
     path = click.Path(path_type=Path)
     return click.argument("hosts_file", metavar="HOSTS.toml", type=path)(selected(function))
@@ -65,7 +65,7 @@ def _parallel(default: int) -> Callable[[Callable[..., Any]], Callable[..., Any]
     )
 
 
-_force = click.option("--force", is_flag=True, help="Also armed vehicles, and nodes that do not answer.")
+_force = click.option("--force", is_flag=True, help="Include armed vehicles and nodes that do not answer.")
 _yes = click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 _sync = click.option("--no-sync", is_flag=True, help="Do not wait until the data are synchronised.")
 
@@ -74,7 +74,7 @@ _sync = click.option("--no-sync", is_flag=True, help="Do not wait until the data
 @_file
 @click.pass_context
 def ls(ctx: click.Context, hosts_file: Path, selected: tuple[str, ...]) -> None:
-    """List the hosts: reached, version, running and since when, configuration, synchronised.
+    """List the hosts with their reachability, version, state, start, configuration and synchronisation.
 
     Example: swarmctl fleet ls HOSTS.toml
     """
@@ -85,13 +85,13 @@ def ls(ctx: click.Context, hosts_file: Path, selected: tuple[str, ...]) -> None:
 
 @cmd.command(nodes=Nodes.NONE)
 @_file
-@click.option("--wheel", type=click.Path(path_type=Path), metavar="FILE", help="Install this wheel, too.")
+@click.option("--wheel", type=click.Path(path_type=Path), metavar="FILE", help="Wheel to install as well.")
 @_parallel(PARALLEL)
 @click.pass_context
 def push(
     ctx: click.Context, hosts_file: Path, selected: tuple[str, ...], wheel: Path | None, parallel: int
 ) -> None:
-    """Bring configuration and missions, and with --wheel the software, to the hosts.
+    """Copy configuration and missions, and with --wheel the software, to the hosts.
 
     The files are checked on the host; then all are replaced, or none. A running node reads them at its
     next start.
@@ -153,7 +153,9 @@ def down(
 
 @cmd.command(nodes=Nodes.NONE)
 @_file
-@click.option("--wheel", type=click.Path(path_type=Path), required=True, metavar="FILE", help="The wheel.")
+@click.option(
+    "--wheel", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Wheel to install."
+)
 @_parallel(1)
 @click.option("--keep-going", is_flag=True, help="Continue with the next host when one fails.")
 @_yes
@@ -183,7 +185,7 @@ def exec_(
 ) -> None:
     """Run a command on the hosts and print its output, each line with the host.
 
-    The exit code is 0 when it succeeded on all hosts, and 3 when it failed on some.
+    The exit code is 0 if the command succeeded on all hosts, and 3 if it failed on some.
 
     Example: swarmctl fleet exec HOSTS.toml -- df -h /var/lib/swarm
     """

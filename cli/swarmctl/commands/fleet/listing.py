@@ -27,11 +27,11 @@ class ListedHost(msgspec.Struct, frozen=True):
     host: str
     address: str
     status: HostStatus | None
-    """Null: it was not reached."""
+    """State of the host, or null if it was not reached."""
     config: str
-    """Of the pushed files: current, changed, restart (pushed after the start), none."""
+    """State of the pushed files: current, changed, restart (pushed after the start) or none."""
     synchronised: bool | None = None
-    """Whether its data are synchronised with the operator's node; null: not examined."""
+    """Whether the data are synchronised with the operator's node, or null if not examined."""
     error: str = ""
     exit_code: int = 0
 
@@ -77,7 +77,7 @@ async def _synchronised(sync: Synchronisation | None, platform: str) -> bool | N
 
 
 def config_state(seen: HostStatus, wanted: str) -> str:
-    """Whether the pushed files are those of the operator, and whether the node runs with them."""
+    """Whether the pushed files equal the operator's files, and whether the node runs with them."""
     if not seen.config:
         return "none"
     if seen.config != wanted:

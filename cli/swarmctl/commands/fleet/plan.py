@@ -10,7 +10,7 @@ from swarmware.errors import Conflict, NotFound, SwarmError
 
 
 class FleetGoal(StrEnum):
-    """What a command brings a host to."""
+    """Goal of a command for a host."""
 
     PUSH = "push"
     UP = "up"
@@ -30,27 +30,27 @@ class Step(StrEnum):
 
 
 class HostStatus(msgspec.Struct, frozen=True):
-    """What is on a host."""
+    """State of a host and its node."""
 
     installed: bool = False
     """Whether its environment has Swarmware."""
     version: str = ""
     wheel: str = ""
-    """SHA-256 of the wheel that was installed by `fleet`; empty: none."""
+    """SHA-256 of the wheel that `fleet` installed, or "" without one."""
     configured: bool = False
     """Whether it has a node.toml."""
     config: str = ""
-    """Digest of the pushed files as they are now; empty: none were pushed, or one was changed there."""
+    """Digest of the pushed files, or "" if none were pushed or one was changed on the host."""
     running: bool = False
     answers: bool = False
     """Whether the node answers requests."""
     uptime_s: float | None = None
     started_config: str = ""
-    """Digest of the configuration with which `fleet` started the node; empty: it did not."""
+    """Digest of the configuration with which `fleet` started the node, or "" if it did not."""
     armed: bool | None = None
-    """Whether it is an armed vehicle; null: it does not answer."""
+    """Whether the node is an armed vehicle, or null if it does not answer."""
     resume: bool = False
-    """Stopped by an upgrade that has not started it again."""
+    """Whether an upgrade stopped the node and has not started it again."""
 
 
 ABSENT: Final = HostStatus()
@@ -58,11 +58,11 @@ ABSENT: Final = HostStatus()
 
 
 class Wanted(msgspec.Struct, frozen=True):
-    """What a command wants of a host."""
+    """Target state of a host."""
 
     goal: FleetGoal
     wheel: str = ""
-    """SHA-256 of the wheel; empty: the installed one is kept."""
+    """SHA-256 of the wheel, or "" to keep the installed one."""
     config: str = ""
     """Digest of the files to push."""
     synchronise: bool = False
@@ -70,7 +70,7 @@ class Wanted(msgspec.Struct, frozen=True):
 
 
 def next_step(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
-    """The next step towards the goal; None: it is reached. `done`: steps of this call.
+    """The next step towards the goal, or None if it is reached. `done`: steps of this call.
 
     Raises: Conflict and NotFound when the goal cannot be reached from here; SwarmError when a step that
     was done had no effect.
@@ -153,6 +153,6 @@ class FleetStep(msgspec.Struct, frozen=True):
     steps: tuple[Step, ...] = ()
     """Steps that were carried out."""
     synchronised: bool | None = None
-    """Whether its data are synchronised with the operator's node; null: not examined."""
+    """Whether the data are synchronised with the operator's node, or null if not examined."""
     error: str = ""
     exit_code: int = 0

@@ -97,7 +97,7 @@ class Remote:
         self._force = force
 
     async def status(self) -> HostStatus:
-        """What is on the host.
+        """State of the host and its node.
 
         Raises: as `ssh.run`; SwarmError from the host.
         """
@@ -133,7 +133,7 @@ class Remote:
         await self._script(_UPLOAD, self.host.keys.prefix, wheel.name, wheel.sum, stdin=wheel.data)
 
     async def install(self, wheel: Wheel) -> None:
-        """Install the wheel in the environment of the host, which is made if there is none.
+        """Install the wheel in the environment of the host, which is created if it is missing.
 
         Raises: as `upload`.
         """

@@ -22,7 +22,7 @@ class Synchronisation:
         self._session = session
 
     async def missing(self, platform: str) -> str:
-        """What is not synchronised; empty: the replica has the digest of the node's own tree."""
+        """Reason why the node is not synchronised, or "" if its replica has the digest of its own tree."""
         here = self._session.here
         try:
             replica = (await self._digests(here)).get(platform, 0)
@@ -59,7 +59,7 @@ class Synchronisation:
 
 @asynccontextmanager
 async def synchronisation(settings: CliSettings) -> AsyncIterator[Synchronisation | None]:
-    """The comparison through the operator's node; None: none runs on this machine.
+    """The comparison through the operator's node, or None if no node runs on this machine.
 
     Raises: as `connect` when a node was named and cannot be joined.
     """

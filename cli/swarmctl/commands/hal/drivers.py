@@ -15,7 +15,7 @@ class PlatformDrivers(msgspec.Struct, frozen=True):
 
     platform: str
     drivers: list[DriverStatus]
-    """Those of `hal/drivers`, in the order of its configuration."""
+    """Drivers of `hal/drivers`, in the order of its configuration."""
 
 
 class DriverList(msgspec.Struct, frozen=True):

@@ -40,7 +40,9 @@ class LoginName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generi
     default=None,
     help="Kind of the platform; default: the letters with which its name begins.",
 )
-@click.option("--template", default="", metavar="NAME", help="Resource template; default: that of the kind.")
+@click.option(
+    "--template", default="", metavar="NAME", help="Resource template; by default the template of the kind."
+)
 @click.option(
     "--unit",
     default="",

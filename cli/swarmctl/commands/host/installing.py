@@ -26,10 +26,10 @@ class HostChange(msgspec.Struct, frozen=True):
 
 
 class HostChanged(msgspec.Struct, frozen=True):
-    """What was changed on this computer."""
+    """Changes on this computer."""
 
     platform: str
-    """Platform of its node; empty: it has none."""
+    """Platform of the computer's node, or "" without a node."""
     units: tuple[str, ...]
     """Units of systemd that run the node."""
     dry_run: bool

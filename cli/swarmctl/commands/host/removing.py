@@ -42,7 +42,7 @@ def remove_node(out: Output, *, purge: bool, force: bool, yes: bool, dry_run: bo
 def check_disarmed(out: Output, node: NodeConfig) -> None:
     """Check that the node of this computer may be stopped.
 
-    Raises: Denied for an armed vehicle, and for one that runs and does not answer.
+    Raises: Denied for an armed vehicle, and for a vehicle that runs and does not answer.
     """
     if node.kind not in VEHICLES or not populated(node.run_path):
         return

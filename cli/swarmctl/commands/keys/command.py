@@ -16,7 +16,7 @@ read_root_option: Final = click.option(
     "root_dir",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="DIR",
-    help="Read the roster of the root in this folder, not that of the node.",
+    help="Folder of a root whose roster is read instead of the node's.",
 )
 
 

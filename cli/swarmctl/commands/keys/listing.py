@@ -19,7 +19,7 @@ from swarmware.transport.security.roster import Roster, RosterMember
 
 
 class ListedMember(msgspec.Struct, frozen=True):
-    """A member of the swarm, or one that was revoked."""
+    """A member of the swarm, or a revoked former member."""
 
     platform: str
     role: str
@@ -30,7 +30,7 @@ class ListedMember(msgspec.Struct, frozen=True):
     curve_public: str
     """X25519 public key, hexadecimal."""
     roster: int | None = None
-    """Version of the roster that the node has now; None: it was not asked, or not reached."""
+    """Version of the node's roster, or None if it was not requested or the node not reached."""
     invited: Literal["", "open", "expired"] = ""
     """Admitted by a file that was not seen in use; `expired`: no node can use it any more. Known where the
     root is on this computer."""

@@ -84,7 +84,7 @@ def show_made(out: Output, made: MadeSwarm) -> None:
 
 
 def _unused_root(folder: RootFolder, platform: str, swarm: str) -> Root:
-    """A root without other members: a new one, or that of an `init` that was interrupted."""
+    """A root without other members, either new or from an interrupted `init`."""
     if not folder.exists:
         return Root.make(folder.path, swarm)
     root = folder.load()

@@ -173,7 +173,7 @@ def _list_of(items: list[Content]) -> Content:
 
 
 def cells_of(columns: Sequence[TableColumn]) -> Callable[[Any], Sequence[Any]]:
-    """Function that returns the values of the columns of a decoded Struct; None where a part is None."""
+    """Function that returns the columns of a decoded Struct, each None if a part of its path is None."""
     paths = [column.path for column in columns]
     if len(paths) > 1 and all(len(path) == 1 for path in paths):
         return attrgetter(*(path[0] for path in paths))

@@ -22,10 +22,10 @@ def _source_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
             "--mongodb",
             type=SECRET,
             metavar="URI",
-            help="Read this database instead of local segments: a URI, `-` for that of the lab or node,"
+            help="Read this database instead of local segments: a URI, `-` for the lab's or node's database,"
             " @FILE for a URI in a file, @- for one from stdin.",
         ),
-        click.option("--database", metavar="NAME", help="Name of the database; default: that of the logger."),
+        click.option("--database", metavar="NAME", help="Name of the database; by default the logger's."),
     ):
         function = option(function)
     return function

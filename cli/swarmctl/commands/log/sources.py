@@ -94,7 +94,7 @@ def database(settings: CliSettings, uri: str, name: str) -> tuple[str, str]:
 
 
 def _forwarded(settings: CliSettings) -> tuple[str, str]:
-    """Address and name of the database to which the lab or node forwards; empty: none."""
+    """Address and name of the database to which the lab or node forwards, or "" without one."""
     lab = labs.chosen(settings)
     if lab is not None:
         return lab.mongodb_uri, lab.mongodb_database if lab.mongodb_uri else ""
@@ -108,7 +108,7 @@ def _forwarded(settings: CliSettings) -> tuple[str, str]:
 
 
 def folders(settings: CliSettings, folder: str | None) -> list[Path]:
-    """Folders of segments: the given one, those of a lab's nodes, or that of the node itself.
+    """Folders of segments: the given folder, the folders of a lab's nodes, or the node's own folder.
 
     Raises: NotFound when there are no segments, InvalidInput for a log of another program.
     """
@@ -131,7 +131,7 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
 
 
 def absolute(pattern: str, settings: CliSettings) -> str:
-    """A pattern with its platforms: those of `-n`, else all."""
+    """A pattern with its platforms, from `-n` or else all platforms."""
     platforms = NodeSelection(settings.node or EVERY).pattern
     return pattern if pattern.startswith("/") else f"/{platforms}/{pattern}"
 

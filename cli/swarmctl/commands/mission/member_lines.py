@@ -38,7 +38,7 @@ class MemberProgress(msgspec.Struct, frozen=True):
 
     @property
     def eta_s(self) -> float | None:
-        """Time to the goal at the present speed; None: unknown, or it does not move."""
+        """Time to the goal at the present speed, or None if unknown or at rest."""
         if self.distance_m is None or self.speed_m_s < MOVING_M_S:
             return None
         return self.distance_m / self.speed_m_s

@@ -26,7 +26,7 @@ from swarmware.types.vehicle import NavStatus, Pose
 
 UNSUCCESSFUL: Final = INACTIVE - {MissionPhase.DONE}
 SILENT_S: Final = 5.0
-"""A member sends its state once a second; the command does not wait for one that missed five."""
+"""A member sends its state once a second; the command stops waiting for a member that missed five."""
 
 
 class ActiveMission(msgspec.Struct, frozen=True):
@@ -40,7 +40,7 @@ class ActiveMission(msgspec.Struct, frozen=True):
     plays: bool
     """Whether it has not ended at every member."""
     ordered_by: str = ""
-    """Who ordered it, `user@platform`, as its members say; empty: none of them answered."""
+    """User that started the mission, as `user@platform` by its members, or "" if none answered."""
 
 
 class MemberState(msgspec.Struct, frozen=True):
@@ -54,7 +54,7 @@ async def find_active(session: Session) -> ActiveMission:
     """The active run, else the newest one: of the platform that `-n` names, else of any.
 
     The queried platform need not be a member itself.
-    Raises: NotFound when there is none.
+    Raises: NotFound without such a mission.
     """
     states = mission_states(session)
     if names_one(session.settings.node):

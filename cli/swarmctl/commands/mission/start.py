@@ -21,7 +21,7 @@ async def start(
 ) -> None:
     """Prints the members, asks, sends the instruction; `mission`: name given by the operator.
 
-    `members`: names and patterns of those that take part; empty: all.
+    `members`: names and patterns of the vehicles that take part, or () for all.
 
     Raises: Partial when a platform refused or did not answer; with `watch` as `follow`.
     """

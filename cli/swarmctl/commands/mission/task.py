@@ -25,7 +25,7 @@ class MissionVerdict(msgspec.Struct, frozen=True):
     sound: bool
     findings: list[Finding]
     mission: str = ""
-    """Name of the mission: that of its folder, or of its only file."""
+    """Name of the mission, from its folder or its only file."""
 
 
 def locate(name: str) -> Path:
@@ -57,7 +57,7 @@ def check_all(missions: Iterable[str]) -> list[MissionVerdict]:
 
 
 def _name(where: Path) -> str:
-    """Name of the mission: that of its folder, or of its only file."""
+    """Name of the mission, from its folder or its only file."""
     path = where.resolve()
     return path.parent.name if path.name == MANIFEST else path.name
 

@@ -46,7 +46,7 @@ KINDS: Final[dict[str, ScaffoldKind]] = {
     "block": ScaffoldKind("survey", group=BLOCK_GROUP),
     "mission": ScaffoldKind("relay", test="swarmctl mission check .", imported=False),
 }
-"""By the name of their folder in share/swarm/scaffolds, which is that of their command."""
+"""By the name of their folder in share/swarm/scaffolds, which equals the name of their command."""
 
 
 class NewFolder(msgspec.Struct, frozen=True):
@@ -66,7 +66,7 @@ class NewFolder(msgspec.Struct, frozen=True):
 def make_scaffold(kind: str, name: str, parent: Path, out: Output) -> None:
     """Make the folder `parent/name` from the scaffold of a kind.
 
-    Raises: InvalidInput for a name that is none, Conflict for one that is taken, NotFound without the parent.
+    Raises: InvalidInput for an invalid name, Conflict for a taken one, NotFound without the parent.
     """
     made = KINDS[kind]
     _check_name(kind, name)

@@ -16,7 +16,7 @@ from swarmware.errors import Conflict, InvalidInput, NoAnswer, NotFound
 
 
 class NewNode(msgspec.Struct, frozen=True):
-    """A platform that is to come."""
+    """A platform that will be added."""
 
     platform: str
     address: str = ""
@@ -27,14 +27,14 @@ class NewNode(msgspec.Struct, frozen=True):
 
     @property
     def keys(self) -> dict[str, str]:
-        """Those keys of its node.toml that are given."""
+        """Given keys of the platform's node.toml."""
         return {name: value for name, value in (("kind", self.kind), ("template", self.template)) if value}
 
 
 def add_node(
     out: Output, new: NewNode, plan: InvitationPlan, root_dir: Path | None, file: Path | None
 ) -> None:
-    """Adds a platform; a repeated call continues what was interrupted.
+    """Adds a platform; a repeated call continues an interrupted one.
 
     Raises: Conflict when the name is taken, InvalidInput for contradicting options; as `invite_nodes` and
     `add_host`.
@@ -82,7 +82,7 @@ def _has_keys(out: Output) -> bool:
 
 
 async def _reachable(out: Output) -> set[str]:
-    """Platforms with a route now; none without a running node here."""
+    """Platforms with a route now; empty without a running node here."""
     try:
         async with connect(out.settings, out) as session:
             return {session.here, *(route.platform for route in (await session.routes()).routes)}

@@ -66,7 +66,7 @@ def info(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 @timeout_option(30.0)
 @click.pass_context
 def restart(ctx: click.Context, platforms: tuple[str, ...], yes: bool, force: bool, wait_s: float) -> None:
-    """Restart all services of nodes by their guards, one after the other; the time-out is that of each.
+    """Restart all services of nodes by their guards, one after the other; the time-out holds for each.
 
     Several nodes restart at the same time, the joined one after the others. An armed vehicle is refused,
     unless --force is given.

@@ -23,7 +23,7 @@ class NodeDrained(msgspec.Struct, frozen=True):
 
     platform: str
     drained_by: str
-    """Who drained it; empty: it is not drained."""
+    """User that drained the node, or "" if it is not drained."""
     mission: MissionState
 
 

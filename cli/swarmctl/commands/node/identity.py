@@ -12,12 +12,12 @@ from swarmware.types.system import NodeInfo
 
 
 class ShownNode(msgspec.Struct, frozen=True):
-    """Identity of a node; of one that does not answer, its last known state."""
+    """Identity of a node, or its last known state if it does not answer."""
 
     platform: str
     answers: bool
     unit: str | None = None
-    """Null with the other fields of the identity: it does not answer."""
+    """Unit of the computer, or null like all fields of the identity if the node does not answer."""
     kind: str | None = None
     template: str | None = None
     version: str | None = None
@@ -27,13 +27,13 @@ class ShownNode(msgspec.Struct, frozen=True):
     config_dir: str | None = None
     processes: str | None = None
     reason: str = ""
-    """Why it does not answer; empty: it does."""
+    """Why the node does not answer, or "" if it does."""
     last: LastWords | None = None
-    """Last known state; null: it answers."""
+    """Last known state, or null if the node answers."""
 
 
 async def show_node(session: Session) -> None:
-    """Prints the identity of one node; of one that does not answer, the last known state and the reason.
+    """Prints the identity of a node or, if it does not answer, its last known state and the reason.
 
     Raises: NoAnswer in the second case; NotFound for an unknown platform.
     """

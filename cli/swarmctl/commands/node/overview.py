@@ -43,7 +43,7 @@ class NodeOverview(msgspec.Struct, frozen=True):
     sync: NodeSync | None = None
     """Whether its data are synchronised, or null if its tree did not answer."""
     units: tuple[str, ...] = ()
-    """Its computers that have a route; those of the joined platform without this one."""
+    """The platform's computers that have a route; of the joined platform without this computer."""
 
 
 class NodeList(msgspec.Struct, frozen=True):

@@ -60,7 +60,7 @@ class Removal:
     def run(self, wait_s: float, *, yes: bool, force: bool) -> None:
         """Removes them and prints what has happened.
 
-        Raises: NotFound for an unknown platform; Conflict for one that plays a mission, or runs in a swarm
+        Raises: NotFound for an unknown platform; Conflict for a platform in a mission, or running in a swarm
         without keys; Denied for an armed one unless `force`; Partial when a node has not forgotten them; as
         `confirm`, `signed` and `remove_hosts`.
         """
@@ -129,7 +129,7 @@ class Removal:
         return [node for node in nodes if node not in missing], missing
 
     async def _forget_at(self, session: Session, node: str, wait_s: float) -> SwarmError | None:
-        """The error that remains after the time; None: the node has forgotten all."""
+        """The error that remains after the time, or None if the node has forgotten the platform."""
         error: SwarmError | None = None
         try:
             async with asyncio.timeout(wait_s):

@@ -145,7 +145,7 @@ class Renaming:
             out.table(
                 columns, [(done.former, done.platform, done.config_dir, "renamed" if done.keys else "none")]
             )
-        out.say(f"start {done.platform}; its settings and logs are those of {done.former}")
+        out.say(f"start {done.platform}; it has the settings and logs of {done.former}")
         if done.keys:
             out.say(f"each node that takes the new roster forgets the name {done.former}")
         else:

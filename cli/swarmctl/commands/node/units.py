@@ -90,7 +90,7 @@ async def _unit(session: Session, address: Address, route: RouteState | None) ->
 
 
 async def _ask(session: Session, address: Address, path: str, reply: type[R]) -> R | None:
-    """The answer of one computer; None: it has none."""
+    """The answer of one computer, or None without one."""
     full, wait_s = names.join(address.path, path), session.settings.timeout_s
     try:
         return await session.module.request(full, Empty(), reply, timeout_s=wait_s)

@@ -53,7 +53,7 @@ def pub(
 ) -> None:
     """Publish a value as a board, event or stream of the joined node, as a module does.
 
-    The resource belongs to this command and ends with it; one that has another owner is refused. VALUE is
+    The resource belongs to this command and ends with it; a resource with another owner is refused. VALUE is
     JSON, one plain word, or a word field=value for each field; a plain word needs no --type.
 
     Example: swarmctl pub test/height 1.5 --rate 10 --count 50

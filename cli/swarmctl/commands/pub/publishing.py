@@ -29,7 +29,7 @@ class ValuesToPublish(msgspec.Struct, frozen=True):
     count: int | None = None
     """None: once, or with a rate until the command is interrupted."""
     type: str = ""
-    """Type of a new resource; empty: that of the plain value."""
+    """Type of a new resource, or "" for the type of the plain value."""
     kind: str = "board"
     """Kind of a new resource."""
     hold_s: float = 2.0
@@ -139,7 +139,7 @@ async def _repeat(
     value: msgspec.Struct,
     wanted: ValuesToPublish,
 ) -> None:
-    """Writes the value once, or at its rate, and prints what was published."""
+    """Writes the value once, or at its rate, and prints the published values."""
     clock = session.module.clock
     count = 1 if wanted.rate_hz is None and wanted.count is None else wanted.count
     period_ns = 1e9 / (wanted.rate_hz or 1.0)

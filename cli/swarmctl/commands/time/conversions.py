@@ -1,4 +1,4 @@
-"""Conversion functions from the clock of one platform to those of the others."""
+"""Conversion functions from the clock of one platform to the clocks of the others."""
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column

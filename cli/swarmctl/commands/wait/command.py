@@ -29,7 +29,7 @@ from swarmctl.commandline.parameters import at_path
 def wait(ctx: click.Context, path: str, condition: tuple[str, ...], wait_s: float) -> None:
     """Wait until a condition on the value of a resource holds, also of a resource that does not exist yet.
 
-    CONDITION is that of missions, in which a name without a slash is a field of the resource, and age() its
+    CONDITION is a condition as in missions; a name without a slash is a field of the resource, and age() its
     age in seconds: 'z_m > 5 and age() < 1', 'state == "done"'. Several platforms must all reach it.
 
     Example: swarmctl wait /uav1/vehicle/state 'armed == true' --timeout 60

@@ -22,7 +22,7 @@ class OperandValue(msgspec.Struct, frozen=True):
 
     path: str
     field: str
-    """`age()` for the age; empty: the only field."""
+    """Name of the field, `age()` for the age, or "" for the only field."""
     value: Scalar | None
     """null: no value."""
     age_s: float | None
@@ -71,7 +71,7 @@ class ConditionWatch:
         return self._expression.holds(self) is True
 
     def next_change_s(self, now_ns: int) -> float | None:
-        """Time until an age may change the condition without a new value; None: none will."""
+        """Time until an age may change the condition without a new value, or None if no age will."""
         self._now_ns = now_ns
         return self._expression.next_change_s(self)
 
@@ -105,12 +105,12 @@ class ConditionWatch:
     # -- the lookup of the condition
 
     def value(self, path: str, field: str) -> Scalar | None:
-        """Newest value of a field; None: none yet."""
+        """Newest value of a field, or None before the first value."""
         found = self._values.get(self._full(path))
         return None if found is None else scalar_of(found, field)
 
     def age_s(self, path: str) -> float | None:
-        """Age of the newest value; None: none yet, or its clock is unknown."""
+        """Age of the newest value, or None without a value or its clock."""
         stamp_ns = self._stamps_ns.get(self._full(path))
         return None if stamp_ns is None else (self._now_ns - stamp_ns) / 1e9
 

@@ -95,7 +95,7 @@ class _Wait:
         self._changed.set()
 
     async def follow(self, path: str) -> None:
-        """Takes each value of a resource, also of one that appears later."""
+        """Takes each value of a resource, even if the resource appears later."""
         session = self._session
         reader = session.module.frame_reader(path, every=True)
         entry = await find_entry(session, path)
@@ -124,10 +124,10 @@ class _Wait:
             self._session.out.detail(f"{path}: a value is skipped: {error}")
             return
         self._watch.on_value(path, value, stamp_ns)
-        self._evaluate()  # at each value: one that lasts a moment counts as well
+        self._evaluate()  # at each value, because a condition that holds only for a moment counts as well
 
     async def _take_present(self, path: str, cls: type[msgspec.Struct]) -> None:
-        """The value in force now; that of a lost platform does not count."""
+        """The value in force now; a lost platform has none."""
         session = self._session
         try:
             found = await newest(session, path)

@@ -31,17 +31,17 @@ class Impairment(msgspec.Struct, frozen=True, kw_only=True):
     jitter_s: AddedDelay = 0.0
     """Maximum random delay beside it, uniformly distributed; frames stay in order."""
     rate_bit_s: RateLimit = 0.0
-    """Limit of the rate in bit/s; 0: none."""
+    """Limit of the rate in bit/s, or 0 for no limit."""
 
 
 class ImpairmentChange(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """New values of an impairment; None: unchanged."""
+    """New values of an impairment, each None to keep the former one."""
 
     loss_ratio: LossRatio | None = None
     delay_s: AddedDelay | None = None
     jitter_s: AddedDelay | None = None
     rate_bit_s: RateLimit | None = None
-    """Limit of the rate in bit/s; 0: none."""
+    """Limit of the rate in bit/s, or 0 for no limit."""
 
     @property
     def is_empty(self) -> bool:
@@ -62,7 +62,7 @@ class DropReason(StrEnum):
     OUT_OF_RANGE = "out of range"
     CUT = "cut"
     QUEUE = "queue"
-    """The transmit queue of the sender, or that of a limited rate, was full."""
+    """The transmit queue of the sender, or the queue of a limited rate, was full."""
 
 
 class DirectedLink:

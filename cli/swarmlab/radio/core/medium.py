@@ -40,11 +40,11 @@ class Medium:
         return True
 
     def next_start_ns(self) -> int | None:
-        """Instant at which the next transmission starts; None: nothing is queued."""
+        """Instant at which the next transmission starts, or None with an empty queue."""
         return min(map(self._start_ns, self._waiting), default=None)
 
     def take(self, now_ns: int) -> tuple[WaitingFrame, int] | None:
-        """The next frame whose transmission has started, and when it did; None: there is none."""
+        """The next frame whose transmission has started and the instant of its start, or None."""
         ready = [
             (self._start_ns(sender), self._queues[sender][0].since_ns, sender) for sender in self._waiting
         ]

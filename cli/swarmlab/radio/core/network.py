@@ -47,7 +47,7 @@ class LinkReport(msgspec.Struct, frozen=True):
     """up | cut | out of range."""
     distance_m: float
     rate_bit_s: float
-    """Rate of unicast frames by distance, in bit/s; 0: a wire."""
+    """Rate of unicast frames by distance in bit/s, or 0 for a wire."""
     radio_loss_ratio: float
     """Loss of one transmission by distance."""
     impairment: Impairment
@@ -98,7 +98,7 @@ class RadioCore:
         self._order = 0
 
     def deadline_ns(self) -> int | None:
-        """Instant of the next arrival or transmission; None: nothing is on the way."""
+        """Instant of the next arrival or transmission, or None without a frame on its way."""
         start_ns = self._medium.next_start_ns()
         if not self._due:
             return start_ns
@@ -213,7 +213,7 @@ class RadioCore:
             self._arrive(node, frame, at_ns)
 
     def _transmissions(self, sender: int, receiver: int, quality: RadioQuality, limit: int) -> int:
-        """Transmissions until the frame is received; 0: it is not, which is counted."""
+        """Transmissions until the frame is received, or 0 for a lost frame, which is counted."""
         for made in range(1, limit + 1):
             if self._chance() >= quality.loss_ratio:
                 return made
