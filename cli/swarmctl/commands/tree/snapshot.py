@@ -72,7 +72,7 @@ class ValuesLoaded(msgspec.Struct, frozen=True):
 
 
 async def take_snapshot(session: Session, pattern: str, valued: Container[str] = VALUED) -> TreeSnapshot:
-    """Resources that match; those of the kinds `valued` with the values of their owners.
+    """Resources that match; resources of the kinds `valued` have the values of their owners.
 
     Raises: NotFound when nothing matches.
     """
