@@ -221,7 +221,6 @@ GRAMMAR: Final = {
 """Telegraph style, and pronouns in place of nouns, which a reader of one line does not understand."""
 NOT_YET: Final = (
     "daemons",
-    "lib",
     "share/doc",
     "tests",
 )

@@ -189,7 +189,7 @@ def test_a_table_has_what_was_set_in_the_words_of_the_command(radio: ServedRadio
 
 def test_a_lab_without_a_radio_and_one_whose_radio_has_ended_are_named(folder: Path) -> None:
     state = save_lab(folder, "")
-    with pytest.raises(InvalidInput, match=r"has no radio; expected one .* --net netns"):
+    with pytest.raises(InvalidInput, match=r"has no radio; expected a lab started with --net netns"):
         links.heal("", "", output()[0])
     labs.save(msgspec.structs.replace(state, radio_file="s3.toml"))
     with pytest.raises(NoAnswer, match=r"radio\.sock.*expected its process to run"):

@@ -165,6 +165,7 @@ class HostAgent:
             raise InvalidInput("the files arrived incomplete; expected all files of the operator's folder")
         for name, data in content.items():
             check_file(name, data)
+        # stored whole before the first file is replaced, so that the next order can finish the push
         replace_file(self._staged, received, mode=0o600)
         self._put_in_place(received)
 
@@ -177,9 +178,11 @@ class HostAgent:
             path = self._path(name, node)
             path.parent.mkdir(parents=True, exist_ok=True)
             replace_file(path, data, mode=MODE)
+        # files of a former push that are no longer in the operator's folder
         for name in record.files.keys() - content.keys():
             self._path(name, node).unlink(missing_ok=True)
         self._save(msgspec.structs.replace(record, files=sums(content)))
+        # last: as long as it exists, the replacement counts as incomplete
         self._staged.unlink()
 
     def _path(self, name: str, node: NodeConfig) -> Path:
@@ -213,6 +216,7 @@ class HostAgent:
             version=info.version if info is not None else __version__,
             wheel=wheel,
             configured=True,
+            # with half of the files replaced no digest would be true
             config="" if self._staged.exists() else self._config(record, node),
             running=running,
             answers=info is not None,
@@ -243,6 +247,7 @@ class HostAgent:
             if populated(node.run_path):
                 raise Conflict("the node runs, and `fleet` did not start it; expected it to be ended there")
             self._start_detached(node, FleetRecord(record.files, started_config=started), deadline_s)
+        # a unit of systemd, or a ready main process, may still start services
         while not asyncio.run(self._answer(node))[0]:
             if time.monotonic() > deadline_s:
                 raise NoAnswer(f"the node runs, but does not answer within {self._order.wait_s:g} s")

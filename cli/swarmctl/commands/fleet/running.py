@@ -47,7 +47,7 @@ class FleetRun:
 
             async def one(host: FleetHost) -> None:
                 async with slots:
-                    if stops and self.errors:
+                    if stops and self.errors:  # a wheel that breaks one host would break the next
                         outcome = FleetStep(host.name, HostState.NOT_BEGUN, done=True)
                     else:
                         outcome = await self._outcome(host, progress.show)
@@ -124,6 +124,7 @@ class FleetRun:
         except NoAnswer:
             raise  # nothing can be started there now; a repeated call continues from here
         except SwarmError as error:
+            # only a node that this command stopped is started again
             if not seen.resume:
                 raise
             await remote.start()

@@ -30,9 +30,10 @@ class Finished(msgspec.Struct, frozen=True):
 
 
 def command_line(host: FleetHost, words: Sequence[str], connect_s: float) -> list[str]:
-    """The words of the local `ssh` for a command on a host; the shell of the host gets each word quoted."""
+    """Words of the local `ssh` for a command on a host, each quoted for the host's shell."""
     keys = host.keys
     options = {
+        # no questions: many hosts are reached at once without an operator at each
         "BatchMode": "yes",
         "StrictHostKeyChecking": "yes",
         "ConnectTimeout": str(max(1, round(connect_s))),
@@ -43,11 +44,13 @@ def command_line(host: FleetHost, words: Sequence[str], connect_s: float) -> lis
     if keys.known_hosts:
         # the value of an option is split at blanks unless it is quoted
         options["UserKnownHostsFile"] = f'"{host.folder / keys.known_hosts}"'
+        # a file of the fleet replaces the machine's, or a host of the same name would match
         options["GlobalKnownHostsFile"] = "/dev/null"
     line = ["ssh", "-T", "-p", str(keys.port), "-l", keys.user]
     for name, value in options.items():
         line += ["-o", f"{name}={value}"]
     if keys.identity:
+        # without this, keys of the agent are tried first and may exhaust the server's attempts
         line += ["-o", "IdentitiesOnly=yes", "-i", str(host.folder / keys.identity)]
     raised = ["sudo", "-n", "--"] if keys.sudo else []
     return [*line, "--", host.address, shlex.join([*raised, *words])]
@@ -56,7 +59,7 @@ def command_line(host: FleetHost, words: Sequence[str], connect_s: float) -> lis
 async def run(
     host: FleetHost, words: Sequence[str], connect_s: float, stdin: bytes | None = None
 ) -> Finished:
-    """Run a command on a host to its end; it is ended with this call.
+    """Run a command on a host to its end; a cancelled call ends the command.
 
     Raises: NoAnswer when the host is not reached, Denied when it refuses the connection or is not known.
     """
@@ -96,10 +99,10 @@ async def follow(
 
 
 async def _line(stream: asyncio.StreamReader) -> bytes:
-    """The next line, or the next LINE_BYTES of a longer one."""
+    """The next line, or the next LINE_BYTES of a longer line."""
     try:
         return await stream.readuntil()
-    except asyncio.IncompleteReadError as end:
+    except asyncio.IncompleteReadError as end:  # the last line without a line feed
         return end.partial
     except asyncio.LimitOverrunError as long:
         return await stream.read(long.consumed)

@@ -35,13 +35,13 @@ class NodesRemoved(msgspec.Struct, frozen=True):
 
     platforms: list[str]
     revoked: list[str]
-    """Those whose keys were revoked."""
+    """Platforms whose keys were revoked."""
     forgotten: list[str]
-    """Nodes that have forgotten them."""
+    """Nodes that have forgotten the platforms."""
     missing: dict[str, str]
-    """Nodes that have not, and why; a repeated call asks them again."""
+    """Nodes that have not forgotten them, with the reason; a repeated call asks them again."""
     hosts: list[str]
-    """Those that were removed from the file of hosts."""
+    """Platforms that were removed from the file of hosts."""
 
 
 class Removal:
@@ -58,7 +58,7 @@ class Removal:
         self._members: tuple[str, ...] = ()
 
     def run(self, wait_s: float, *, yes: bool, force: bool) -> None:
-        """Removes them and prints what has happened.
+        """Removes the platforms and prints the result.
 
         Raises: NotFound for an unknown platform; Conflict for a platform in a mission, or running in a swarm
         without keys; Denied for an armed one unless `force`; Partial when a node has not forgotten them; as
@@ -74,6 +74,7 @@ class Removal:
         hosts = remove_hosts(self._file, self._platforms) if self._file is not None else []
         if self._members:
             members = self._members
+            # before the others forget: a member that still has its keys would be learned again
             warn_late(self._out, signed(self._out, self._folder, lambda root: root.revoke(*members), members))
         forgotten, missing = asyncio.run(self._forget(wait_s))
         self._show(NodesRemoved(list(self._platforms), list(self._members), forgotten, missing, hosts))
@@ -99,6 +100,7 @@ class Removal:
 
     async def _check_idle(self, session: Session, *, force: bool) -> None:
         platform = session.platform
+        # without a revocation a running node would appear again at once
         if platform not in self._members:
             raise Conflict(f"{platform}: it runs, and has no key to revoke; expected it to be ended before")
         if force:
@@ -156,7 +158,7 @@ class Removal:
 
 
 async def forget_at(session: Session, node: str, platforms: Sequence[str]) -> None:
-    """Makes one node forget platforms: structure and last values, applications, and the report of its loss.
+    """Makes one node forget platforms: structure, last values, applications, and the fault of their loss.
 
     Raises: Conflict while one is reachable there; as `Module.request`.
     """

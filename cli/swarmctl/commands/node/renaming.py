@@ -40,13 +40,13 @@ class NodeRenamed(msgspec.Struct, frozen=True):
     platform: str
     config_dir: str
     keys: bool
-    """Whether its key was admitted with the name."""
+    """Whether the node's key was admitted with the new name."""
     hosts: bool
-    """Whether its entry in the file of hosts was renamed."""
+    """Whether the node's entry in the file of hosts was renamed."""
 
 
 class Renaming:
-    """Another name for the node on this computer. Each step can be repeated after an interruption."""
+    """Change of the name of the node on this computer; each step can be repeated after an interruption."""
 
     def __init__(self, out: Output, former: str, platform: str) -> None:
         self._out = out
@@ -55,7 +55,7 @@ class Renaming:
         self._found = NodeKeys.find(out.settings)
 
     def run(self, token: str, root_dir: Path | None, hosts_file: Path | None, *, yes: bool) -> None:
-        """Renames it: with the token of an invitation for the new name, else by the root on this computer.
+        """Renames the node, with the token of an invitation for the new name or by the root on this computer.
 
         Raises: NotFound when the node of this computer has another name; Conflict when it runs, or the name
         is taken; as `confirm`, `credentials_for` and `rename_host`.
@@ -79,6 +79,7 @@ class Renaming:
         confirm(yes, f"rename {former} to {platform}: its resources have other paths from its next start")
         if keyed:
             self._admit(token, root_dir)
+        # after the keys: until then the node keeps its former name, and a repeated call continues
         replace_file(found.config_dir / "node.toml", text.encode(), mode=MODE)
         hosts = hosts_file is not None and rename_host(hosts_file, former, platform)
         if keyed and not token:
