@@ -115,6 +115,15 @@ def test_a_slow_sender_without_loss_may_miss_one_datagram(table: NeighbourTable,
     assert table.advance(last_ns + 1251 * MS) != []
 
 
+def test_a_hello_with_a_longer_period_defers_the_deadline_at_once(table: NeighbourTable, peer: Peer) -> None:
+    peer.period_ms = 1000
+    bring_up(table, peer, 20 * SECOND)
+    peer.period_ms = 1500
+    peer.datagram(21 * SECOND, hello=True)
+    assert table.advance(21 * SECOND + 3500 * MS) == [], "a period and a half after a lost datagram"
+    assert peer.is_(LinkState.UP)
+
+
 def test_the_declared_period_counts_not_the_gaps_between_datagrams_sent_in_a_hurry(
     table: NeighbourTable, peer: Peer
 ) -> None:

@@ -137,6 +137,8 @@ class NeighbourTable:
         neighbour.period_ns = min(max(hello.period_ms, 1) * 1_000_000, _PERIOD_MAX_NS)
         neighbour.listing_ns = max(hello.listing_ms, 1) * 1_000_000
         neighbour.clock_us = hello.clock_high << 32 | header.tx_us
+        # the next beacon comes after the period that this one declares
+        neighbour.expect(len(self._all), self._timeout_ns)
 
     def on_echoes(
         self,
