@@ -17,7 +17,7 @@ from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.membership.sessions import SwarmMembership
-from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
+from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures, SigningKeys
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmd.broker.core.traffic import IP_UDP_BYTES
@@ -53,6 +53,17 @@ def datagram(session: int, header: Header, beacon: Beacon) -> bytes:
     body = codec.encode(beacon)
     assert len(body) <= BODY_LIMIT
     return _SESSION.pack(session) + codec.encode_header(header) + body
+
+
+def signed_datagram(
+    session: int, header: Header, beacon: Beacon, signatures: OwnSignatures, now_ns: int
+) -> bytes:
+    """Encodes a datagram with its signature."""
+    data = datagram(session, header, beacon)
+    clear, body = clear_and_body(data)
+    signed = data[: -len(body)] + signatures.signed(clear, body, beacon.values, now_ns // 1000)
+    assert len(signed) - len(clear) - _SESSION.size <= BODY_LIMIT
+    return signed
 
 
 def wire_bytes(data: bytes) -> int:
@@ -205,16 +216,15 @@ class BrokerNode:
     def _send(self, now_ns: int) -> None:
         outgoing = self.core.compose(now_ns)
         self.declared_period_ns = outgoing.declared_period_ns or self.declared_period_ns
-        session = self.core.session if outgoing.with_session else None
+        stated = self.core.session if outgoing.with_session else None
         exchange = self.core.exchange
         mark = 0 if exchange is None else exchange.epochs.sealing.mark
-        header = Header(mark, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, session)
-        data = datagram(self.core.session, header, outgoing.beacon)
-        signatures = self.core.signatures
-        if signatures is not None:
-            clear, body = clear_and_body(data)
-            data = data[: -len(body)] + signatures.signed(clear, body, outgoing.beacon.values, now_ns // 1000)
-            assert len(data) - len(clear) - _SESSION.size <= BODY_LIMIT
+        header = Header(mark, self.hw, outgoing.sequence, now_ns // 1000 & 0xFFFF_FFFF, stated)
+        signatures, session = self.core.signatures, self.core.session
+        if signatures is None:
+            data = datagram(session, header, outgoing.beacon)
+        else:
+            data = signed_datagram(session, header, outgoing.beacon, signatures, now_ns)
         size = wire_bytes(data)
         self.core.on_sent(outgoing.sequence, size - IP_UDP_BYTES, now_ns)
         self.sent += 1

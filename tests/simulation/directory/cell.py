@@ -2,8 +2,8 @@
 
 A whole node is a broker core with the daemon's driver; it takes every datagram that reaches it, and
 subscribes to the poses of all. A light node has the daemon's schedule, and neighbours and sessions of the
-whole nodes only. It sends beacons at the rate of a whole node, with its pose and as many echoes (those to
-the whole nodes are real, the rest name other light nodes); in the air each is at least as long as the mean
+whole nodes only. It sends signed beacons at the rate of a whole node, with its pose and as many echoes (those
+to the whole nodes are real, the rest name other light nodes); in the air each is at least as long as the mean
 one of a whole node. It sends a triggered one when one of its links changes. 2 % of the datagrams are lost,
 delays are 1 to 20 ms, all start within a second. A beacon answers the sessions of 16 nodes, so a broker that
 starts among 500 has all its links after two minutes.
@@ -17,15 +17,17 @@ from tests.simulation.directory.brokers import (
     OVERHEAD,
     SENDER_ADDRESS,
     BrokerNode,
+    SimulatedKeys,
     beacon_of,
-    datagram,
     header_of,
+    signed_datagram,
 )
 
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Beacon, BoardValue, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.membership.sessions import Sessions
+from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged
 from swarmd.broker.core.swarm.neighbours.neighbour import LISTING_NS
 from swarmd.broker.core.swarm.neighbours.neighbour_table import LISTING_EACH_NS, NeighbourTable
@@ -58,6 +60,7 @@ class LightCore:
         self.schedule = BeaconSchedule(cell.now_ns + cell.random.randrange(SECOND), cell.random.random)
         self.table = NeighbourTable(self.hw, SECOND)
         self.sessions = Sessions(self.hw, LIGHT_SESSION, connections=False)
+        self.signatures = OwnSignatures(self.hw, LIGHT_SESSION, SimulatedKeys(self.name))
         self.sequence = 1
         self.filler = index
 
@@ -84,6 +87,8 @@ class LightCore:
             assert neighbour is not None
             if beacon.hello is not None:
                 self.table.on_hello(neighbour, header, beacon.hello)
+            # a whole node tolerates more losses of each neighbour the more it has
+            neighbour.expect(self.cell.count - 1, SECOND)
             self.table.on_echoes(neighbour, header, beacon.echoes, now_ns, links)
         if links or outcome.soon:
             self.trigger(now_ns)
@@ -119,7 +124,7 @@ class Light:
 
     def _send(self, _: SendBeacon) -> None:
         header, beacon = self.core.compose(self.cell.now_ns)
-        data = datagram(LIGHT_SESSION, header, beacon)
+        data = signed_datagram(LIGHT_SESSION, header, beacon, self.core.signatures, self.cell.now_ns)
         self.cell.light_air_s += airtime_s(max(self.cell.beacon_bytes, len(data) + OVERHEAD))
         self.cell.multicast(self.core.name, data)
 
@@ -159,7 +164,12 @@ class Cell(VirtualSwarm[str]):
         for index in range(whole):
             name = f"uav{index}"
             node = BrokerNode(
-                self, name, VirtualClock(self), write_boards=self.write_pose, on_value=self.take_pose
+                self,
+                name,
+                VirtualClock(self),
+                write_boards=self.write_pose,
+                on_value=self.take_pose,
+                signing=SimulatedKeys(name),
             )
             wants = tuple(
                 BoardSubscription(f"uav{other}", "nav/pose", "Pose", POSE)

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from tests.simulation.directory.brokers import BrokerNode
+from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys
 from tests.simulation.directory.cell import OFFERS, POSE, SECOND, pose_made_at
 
 from swarmd.broker.core.boards.relay_cache import RemoteValue
@@ -31,7 +31,12 @@ class Storm(VirtualSwarm[str]):
     def start(self, name: str) -> None:
         """Starts a broker."""
         node = BrokerNode(
-            self, name, VirtualClock(self), write_boards=self.write_pose, on_value=self.take_pose
+            self,
+            name,
+            VirtualClock(self),
+            write_boards=self.write_pose,
+            on_value=self.take_pose,
+            signing=SimulatedKeys(name),
         )
         self.started[name] = node
         if not self.subscribed:
