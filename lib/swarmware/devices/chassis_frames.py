@@ -133,5 +133,5 @@ def framed(body: bytes) -> bytes:
 
 
 def frame_decoder() -> FrameDecoder:
-    """A decoder for the bytes of such a line."""
+    """A decoder for the bytes of a chassis's serial line."""
     return FrameDecoder(FRAME_BYTES, crc16)

@@ -20,7 +20,7 @@ _WHOLE: Final = re.compile(rb"\$[ -#%-)+-~]+\*[0-9A-Fa-f]{2}")
 _PART: Final = re.compile(rb"(\*[0-9A-Fa-f]?)?")
 """Partial checksum that may follow the body while the rest has not arrived."""
 _CHECKSUM_BYTES: Final = 3
-"""The star and two digits."""
+"""Length of a checksum: the star and two digits."""
 _REASONS: Final = 50
 """Reasons that are counted apart; further ones are counted together."""
 _OTHER: Final = "other reasons"

@@ -61,7 +61,7 @@ class SentenceReader:
         """The newest GSA says that the fix has two dimensions: a height beside it is not measured."""
 
     def read(self, fields: list[str]) -> Position | None:
-        """The position in a sentence; None if its type has none. Raises: WireError."""
+        """The position in a sentence, or None if its type has none. Raises: WireError."""
         if fields[0].startswith("P") or fields[0][2:] not in _FIELDS:
             return None
         kind = SentenceType(fields[0][2:])

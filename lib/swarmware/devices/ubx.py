@@ -82,7 +82,7 @@ def frame_of(found: bytes) -> UbxFrame:
 
 
 def position(found: UbxFrame) -> Position | None:
-    """The position in a frame; None if its message has none that is used. Raises: WireError."""
+    """The position in a frame, or None if the message has no position that is used. Raises: WireError."""
     return nav_pvt(found.payload) if found.message == NAV_PVT else None
 
 

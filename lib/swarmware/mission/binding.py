@@ -25,7 +25,7 @@ class Binding(msgspec.Struct, frozen=True):
     params: dict[str, ParamValue] = {}
 
     def variable(self, name: str) -> str | None:
-        """Value of a variable; None for an unknown one."""
+        """Value of a variable, or None for an unknown one."""
         if name == "mavid":
             return self.id
         return str(getattr(self, name)) if name in VARIABLES else None

@@ -29,7 +29,7 @@ class Lookup(Protocol):
     """Source of present values for a condition."""
 
     def value(self, path: str, field: str) -> Scalar | None:
-        """Newest value of the resource's field (empty: its only field); None without a value."""
+        """Newest value of the resource's field (empty: its only field), or None without a value."""
         ...
 
     def age_s(self, path: str) -> float | None:
@@ -115,7 +115,7 @@ class ConditionExpression(msgspec.Struct, frozen=True):
     node: Node
 
     def holds(self, lookup: Lookup) -> bool | None:
-        """Whether the condition holds now; None when a needed value is missing (Kleene's logic)."""
+        """Whether the condition holds now, or None if a needed value is missing (Kleene's logic)."""
         return _truth(self.node, lookup)
 
     def resources(self) -> frozenset[str]:

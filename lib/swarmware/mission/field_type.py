@@ -64,7 +64,7 @@ def element(found: Any, step: FieldStep, name: str) -> tuple[Any, str]:
 
 
 def _items(found: Any) -> tuple[Any, ...] | None:
-    """Types of the items of a list, one for all if they are alike; None for any other type."""
+    """Types of the items of a list, one for all if they are alike, or None for any other type."""
     match found:
         case msgspec.inspect.TupleType():
             return tuple(found.item_types) or (msgspec.inspect.AnyType(),)
@@ -116,7 +116,7 @@ def present(found: Any) -> Any:
 
 
 def plain_type(name: str, found: Any) -> FieldType | None:
-    """The type of a number, text or truth value; None for a value that has parts."""
+    """The type of a number, text or truth value, or None for a value that has parts."""
     match found:
         case msgspec.inspect.BoolType():
             return FieldType(name, TRUTH)

@@ -49,7 +49,7 @@ class BoardReader(Generic[T]):
 
     @property
     def value(self) -> T | None:
-        """The newest value; None before the first."""
+        """The newest value, or None before the first."""
         ring = self._follower.ring
         if ring is None or not ring.unchanged:
             self._take()
@@ -82,7 +82,7 @@ class BoardReader(Generic[T]):
 
     @property
     def local_stamp_ns(self) -> int | None:
-        """Own clock at the newest value; None without one, or its clock is unknown."""
+        """Own clock at the newest value, or None without a value or a known clock of its sender."""
         meta = self.meta
         if meta is None:
             return None
@@ -98,7 +98,7 @@ class BoardReader(Generic[T]):
 
     @property
     def age_s(self) -> float | None:
-        """Time since the newest value was stamped; None without one, or its clock is unknown."""
+        """Time since the newest value was stamped, or None without a value or a known clock of its sender."""
         stamp_ns = self.local_stamp_ns
         return None if stamp_ns is None else (self._node.clock.now_ns() - stamp_ns) / 1e9
 

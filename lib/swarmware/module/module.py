@@ -52,7 +52,7 @@ class Module(Client):
     ) -> None:
         super().__init__(name, node=node, instance=instance, config_dir=config_dir)
         self.config: Any = config
-        """Configuration of the service by its file; None for a module without one."""
+        """Configuration of the service by its file, or None for a module without one."""
         self._live_settings = live_settings
         self._writers: list[BoardWriter[Any]] = []
         self._keep_boards = False

@@ -24,7 +24,7 @@ class RemoteClocks:
         self._by_hardware: dict[int, Conversion] = {}
 
     def conversion(self, hardware: int) -> Conversion | None:
-        """The conversion function of one unit's clock; None when it is not known."""
+        """The conversion function of one unit's clock, or None if it is not known."""
         if self._follower is None:
             from swarmware.node.follower import RingFollower
 
@@ -44,7 +44,7 @@ class RemoteClocks:
         return self._by_hardware.get(hardware)
 
     def to_local(self, hardware: int, stamp_ns: int) -> int | None:
-        """The own clock at a stamp of that unit; None when its clock is not known."""
+        """The own clock at a stamp of that unit, or None if its clock is not known."""
         if hardware == self._node.hardware:
             return stamp_ns
         conversion = self.conversion(hardware)

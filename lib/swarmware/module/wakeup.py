@@ -56,5 +56,5 @@ class Deadline:
         self._deadline_s = None if timeout_s is None else self._loop.time() + timeout_s
 
     def remaining_s(self) -> float | None:
-        """Time left, 0 when it is over; None without a limit."""
+        """Time left, 0 when it is over, or None without a limit."""
         return None if self._deadline_s is None else max(0.0, self._deadline_s - self._loop.time())

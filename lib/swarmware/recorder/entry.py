@@ -42,7 +42,7 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
         return names.join(self.platform, self.path)
 
     def value(self) -> msgspec.Struct | None:
-        """The decoded payload; None when the type is unknown here or the payload does not match it."""
+        """The decoded payload, or None if the type is unknown here or the payload does not match it."""
         try:
             return registry.decode(payload_class(self.type, self.description), self.payload)
         except (NotFound, WireError):
@@ -65,7 +65,7 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
 
 
 def list_or_none(payload: bytes) -> Any:
-    """A payload of unknown type, decoded as plain MessagePack; None when it is not MessagePack."""
+    """A payload of unknown type, decoded as plain MessagePack, or None if it is not MessagePack."""
     try:
         return msgspec.msgpack.decode(payload)
     except (msgspec.DecodeError, ValueError, RecursionError):

@@ -115,7 +115,7 @@ class LogRing:
             self.last_stamps = reader.stamps | self.last_stamps
 
     def _repair(self, path: Path) -> SegmentReader | None:
-        """Writes a valid end to an unfinished segment; None when it has no readable record."""
+        """Write a valid end to an unfinished segment; returns None if it has no readable record."""
         reader = SegmentReader(path)
         holes = _drain(reader)
         size = path.stat().st_size

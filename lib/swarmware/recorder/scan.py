@@ -194,7 +194,7 @@ class Scan:
 
 
 def has_end(file: BinaryIO, size: int) -> int | None:
-    """Offset of the summary of a finished file, 0 when it has none; None for an unfinished file."""
+    """Offset of the summary of a finished file, 0 when it has none, or None for an unfinished file."""
     tail = RECORD.size + 20 + len(MAGIC)
     if size < len(MAGIC) + len(RESERVED_END):
         return None

@@ -387,7 +387,7 @@ def _summary_channels(file: BinaryIO, size: int) -> dict[int, LogChannel]:
 
 
 def _channel(body: bytes) -> tuple[int, LogChannel] | None:
-    """Channel id and channel; None when the record is damaged."""
+    """Channel id and channel, or None if the record is damaged."""
     number = int.from_bytes(body[0:2], "little")
     try:
         topic, at = _text(body, 4)
@@ -406,7 +406,7 @@ def _channel(body: bytes) -> tuple[int, LogChannel] | None:
 
 
 def _numbers(body: bytes) -> tuple[str, dict[str, int]] | None:
-    """Name and content of a metadata record; None when it is damaged."""
+    """Name and content of a metadata record, or None if it is damaged."""
     try:
         name, at = _text(body, 0)
         data = _map(body, at)

@@ -37,7 +37,7 @@ class ForkedChild:
         assert started.status is not None
         self.pid = started.pid
         self.returncode: int | None = None
-        """Exit code, or the negative number of the signal that ended it; None while it runs."""
+        """Exit code, negative number of the signal that ended it, or None while it runs."""
         self.stdout: asyncio.StreamReader | None = stdout
         self._started = started
         self._ended = asyncio.Event()

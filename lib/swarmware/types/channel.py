@@ -229,7 +229,7 @@ class ChannelRate(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     source: RateSource = RateSource.UNLIMITED
     max_hz: float | None = None
-    """0 if nothing is sent; None if every value is sent."""
+    """Maximum rate: 0 if nothing is sent, or None if every value is sent."""
     platform: str = ""
     """Platform on which it was set: the owner, or the subscriber."""
     pattern: str = ""

@@ -44,7 +44,7 @@ class _ClassMaker:
         return made
 
     def _struct(self, name: str, depth: int) -> type[msgspec.Struct] | None:
-        """The type of that name; None while it is being made: it holds itself."""
+        """The type of that name, or None while it is being made, because it holds itself."""
         if name in self._made:
             return self._made[name]
         if depth > DEPTH_LIMIT:

@@ -73,7 +73,7 @@ class _Style(NamedTuple):
     """Form of values as plain data."""
 
     is_text: Callable[[str, int], bool] | None
-    """Whether an integer of a field is text; None if none is."""
+    """Function that decides whether an integer of a field is text, or None if no integer is."""
     data: Callable[[Buffer], str]
     """Text of bytes."""
 

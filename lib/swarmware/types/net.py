@@ -97,7 +97,7 @@ class NeighbourState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     since_ns: int
     """Own clock when it entered this state."""
     silent_s: float
-    """Time since its newest datagram."""
+    """Time since the neighbour's newest datagram."""
     tick_hz: float
     loss_in_ratio: float
     """Share of its last 16 datagrams that did not arrive here."""

@@ -50,7 +50,7 @@ class MissionWatch(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Observations of the mission daemon for reactions (board `mission/watch`), on change."""
 
     station: bool | None = None
-    """Whether a ground station is in reach; None before the first one was."""
+    """Whether a ground station is in reach, or None before the first contact."""
     restarted: bool = False
     """Whether the daemon was started while the vehicle was armed: its former mission is unknown."""
 

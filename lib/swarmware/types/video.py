@@ -98,7 +98,7 @@ class VideoSession(msgspec.Struct, frozen=True, array_like=True, gc=False):
     direction: VideoDirection
     source: str
     other: str
-    """Where it goes to, or comes from."""
+    """Other end of the session: destination or origin."""
     path: str = ""
     """Stream of the images at the receiving platform."""
     started_ns: int = 0

@@ -176,7 +176,7 @@ def _remove_imposter(path: Path, users: frozenset[int]) -> None:
 
 
 def _lock(path: Path, users: frozenset[int]) -> int | None:
-    """Descriptor of the locked file; None when a living application, or another user, holds it."""
+    """Descriptor of the locked file, or None if a living application, or another user, holds it."""
     while True:
         _remove_imposter(path, users)
         try:

@@ -64,7 +64,7 @@ def with_lifetime(timeout_s: float) -> bytes:
 
 
 def lifetime_ns(extension: bytes) -> int | None:
-    """Lifetime in a header extension; None without one, or when it is not a list of tagged elements."""
+    """Lifetime in a header extension, or None without a lifetime or a list of tagged elements."""
     at = 0
     while at + 2 <= len(extension):
         tag, length = extension[at], extension[at + 1]

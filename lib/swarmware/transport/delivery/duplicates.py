@@ -80,7 +80,7 @@ class DuplicateFilter:
         return sum(map(len, self._senders.values()))
 
     def lookup(self, origin: Origin) -> bytes | DuplicateState | None:
-        """The answer to this message, or the state of a duplicate without one; None when it is new."""
+        """The answer to this message, the state of a duplicate without an answer, or None if it is new."""
         hardware, application, data, sequence = origin
         spans = self._senders.get(hardware)
         place = (application, data, sequence >> SPAN_BITS)

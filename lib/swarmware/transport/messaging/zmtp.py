@@ -91,7 +91,7 @@ class ZmtpConnection:
         return messages
 
     def _take_greeting(self, data: bytes) -> int | None:
-        """End of the greeting in the buffer; None when it is not complete."""
+        """End of the greeting in the buffer, or None if it is not complete."""
         if data[:1] != b"\xff" or data[9:10] not in (b"", b"\x7f"):
             raise WireError(f"greeting starts with {data[:10].hex()}: expected ff, 8 bytes and 7f of ZMTP")
         if len(data) > len(_SIGNATURE) and data[len(_SIGNATURE)] < _MAJOR:

@@ -115,11 +115,11 @@ class Keys:
         return self.roster is not None and self.by_curve(self.curve_public) is None
 
     def by_curve(self, curve_public: bytes) -> RosterMember | None:
-        """The member with this CURVE key; None for an unknown or revoked one."""
+        """The member with this CURVE key, or None for an unknown or revoked one."""
         return self._by_curve.get(curve_public)
 
     def by_user(self, user: str) -> RosterMember | None:
-        """The member that a connection was opened for, by `RosterMember.user`; None when it was revoked."""
+        """The member that a connection was opened for, by `RosterMember.user`, or None if it was revoked."""
         return self._by_user.get(user)
 
     def revoked(self, curve_public: bytes) -> str:
@@ -127,11 +127,11 @@ class Keys:
         return self._revoked.get(curve_public, "")
 
     def curve_of(self, platform: str) -> bytes | None:
-        """The CURVE key of a platform on the roster; None when it is not a member, or without a roster."""
+        """The CURVE key of a platform on the roster, or None if it is not a member, or without a roster."""
         return self._curve_of.get(platform)
 
     def sign_public_of(self, platform: str) -> bytes | None:
-        """The signing key of a platform on the roster; None when it is not a member, or without a roster."""
+        """The signing key of a platform on the roster, or None if it is not a member, or without a roster."""
         return self._sign_of.get(platform)
 
     def sign(self, data: bytes) -> bytes:
