@@ -54,7 +54,7 @@ class VehicleDifference(msgspec.Struct, frozen=True):
     units: tuple[str, ...]
     """Its computers in the second run."""
     difference: PathDifference | None
-    """Null: a path is missing."""
+    """Difference of the paths, or null if a path is missing."""
     collisions: tuple[int, int]
     """Collisions in the first and the second run."""
 

@@ -19,7 +19,7 @@ class NodeResult(msgspec.Struct, frozen=True):
 
     platform: str
     result: Any
-    """Document of the command as for one node; null: it failed, or prints none."""
+    """Document of the command as for one node, or null if it failed or prints none."""
     error: str = ""
     """Reason of the failure, or "" without one."""
     exit_code: int = 0

@@ -11,7 +11,7 @@ from swarmware.model.visible import visible
 Cell = str | int | float | bool | None
 
 GAP: Final = "  "
-"""Between two columns."""
+"""Space between two columns."""
 PADDED: Final = 60
 """Widest cell to which the others of its column are padded outside of a terminal: a longer one moves the rest
 of its own line alone."""

@@ -28,9 +28,9 @@ class VehicleResult(msgspec.Struct, frozen=True):
 
     platform: str
     ok: bool
-    """Its state shows that the command was executed."""
+    """The state of the vehicle shows that the command was executed."""
     reached: bool
-    """It received the command."""
+    """The vehicle received the command."""
     state: str
     """landed 0.0 m disarmed."""
     after_s: float

@@ -56,9 +56,9 @@ class LabSpec(msgspec.Struct, frozen=True, kw_only=True):
     radio: str = ""
     """Name or path of a radio file, or "" for the default of the network."""
     per_daemon: str | None = None
-    """None: one process per node; `all` or names: one per daemon on those."""
+    """Nodes with a process per daemon, `all` or names; None for one process per node."""
     units: str | None = None
-    """None: a computer for each vehicle; `all` or names: three computers for those."""
+    """Vehicles with three computers, `all` or names; None for one computer per vehicle."""
     unit_delay_ms: tuple[float, ...] = ()
     """Shortest and longest simulated delay between the computers of a vehicle."""
     airframe: tuple[str, ...] = ()

@@ -35,7 +35,7 @@ class ConfiguredKey(msgspec.Struct, frozen=True):
     key: str
     """`broker/tick_hz`: service and key; of a key that a live setting overrides the name of the setting."""
     value: Any
-    """In force; of a service that does not run, the value of its next start."""
+    """Value in force, or the value at the next start of a service that does not run."""
     origin: str
     """default | file | live."""
     type: str
@@ -56,7 +56,7 @@ class ConfiguredKey(msgspec.Struct, frozen=True):
     line: int
     """Line in the file, or 0 if the file does not have the key."""
     file_value: Any
-    """Value by the present file; null: no file, or an invalid one."""
+    """Value by the present file, or null without a valid file."""
     pending: bool
     """The file was changed since the service has read it: `file_value` needs a restart."""
     running: bool

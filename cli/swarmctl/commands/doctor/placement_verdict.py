@@ -53,7 +53,7 @@ class LinkLoad(msgspec.Struct, frozen=True):
     sender: str
     receiver: str
     bytes_s: float
-    """With headers."""
+    """Bytes per second including headers."""
     rate_bit_s: float | None
     """Rate of its medium, as stated, configured or measured; null if it is unknown, and not judged."""
     limit_bytes_s: float | None
@@ -69,7 +69,7 @@ class UnitLoad(msgspec.Struct, frozen=True):
     """Share of all its cores."""
     free_percent: float
     communication_percent: float | None
-    """Share of all its cores that the communication layer takes; null: it shares its process with others."""
+    """Share of all its cores that the communication layer takes, or null in a shared process."""
     interfaces: int
     over_capacity: bool
 

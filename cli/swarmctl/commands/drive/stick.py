@@ -48,7 +48,7 @@ class HandDriven(msgspec.Struct, frozen=True):
     sent: int
     """Set-points that were sent."""
     delivered: int
-    """Those that the vehicle acknowledged."""
+    """Number of set-points that the vehicle acknowledged."""
     text: str = ""
     """Reason for which it ended before the operator released the vehicle."""
 

@@ -23,7 +23,7 @@ class FleetOutput(msgspec.Struct, frozen=True):
     """stdout, stderr; `exit` at the end."""
     line: str = ""
     exit_code: int | None = None
-    """Of the command; null: it runs, or the host was not reached."""
+    """Exit code of the command, or null while it runs or if the host was not reached."""
     error: str = ""
 
 

@@ -28,7 +28,7 @@ class VehicleReadiness(msgspec.Struct, frozen=True):
 
     platform: str
     ready: bool | None
-    """None: it did not answer, or its health monitor publishes no readiness any more."""
+    """Whether it is ready, or None without an answer or a published readiness."""
     not_ready: tuple[NotReady, ...] = ()
     """Items that are not ready, each with its reason."""
     items: tuple[str, ...] = ()

@@ -16,9 +16,9 @@ class SyncVerdict(StrEnum):
     """Whether the data of a node are synchronised, and if not, what is missing."""
 
     SYNCED = "synced"
-    """It has the structures of the platforms that it follows, and they hold its subscriptions."""
+    """The node has the structures of the platforms that it follows, and they hold its subscriptions."""
     STRUCTURE = "structure"
-    """Its copy of the structure of another platform differs."""
+    """The node's copy of the structure of another platform differs."""
     VALUES = "values"
     """Another platform does not hold its subscription yet: values are missing."""
     BEHIND = "behind"
@@ -32,9 +32,9 @@ class NodeSync(msgspec.Struct, frozen=True):
     followed: int
     """Reachable platforms that the node follows: neighbours, and those whose data its applications read."""
     structures: int
-    """Of these, those whose structure the node has, by digest."""
+    """Number of followed platforms whose structure digest matches the node's copy."""
     subscriptions: int
-    """Of these, those that hold exactly its subscription, by digest."""
+    """Number of followed platforms whose copy of the node's subscription matches by digest."""
 
     def __str__(self) -> str:
         """synced 15/15 | structure 14/15 | values 14/15 | behind."""

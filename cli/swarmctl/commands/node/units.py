@@ -29,7 +29,7 @@ class UnitOverview(msgspec.Struct, frozen=True):
     health: HealthReport | None
     """Health of this computer: the applications and resources that it provides."""
     route: RouteState | None
-    """Null: the joined node itself."""
+    """Route to the computer, or null for the joined node itself."""
 
 
 class UnitList(msgspec.Struct, frozen=True):

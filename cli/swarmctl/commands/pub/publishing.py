@@ -27,7 +27,7 @@ class ValuesToPublish(msgspec.Struct, frozen=True):
     words: tuple[str, ...]
     rate_hz: float | None = None
     count: int | None = None
-    """None: once, or with a rate until the command is interrupted."""
+    """Number of values, or None for one, or for no end if a rate is given."""
     type: str = ""
     """Type of a new resource, or "" for the type of the plain value."""
     kind: str = "board"

@@ -24,9 +24,9 @@ class OperandValue(msgspec.Struct, frozen=True):
     field: str
     """Name of the field, `age()` for the age, or "" for the only field."""
     value: Scalar | None
-    """null: no value."""
+    """Value of the field, or null without one."""
     age_s: float | None
-    """Age of the resource's value; null: no value, or its clock is not known."""
+    """Age of the resource's value, or null without a value or its clock."""
 
 
 class ConditionWatch:

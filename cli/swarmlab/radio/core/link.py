@@ -58,7 +58,7 @@ class DropReason(StrEnum):
     """Why a frame did not arrive."""
 
     LOST = "lost"
-    """By the loss of the radio or of the impairment."""
+    """The frame was lost by the radio or the impairment."""
     OUT_OF_RANGE = "out of range"
     CUT = "cut"
     QUEUE = "queue"
