@@ -36,7 +36,7 @@ That at the same time is not judged: a follower is where its leader is, which no
 MEAN_GOAL_MS: Final = 8.0
 """Mean delay of an input from another computer, from stamp to use, without the mean simulated one (S1.79)."""
 P99_GOAL_MS: Final = 20.0
-"""Its 99th percentile, without the longest simulated delay."""
+"""99th percentile of such a delay, without the longest simulated one."""
 COLLISION: Final = "sim/collision"
 STATE: Final = "mission/state"
 REPORT: Final = "distribution.json"

@@ -29,10 +29,10 @@ def parser() -> argparse.ArgumentParser:
         help="list the systemd units of the services that node.toml lists",
         epilog="Example: systemctl enable swarm.target $(swarmd units)",
     )
-    forks = commands.add_parser("forkserver")  # started by `swarmd node`: no help, so not listed
-    forks.add_argument("services", nargs="*")
-    forks.add_argument("--socket", metavar="PATH", type=Path, required=True)
-    forks.add_argument("--shared", action="store_true")
+    fork_server = commands.add_parser("forkserver")  # started by `swarmd node`: no help, so not listed
+    fork_server.add_argument("services", nargs="*")
+    fork_server.add_argument("--socket", metavar="PATH", type=Path, required=True)
+    fork_server.add_argument("--shared", action="store_true")
     for command in (run, node, units):
         command.add_argument(
             "--config",

@@ -24,9 +24,9 @@ class KeptFolders:
 
     def __init__(self, folders: Sequence[str]) -> None:
         self._held: dict[str, int] = dict.fromkeys(folders, -1)
-        self.tend()
+        self.relock()
 
-    def tend(self) -> None:
+    def relock(self) -> None:
         """Lock each folder that was created again, or that another process held at the last attempt."""
         for folder, held in self._held.items():
             if held >= 0 and stands_at(held, folder):

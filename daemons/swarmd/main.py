@@ -65,7 +65,7 @@ def _carry_out(options: Options) -> int:
             case "node":
                 return _node(_folder(options.config))
             case "forkserver":
-                return _forks(options)
+                return _fork_server(options)
             case _:
                 return _run(_folder(options.config), options.services)
     except SwarmError as error:
@@ -110,9 +110,9 @@ def _run(config_dir: Path, names: list[str]) -> int:
     return run_services(config_dir, list(dict.fromkeys(names)))
 
 
-def _forks(options: Options) -> int:
+def _fork_server(options: Options) -> int:
     _import_event_loop()
-    from swarmd.forkserver import ForkServer, preload
+    from swarmd.fork_server import ForkServer, preload
 
     preload(options.services)
     order = ForkServer(options.socket, shared=options.shared).run()
@@ -134,5 +134,5 @@ def _node(config_dir: Path) -> int:
         raise ConfigError(
             f'{config_dir}/node.toml: processes = "per-daemon" needs the guard, which starts the others'
         )
-    forks = shared or node.fork_server
-    become(node.platform, config_dir, node.run_path, services, shared=shared, forks=forks)
+    fork_server = shared or node.fork_server
+    become(node.platform, config_dir, node.run_path, services, shared=shared, fork_server=fork_server)

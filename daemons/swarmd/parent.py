@@ -17,13 +17,13 @@ import time
 import swarmd
 import swarmware
 from swarmd.kept_folders import KEEP_VARIABLE, KeptFolders
-from swarmd.words import Words
+from swarmd.parent_socket import ParentSocket
 from swarmware.errors import SwarmError
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal
 from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import ENDED_S, VARIABLE, StartedProcess
+from swarmware.service.fork_client import ENDED_S, VARIABLE, StartedProcess
 from swarmware.service.notify import RECEIVE_BYTES, Notifier
 from swarmware.service.starting import (
     BEAT_S,
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Final, NoReturn
 
-    from swarmd.forks import Forks
+    from swarmd.fork_server_supervisor import ForkServerSupervisor
 
 HUNG_S: Final = 15.0
 """Time without a heartbeat after which a process is killed; an event loop sends one every few seconds."""
 ELSEWHERE_S: Final = 0.3
 """Period of the search for a process that another process starts; its notification ends the wait early."""
-FORKS_S: Final = 10.0
+FORK_SERVER_S: Final = 10.0
 """Maximum time for which the first process waits for the fork server."""
 LATE_S: Final = 1.0
 """Delay of the parent itself above which the time does not count as silence of the supervised process."""
@@ -58,14 +58,14 @@ EMPTY: Final = ("-S", "-P")
 
 
 def become(
-    platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool, forks: bool
+    platform: str, config_dir: Path, run_dir: Path, services: list[str], *, shared: bool, fork_server: bool
 ) -> NoReturn:
     """Replaces this process by the parent of a node: same pid, same environment, an empty interpreter.
 
     `shared`: each daemon has a process; the parent starts the guard, which starts the others.
-    `forks`: the parent starts a fork server.
+    `fork_server`: the parent starts a fork server.
     """
-    modes = ["shared" if shared else "", "forks" if forks else ""]
+    modes = ["shared" if shared else "", "fork server" if fork_server else ""]
     words = ["node", platform, str(config_dir), str(run_dir), *modes, *services]
     os.execv(sys.executable, [sys.executable, *EMPTY, "-c", entry(), *words])
 
@@ -81,7 +81,7 @@ def entry() -> str:
 
 def main(words: list[str]) -> int:
     """Runs the parent with the arguments of `become`; returns the exit code of the node."""
-    _, platform, config_dir, run_dir, shared, forks, *services = words
+    _, platform, config_dir, run_dir, shared, fork_server, *services = words
     name = GUARD if shared else WHOLE_NODE
 
     def one() -> StartedProcess:
@@ -97,17 +97,18 @@ def main(words: list[str]) -> int:
         return spawn_missing(GUARD, config_dir, run_dir)
 
     try:
-        listening = Words(run_dir)
+        listening = ParentSocket(run_dir)
     except SwarmError as error:
         sys.stderr.write(f"swarmd: {error}\n")
         return error.exit_code
     kept = KeptFolders([run_dir, *filter(None, [os.environ.get(KEEP_VARIABLE)])])
     try:
         server = None
-        if forks and (shared or VARIABLE not in os.environ):  # otherwise a shared server is used
-            from swarmd.forks import Forks  # not loaded by a node without a fork server
+        if fork_server and (shared or VARIABLE not in os.environ):  # otherwise a shared server is used
+            # loaded only by a node with a fork server
+            from swarmd.fork_server_supervisor import ForkServerSupervisor
 
-            server = Forks(services, run_dir)
+            server = ForkServerSupervisor(services, run_dir)
         return Parent(guard if shared else one, platform, listening, kept, RestartPolicy(), server).run()
     finally:
         clear_start_record(name, run_dir)
@@ -119,25 +120,25 @@ class Parent:
     """Keeps one process running until it ends without an error, or this process receives a signal to end.
 
     `start` starts the process, or returns None if another process has started it already.
-    `forks` supervises the fork server, if the node has one.
+    `fork_server` supervises the fork server, if the node has one.
     """
 
     def __init__(
         self,
         start: Callable[[], StartedProcess | None],
         platform: str,
-        words: Words,
+        socket: ParentSocket,
         kept: KeptFolders,
-        lives: RestartPolicy,
-        forks: Forks | None = None,
+        restart_policy: RestartPolicy,
+        fork_server: ForkServerSupervisor | None = None,
     ) -> None:
         self._start = start
         self._platform = platform
-        self._words = words
+        self._socket = socket
         self._kept = kept
-        self._words_error = ""
-        self._lives = lives
-        self._forks = forks
+        self._socket_error = ""
+        self._restart_policy = restart_policy
+        self._fork_server = fork_server
         self._above = Notifier()
         self._pid = 0
         self._process: ProcessHandle | None = None
@@ -159,15 +160,15 @@ class Parent:
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(waker, warn_on_full_buffer=False)
         poller = select.poll()
-        for fd in (wake, self._words.fileno()):
+        for fd in (wake, self._socket.fileno()):
             poller.register(fd, select.POLLIN)
         try:
-            if self._forks is None:
+            if self._fork_server is None:
                 self._begin()
             else:
-                self._begin_forks(self._forks)
+                self._begin_fork_server(self._fork_server)
                 # the fork server's READY starts the process earlier, see `_on_fork_server`
-                self._due_ns = self._due_ns or time.monotonic_ns() + round(FORKS_S * _NS)
+                self._due_ns = self._due_ns or time.monotonic_ns() + round(FORK_SERVER_S * _NS)
             while True:
                 code = self._turn(poller, wake)
                 if code is not None:
@@ -177,37 +178,37 @@ class Parent:
             self._forget()
             if self._child is not None:
                 self._child.close()
-            if self._forks is not None:
-                self._forks.close()
+            if self._fork_server is not None:
+                self._fork_server.close()
             self._above.close()
             for end in (wake, waker):
                 os.close(end)
 
-    def _tend_words(self, poller: select.poll) -> None:
+    def _restore_socket(self, poller: select.poll) -> None:
         """Create the notification socket again if its file was removed.
 
         A process that cannot send its heartbeat would count as hung, and be killed.
         """
-        former = self._words.fileno()
+        former = self._socket.fileno()
         try:
-            if self._words.tend():
+            if self._socket.restore():
                 poller.unregister(former)
-                poller.register(self._words.fileno(), select.POLLIN)
+                poller.register(self._socket.fileno(), select.POLLIN)
                 # heartbeats were lost since the removal, so the silence starts now
                 self._beat_ns = time.monotonic_ns()
                 self._log("the socket for notifications was removed; made again")
         except (OSError, SwarmError) as error:
-            if self._words_error != str(error):
-                self._words_error = str(error)
+            if self._socket_error != str(error):
+                self._socket_error = str(error)
                 self._log(f"the socket for notifications was removed: {error}")
 
     def _turn(self, poller: select.poll, wake: int) -> int | None:
-        self._tend_words(poller)
-        self._kept.tend()
+        self._restore_socket(poller)
+        self._kept.relock()
         process = self._process
         watched = -1 if process is None else process.fileno()
-        forks = -1 if self._forks is None else self._forks.fileno()
-        for fd in (watched, forks):
+        server = -1 if self._fork_server is None else self._fork_server.fileno()
+        for fd in (watched, server):
             if fd >= 0:
                 poller.register(fd, select.POLLIN)
         wait_s = self._wait_s()
@@ -216,19 +217,19 @@ class Parent:
         # the heartbeats of a delay, such as a suspended host, are still in the socket and read below
         if time.monotonic() - began_s - wait_s > LATE_S:
             self._beat_ns = time.monotonic_ns()
-        for fd in (watched, forks):
+        for fd in (watched, server):
             if fd >= 0:
                 poller.unregister(fd)
         if wake in ready:
             os.read(wake, RECEIVE_BYTES)
-        while (word := self._words.receive()) is not None:
-            self._on_notification(*word)
+        while (notification := self._socket.receive()) is not None:
+            self._on_notification(*notification)
         if self._above.watchdog_s is not None:
             self._above.alive()
-        if self._forks is not None and forks in ready:
+        if self._fork_server is not None and server in ready:
             self._log("the fork server ended; started again")
-            self._forks.on_end()
-            self._on_forks()
+            self._fork_server.on_end()
+            self._on_fork_server()
         # a notification above may have replaced the process whose descriptor was polled
         if watched in ready and process is self._process:
             code = self._ended()
@@ -246,8 +247,8 @@ class Parent:
         due = [now_ns + round(BEAT_S / 2 * _NS)]
         if self._due_ns is not None:
             due.append(self._due_ns)
-        if self._forks is not None and self._forks.due_ns is not None:
-            due.append(self._forks.due_ns)
+        if self._fork_server is not None and self._fork_server.due_ns is not None:
+            due.append(self._fork_server.due_ns)
         if self._above.watchdog_s is not None:
             due.append(now_ns + round(self._above.watchdog_s * _NS))
         return max(0.0, (min(due) - now_ns) / _NS)
@@ -263,26 +264,26 @@ class Parent:
         if self._process is not None:
             self._process.signal(number)  # an ended process is reported by the next poll
 
-    def _on_notification(self, pid: int, words: dict[str, str]) -> None:
-        if self._forks is not None:
-            if pid == self._forks.pid:
-                self._forks.on_ready()
-                self._on_forks()
+    def _on_notification(self, pid: int, fields: dict[str, str]) -> None:
+        if self._fork_server is not None:
+            if pid == self._fork_server.pid:
+                self._fork_server.on_ready()
+                self._on_fork_server()
                 return
             if self._pid == 0:
                 self._follow(pid)
         if pid != self._pid:
             return
         now_ns = self._beat_ns = time.monotonic_ns()
-        self._leaving = self._leaving or "STOPPING" in words
+        self._leaving = self._leaving or "STOPPING" in fields
         # an adopted process has sent READY to the former parent
-        if "READY" in words or ("WATCHDOG" in words and not self._ready):
+        if "READY" in fields or ("WATCHDOG" in fields and not self._ready):
             self._ready = True
-            self._lives.on_ready(now_ns)
-            self._above.ready(words.get("STATUS", ""))
+            self._restart_policy.on_ready(now_ns)
+            self._above.ready(fields.get("STATUS", ""))
             self._was_ready = True
-        elif "STATUS" in words:
-            self._above.status(words["STATUS"])
+        elif "STATUS" in fields:
+            self._above.status(fields["STATUS"])
         if self._asked:
             self._signal(signal.SIGTERM)  # the process was adopted after the signal arrived
 
@@ -316,12 +317,12 @@ class Parent:
             # a process that fails at its start has reported the error, and would fail again in the same way
             return how.code
         now_ns = time.monotonic_ns()
-        pause_s = self._lives.on_end(now_ns, killed=was_ready and (not how.known or how.killed))
+        pause_s = self._restart_policy.on_end(now_ns, killed=was_ready and (not how.known or how.killed))
         if pause_s is None:
-            self._log(f"ended: {how}; given up after {self._lives.restarts} restarts")
+            self._log(f"ended: {how}; given up after {self._restart_policy.restarts} restarts")
             return SwarmError.exit_code
-        self._log(f"ended: {how}; starts again (restart {self._lives.restarts})")
-        self._above.restarted(self._lives.restarts, str(how))
+        self._log(f"ended: {how}; starts again (restart {self._restart_policy.restarts})")
+        self._above.restarted(self._restart_policy.restarts, str(how))
         self._due_ns = now_ns + round(pause_s * _NS)
         return None
 
@@ -332,15 +333,22 @@ class Parent:
             try:
                 # WNOWAIT leaves the own children to `_ended` and the supervisor, which need the exit status
                 found = os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-                if found is None or found.si_pid in {self._pid, self._forks.pid if self._forks else 0}:
+                if found is None or found.si_pid in {
+                    self._pid,
+                    self._fork_server.pid if self._fork_server else 0,
+                }:
                     return
                 os.waitid(os.P_PID, found.si_pid, os.WEXITED | os.WNOHANG)
             except ChildProcessError:
                 return
 
     def _on_time(self, now_ns: int) -> None:
-        if self._forks is not None and self._forks.due_ns is not None and now_ns >= self._forks.due_ns:
-            self._begin_forks(self._forks)
+        if (
+            self._fork_server is not None
+            and self._fork_server.due_ns is not None
+            and now_ns >= self._fork_server.due_ns
+        ):
+            self._begin_fork_server(self._fork_server)
         if self._due_ns is not None and now_ns >= self._due_ns:
             self._begin()
         elif self._ready and now_ns - self._beat_ns > HUNG_S * _NS:
@@ -360,14 +368,14 @@ class Parent:
         if self._child is None or not self._follow(self._child.pid):
             self._due_ns = time.monotonic_ns() + round(ELSEWHERE_S * _NS)
 
-    def _begin_forks(self, forks: Forks) -> None:
+    def _begin_fork_server(self, fork_server: ForkServerSupervisor) -> None:
         try:
-            forks.begin()
+            fork_server.begin()
         except OSError as error:
             self._log(f"the fork server cannot be started: {error}")
-            self._on_forks()
+            self._on_fork_server()
 
-    def _on_forks(self) -> None:
+    def _on_fork_server(self) -> None:
         """The fork server is ready or has failed: the first process is started now."""
         if self._pid == 0 and self._child is None:
             self._due_ns = time.monotonic_ns()

@@ -11,7 +11,7 @@ from typing import Final
 
 from swarmctl.session.labs import LabNode, LabState
 from swarmlab.run.shared_child import SharedChild
-from swarmware.service.fork import VARIABLE
+from swarmware.service.fork_client import VARIABLE
 
 SOCKET: Final = "fork-server"
 """File in the lab's folder."""

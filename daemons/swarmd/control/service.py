@@ -28,6 +28,7 @@ class Control(Service):
         super().__init__(module, config)
         former = module.reader("control/state", ControlState)
         self._core = ControlCore(config, former.value)
+        # only the state at the start counts; this service then writes the board itself
         former.close()
         self._driver = self.drive(self._core, self._perform)
         self._drives = module.writer(

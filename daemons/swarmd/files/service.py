@@ -61,6 +61,7 @@ class Files(Service):
 
     async def run(self) -> None:
         """Serve the files until cancelled."""
+        # files of a previous run are known by their names only, so their age decides
         removed = await asyncio.to_thread(self._store.remove_old, utc_ns() / 1e9 - self.config.keep_parts_s)
         if removed:
             self.module.log.info("%d incomplete files removed, which were not continued", removed)
@@ -102,6 +103,7 @@ class Files(Service):
         if part.blocks.missing:
             return FileProgress(complete=False)
         async with self._work:
+            # a repeated last block may wait for the lock while the first one finishes the file
             if self._intake.on_block(block.name, block.digest, self.module.now_ns()) is None:
                 return FileProgress(complete=True)
             return await self._finish(offer, meta)

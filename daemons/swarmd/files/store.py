@@ -60,9 +60,11 @@ class FileStore:
             raise NotFound(f"file {name!r}: not a file")
         key = (name, status.st_ino, status.st_mtime_ns, status.st_size)
         digest = self._digests.get(key)
+        # reading a large file takes seconds, so its digest is cached until the file changes
         if digest is None:
             digest = digest_of(path)
             if len(self._digests) >= DIGESTS_MAX:
+                # old versions of files would accumulate
                 self._digests.clear()
             self._digests[key] = digest
         return FileEntry(name, status.st_size, status.st_mtime_ns, digest)

@@ -9,7 +9,7 @@ from pathlib import Path
 from swarmd.guard.supervisor import OnExit
 from swarmware.errors import NotFound
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import StartedProcess
+from swarmware.service.fork_client import StartedProcess
 from swarmware.service.starting import clear_start_record, spawn, start_record, starting_pid
 from swarmware.service.supervised_process import SupervisedProcess
 from swarmware.types.health import SupervisorKind

@@ -30,12 +30,14 @@ class ArmingGate:
             remaining_ns = end_ns - self._module.now_ns()
             if remaining_ns <= 0:
                 return f"not ready: {reasons}"
+            # a time-out ends in the check above, which names the reasons
             with suppress(NoAnswer):
                 await self._board.changed(remaining_ns / 1e9)
         return ""
 
     def reasons(self) -> str:
         """Reasons for which the vehicle is not ready now, in one line, or "" if it is ready."""
+        # a node without the monitor would never become ready
         if not self._required:
             return ""
         found, age_s = self._board.value, self._board.age_s

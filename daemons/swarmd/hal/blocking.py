@@ -32,6 +32,7 @@ class DeviceThread:
     def _work(self, former: "DeviceThread | None") -> None:
         if former is not None:
             former._thread.join()
+        # None is the order of `close` to end the thread
         while (call := self._calls.get()) is not None:
             # `run` passes its errors on; errors of posted calls and of the last call have no receiver
             with suppress(SwarmError, OSError):
@@ -56,6 +57,7 @@ class DeviceThread:
 
         def call() -> None:
             result: R | None = None
+            # replaced below; stays if the function raises an error that is not expected of a device
             failure: Exception | None = RuntimeError(f"{function}: failed in its thread, see the log")
             try:
                 result = function()

@@ -22,6 +22,7 @@ def find(name: str) -> Factory:
     Raises: NotFound when the driver is not installed.
     """
     if name in DRIVERS:
+        # imported on demand, because most drivers need libraries that other vehicles do not have
         make: Factory = import_module(DRIVERS[name]).make
         return make
     points = {point.name: point for point in entry_points(DRIVER_GROUP)}

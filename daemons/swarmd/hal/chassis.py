@@ -75,6 +75,7 @@ class Chassis(Actuator):
     async def open(self, module: Module) -> None:
         """Opens the board of set-points and the state of the vehicle."""
         self.module = module
+        # a reopened device may be another one, so its state and open orders are forgotten
         self._core.on_opened(module.now_ns())
         self._gains_order = None
         self._answers = Wakeup()
@@ -113,6 +114,7 @@ class Chassis(Actuator):
         if self._core.silent(now_ns):
             raise DeviceError(f"no report for more than {SILENT_NS / 1e9:g} s")
         command = drive.value
+        # the identity of the value distinguishes a new set-point from a repeated read
         if command is not None and command is not self._taken:
             self._taken = command
             self._core.on_setpoint(command.setpoint, drive.local_stamp_ns or now_ns)
@@ -168,6 +170,7 @@ class Chassis(Actuator):
         async with self._one_by_one:
             if self._core.killing:
                 raise Denied(f"{action}: a kill is being executed")
+            # gains are kept only after the device has accepted them, and sent again after each opening
             state = await self._execute(action, gains or {})
             self._gains.update(gains or {})
             return state
@@ -185,6 +188,7 @@ class Chassis(Actuator):
                 if now_ns >= end_ns:
                     limit_s = self._config.answer_s
                     raise NoAnswer(f"chassis {self.name}: {action}: not answered within {limit_s:g} s")
+                # wakes for the repetition even without a report
                 await answers.wait(min(end_ns - now_ns, REPEAT_NS) / 1e9)
                 for due in core.repeated(module.now_ns()):
                     self.send_order(due)

@@ -11,7 +11,7 @@ from swarmd.hal.chassis import Chassis
 from swarmd.hal.config import ChassisConfig
 from swarmd.hal.core.condition import Condition
 from swarmd.hal.core.flight.control_law import ControlLaw
-from swarmd.hal.core.flight.flight_core import FALL_MAX_S, FlightCore, FlightTiming, FormerFlight
+from swarmd.hal.core.flight.flight_core import FALL_MAX_S, FlightCore, FlightHandover, FlightTiming
 from swarmd.hal.core.flight.flight_recorder import FlightRecorder
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.errors import Denied
@@ -90,15 +90,15 @@ class FlightController(Chassis):
             flies = vehicle is not None and vehicle.armed and not vehicle.landed
             if not flies or sample is None or age_s is None or age_s > self._timing.held_s + FALL_MAX_S:
                 return False
-            former = FormerFlight(sample, imu.local_stamp_ns or module.now_ns())
+            handover = FlightHandover(sample, imu.local_stamp_ns or module.now_ns())
             if place is not None:
                 velocity = (place.vx_m_s, place.vy_m_s, place.vz_m_s)
-                former = FormerFlight(sample, former.stamp_ns, place.z_m, velocity)
+                handover = FlightHandover(sample, handover.stamp_ns, place.z_m, velocity)
         finally:
             for reader in (state, imu, pose):
                 reader.close()
         log.warning("driver %s: the vehicle is in flight; taken over after %.2f s", self.name, age_s)
-        self._flight.on_former(former)
+        self._flight.on_handover(handover)
         return True
 
     async def open(self, module: Module) -> None:
@@ -123,6 +123,7 @@ class FlightController(Chassis):
         readable."""
         state = self.state
         if state is not None and state.armed and not state.landed:
+            # durable boards stay in shared memory after their writer has closed
             for writer in (self._state, self._mean):
                 if writer is not None:
                     writer.durable = True
@@ -151,6 +152,8 @@ class FlightController(Chassis):
         self._publish_imu(now_ns)
         if self._flight.lost and not self._core.killing:
             log.error("driver %s: the motors are stopped: %s", self.name, self._flight.lost)
+            # a flight that cannot be continued ends here, before the motors start again in an unknown
+            # attitude
             self.carry_order(self._core.on_order(ChassisAction.KILL, now_ns))
         return True
 

@@ -86,6 +86,7 @@ class FolderWatch:
         """
         for folder in self._folders:
             self._add_watch(self._fd, os.fsencode(folder), _CREATED | _MOVED_TO | _ATTRIBUTES | _ADD)
+            # parents are watched too, since the folder may appear with its first device
             for above in Path(folder).parents[:-1]:
                 self._add_watch(self._fd, os.fsencode(above), _CREATED | _MOVED_TO | _ADD)
 

@@ -89,6 +89,7 @@ class Motors:
         elif not self._flies():  # a vehicle in the air is armed already
             stops = self._stops
             refusal = await self._gate.refusal()
+            # a later order to stop has precedence over an arming that waited at the gate
             if stops != self._stops:
                 refusal = "arm: a later order replaced it"
         return await self._done(
@@ -150,6 +151,7 @@ class Motors:
                 raise Denied(refusal)
             state = await self._chassis.execute(action, gains)
         except SwarmError as error:
+            # the audit log includes refused requests
             self._orders.write(msgspec.structs.replace(order, refused=str(error)))
             self._module.log.warning("%s by %s: refused: %s", what, by, error)
             raise

@@ -25,6 +25,7 @@ class ActuatorOutput:
 
     def on_value(self, value: Float, stamp_ns: int) -> None:
         """Takes a set-point with its instant; infinite values and NaN are ignored."""
+        # NaN would pass the limits below, since its comparisons are false
         if math.isfinite(value.value):
             self._value, self._stamp_ns = min(max(value.value, -1.0), 1.0), stamp_ns
 
@@ -63,6 +64,7 @@ class OutputBoards:
             ActuatorOutput(one.path, watchdog_s, needs_arming=one.needs_arming) for one in settings
         ]
         self._vehicle: BoardReader[VehicleState] | None = None
+        # the state of the vehicle is read only if an output depends on it
         if any(one.needs_arming for one in settings):
             self._vehicle = module.reader("vehicle/state", VehicleState)
 

@@ -89,6 +89,7 @@ class SensorCalibrations:
         name, source = self._chosen(request)
         found = ImuCorrection()
         if request.kind is not SensorCalibrationKind.RESET:
+            # the driver then collects its samples uncorrected
             self._busy, source.collected = True, []
             try:
                 await until(self._module.clock, self._module.now_ns() + WINDOW_NS)
@@ -104,6 +105,7 @@ class SensorCalibrations:
             else:
                 found = _result(request, samples, source.correction)
         self._faces.pop(name, None)
+        # on disk first: a failure leaves the correction in force unchanged
         self._store(name, found)
         source.correction = found
         text = _text(request.kind, found)

@@ -98,6 +98,7 @@ class SerialSensor(Sensor, Generic[T]):
             counts = sorted(self.refused.items(), key=lambda item: -item[1])[:_NAMED]
             refused = ", ".join(f"{count} × {what}" for what, count in counts) or "none"
             raise DeviceError(f"{self._device}: nothing valid for {self.silent_s:g} s; refused: {refused}")
+        # values are published as they arrive; the period only checks the line
         fresh = self._published != self._counted
         self._counted = self._published
         return fresh

@@ -205,6 +205,7 @@ class Hal(Service):
                 else:
                     await timer.until(self.module.clock.to_mono_ns(schedule.due_ns))
                 begin_ns = now_ns()
+                # before the call, so that a slow device delays its statistics and not its schedule
                 schedule.begin(begin_ns)
                 try:
                     if await step(begin_ns):

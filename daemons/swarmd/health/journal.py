@@ -32,6 +32,7 @@ class JournalFile:
             found = document.json(document.read(self._path), Journal, str(self._path))
         except (FileNotFoundError, ConfigError):
             return empty
+        # faults of an earlier start of the node do not concern this one
         return found if found.boot_id == self._boot_id else empty
 
     def save(self, registrations: tuple[CheckRegistration, ...], faults: tuple[Fault, ...]) -> None:

@@ -169,6 +169,7 @@ class Health(Service):
                 self._types |= {one.path: one.type for one in entry.provides}
                 found = RunningApp(entry.id, entry.name, entry.pid, entry.started_ns, entry.provides)
                 actions += self._core.on_running(found, now_ns)
+        # a pidfd reports a death within milliseconds
         self._process_watcher.watch({entry.pid for entry in self._entries.values()})
         self._driver.feed(actions)
 
@@ -277,6 +278,7 @@ class Health(Service):
         if self._routes is None or (routes := self._routes.value) is None or self._node_stops():
             return []
         age_s = self._routes.age_s
+        # old routes would make all platforms look reachable
         if age_s is None or age_s > ROUTES_S:
             return []  # the broker is not running, which is a fault of its own
         reached = {route.platform for route in routes.routes}

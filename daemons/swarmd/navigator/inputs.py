@@ -132,6 +132,7 @@ class GuidanceInputs:
         if core.resting:
             self._calls = 0  # nothing is avoided at rest, and the first step after it reads all platforms
             return
+        # the search costs more than the reads of known boards
         if self._calls % NEW_PLATFORMS_EVERY == 0:
             self._add_platforms()
         self._calls += 1

@@ -42,6 +42,7 @@ class Registrar(Service):
         node = module.node.config
         self._routes = module.reader("net/routes", Routes)
         patterns = [f"{node.platform}.*"]
+        # the main computer publishes under the platform's name as well
         if node.unit != names.MAIN:
             patterns.append(f"{node.platform}.{names.MAIN}")
         if config.partners:
@@ -59,6 +60,7 @@ class Registrar(Service):
             link="request",
             description="Other computers and their applications",
         )
+        # the next process of the register continues with this board
         self._partners.durable = True
         self._applications = HeldCondition(
             self.health, "applications", "Application files of this node, and the addresses that they claim"

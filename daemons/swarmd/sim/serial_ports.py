@@ -43,6 +43,7 @@ class SerialPorts:
 
     def _received(self, device: SerialDevice, data: bytes) -> None:
         if device is SerialDevice.CHASSIS:
+            # the other devices of the vehicle only send
             for found in self._devices.on_bytes(data, self._module.now_ns()):
                 self._take(found)
 

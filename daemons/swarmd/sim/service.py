@@ -41,6 +41,7 @@ class ChassisPort:
 
     def serve(self) -> None:
         """Starts to execute orders."""
+        # a task and not the timer of the core, because a kill must act at once
         self._module.start(self._follow(), "orders to the chassis")
 
     async def _follow(self) -> None:
@@ -69,6 +70,7 @@ class Sim(Service):
         super().__init__(module, config)
         node = module.node
         world = load(paths.world(node.config.share_path, config.world), World)
+        # each platform has its own noise, and repeats it with the same seed
         chance = random.Random(f"{config.seed} {module.platform}")
         jitter = (chance.uniform(-1, 1), chance.uniform(-1, 1))
         start = world.start_pose(node.config.kind, config.number or number_in(module.platform), jitter)
@@ -132,6 +134,7 @@ class Sim(Service):
         report = self.module.reader(paths.SIM_REPORT, ChassisReport)
         try:
             pose, age_s, last = truth.value, truth.age_s, report.value
+            # after a longer interruption the vehicle starts again
             if pose is None or age_s is None or not 0 <= age_s < _RESUME_S:
                 return start, False
             self.module.log.warning("resumed at %.2f, %.2f, %.2f m", pose.x_m, pose.y_m, pose.z_m)
@@ -179,6 +182,7 @@ class Sim(Service):
                 if core.is_clear(platform, now_ns):
                     continue
                 pose = reader.value
+                # the identity of the value distinguishes a new pose from a repeated read
                 if pose is None or pose is self._taken_poses.get(platform):
                     continue
                 if (age_s := reader.age_s) is not None:

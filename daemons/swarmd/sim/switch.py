@@ -15,6 +15,7 @@ class Switch:
 
     def __init__(self, module: Module, *, published: bool) -> None:
         self._module = module
+        # the board outlives its writer, as a real switch keeps its position
         former = module.reader("vehicle/switch", SafetySwitch)
         self._position = former.value or SafetySwitch(VehicleMode.AUTO)
         former.close()

@@ -70,6 +70,7 @@ class H264Encoder:
         context.time_base = Fraction(1, CLOCK_HZ)
         context.framerate = Fraction(self._rate_hz).limit_denominator(1001)
         context.bit_rate = self._bit_s
+        # the longest distance of key frames; requested ones come in between
         context.gop_size = max(1, round(self._rate_hz * self._key_frame_s))
         context.max_b_frames = 0
         context.thread_count = 1  # several threads would make several slices, and wait for each other

@@ -56,6 +56,7 @@ class RtpSocket:
                 data, address = sock.recvfrom(DATAGRAM_MAX)
             except OSError:  # no further datagram, or the receiver's port is closed
                 return
+            # the port is not compared, because receivers may send from another port
             if address[0] == self._to[True][0]:
                 self._on_report(data)
 

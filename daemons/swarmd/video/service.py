@@ -229,6 +229,8 @@ class Video(Service):
         names.check_path(request.source)
         replaced = self._table.replaced(request.source, str(sender))
         if replaced is not None:
+            # a restarted sender has forgotten its old session, which otherwise lasts until its silence ends
+            # it
             self._end(replaced, "ended: its sender has begun again")
         key = SessionKey(sender.hardware, request.session)
         session = ReceivingSession(

@@ -50,6 +50,7 @@ class RecordedVideo:
 
     def read(self) -> Any:
         """The next frame of PyAV. Raises: InvalidInput for a file without frames."""
+        # the second attempt reads from the begin; a file without pictures fails then
         for _ in range(2):
             try:
                 return next(self._frames)

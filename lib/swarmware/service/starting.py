@@ -12,8 +12,8 @@ import sys
 from swarmware.errors import WireError
 from swarmware.runtime.plain import signal
 from swarmware.runtime.start_ticks import lives, start_ticks
-from swarmware.service.fork import FOLDER as PARENT_FOLDER
-from swarmware.service.fork import StartedProcess, own_folder, request_fork
+from swarmware.service.fork_client import FOLDER as PARENT_FOLDER
+from swarmware.service.fork_client import StartedProcess, own_folder, request_fork
 from swarmware.service.notify import remove_file
 from swarmware.transport.shm.lock import held_by_other, lock_within
 from swarmware.transport.shm.shared_file import open_shared
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 STARTING_DIR: Final = "starting"
 """Folder of the start records, in the run directory."""
-PARENT_SOCKET: Final = "words"
+PARENT_SOCKET: Final = "notify"
 """Socket of the parent of the node's processes, in its folder; the same one after a restart of it."""
 BEAT_S: Final = 4.0
 """A process that notifies the parent resets its watchdog twice in this time."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from swarmware.errors import NotFound
 from swarmware.runtime.processes import WatchedProcess
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import ENDED_S, StartedProcess
+from swarmware.service.fork_client import ENDED_S, StartedProcess
 
 
 class SupervisedProcess:

@@ -17,7 +17,7 @@ from typing import IO, Final
 
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.service.fork import StartedProcess, request_fork_of
+from swarmware.service.fork_client import StartedProcess, request_fork_of
 from swarmware.service.installed import installed
 from swarmware.service.notify import NotificationSocket
 from swarmware.testing.leaks import FORK_SERVERS, children

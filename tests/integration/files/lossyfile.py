@@ -25,7 +25,7 @@ CUT_AT: Final = 0.3
 
 
 def drop(percent: int) -> None:
-    """Drops this share of all packets that arrive, in both directions."""
+    """Drops this ratio of all arriving packets, in both directions."""
     what = "drop" if percent >= 100 else f"numgen random mod 100 < {percent} drop"
     rules = f"""
         table inet radio {{
@@ -40,7 +40,7 @@ def drop(percent: int) -> None:
 
 
 async def swarmctl(node: Platform, *words: str) -> dict[str, object]:
-    """What a command prints as JSON."""
+    """Runs a command, and parses its JSON output."""
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "swarmctl", "--config", str(node.config_dir), *words, "--json",
         stdout=asyncio.subprocess.PIPE,

@@ -25,7 +25,7 @@ from tests.patience import PATIENCE_S
 
 from swarmware.errors import NoAnswer, NotFound, WireError
 from swarmware.module.module import Module
-from swarmware.service.fork import FOLDER, SOCKET
+from swarmware.service.fork_client import FOLDER, SOCKET
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.entry import AppEntry
@@ -45,7 +45,7 @@ BEAT_S: Final = 1.2
 
 
 class Harm(NamedTuple):
-    """What a trial did."""
+    """Description of a trial."""
 
     what: str
     killed: frozenset[int] = frozenset()
@@ -62,7 +62,7 @@ def living(root: Path) -> dict[str, AppEntry]:
 
 
 def kill(root: Path, names: list[str]) -> Harm:
-    """SIGKILL to all of them, at once."""
+    """Sends SIGKILL to all of these processes at once."""
     entries = living(root)
     killed = frozenset(entries[name].pid for name in names)
     for pid in killed:
@@ -71,34 +71,34 @@ def kill(root: Path, names: list[str]) -> Harm:
 
 
 def one(root: Path, chance: random.Random) -> Harm:
-    """Any."""
+    """Kills one random daemon."""
     return kill(root, [chance.choice(SERVICES)])
 
 
 def guard_and_health(root: Path, chance: random.Random) -> Harm:
-    """With nobody else, or a third."""
+    """Kills guard and health, with or without a third daemon."""
     rest = [name for name in SERVICES if name not in {"guard", "health"}]
     return kill(root, ["guard", "health", *chance.sample(rest, chance.randrange(2))])
 
 
 def some(root: Path, chance: random.Random) -> Harm:
-    """Two or three of any."""
+    """Kills two or three random daemons."""
     return kill(root, chance.sample(SERVICES, chance.choice((2, 3))))
 
 
 def guard_and_another(root: Path, chance: random.Random) -> Harm:
-    """The guard and one or two others, not health."""
+    """Kills the guard and one or two other daemons, except health."""
     rest = [name for name in SERVICES if name not in {"guard", "health"}]
     return kill(root, ["guard", *chance.sample(rest, chance.choice((1, 2)))])
 
 
 def everybody(root: Path, chance: random.Random) -> Harm:
-    """All of them at once."""
+    """Kills all daemons at once."""
     return kill(root, chance.sample(SERVICES, len(SERVICES)))
 
 
 def everybody_and_the_fork_server(root: Path, chance: random.Random) -> Harm:
-    """All of them, and what starts them: only the parent is left."""
+    """Kills all daemons and the fork server, so that only the parent is left."""
     socket = str(root / "uav1/run" / FOLDER / SOCKET).encode()
     for entry in Path("/proc").iterdir():
         if entry.name.isdecimal():
@@ -234,7 +234,7 @@ async def run(
     say: Callable[[str], None],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> list[float]:
-    """Each trial on the same node, `between` before each; the seconds it took."""
+    """Runs each trial on the same node, with `between` before each; returns the durations in s."""
     chance = random.Random(seed)
     took: list[float] = []
     async with node(root) as (config, parent):
@@ -254,7 +254,7 @@ async def run(
 
 
 def summary(took_s: list[float]) -> str:
-    """Their distribution."""
+    """Prints the distribution of the durations."""
     ordered = sorted(took_s)
     slow = sum(one_s > LIMIT_S for one_s in ordered)
     return (

@@ -1,4 +1,4 @@
-"""A node of real processes under its guard: killed, hung, stopped; nothing left behind."""
+"""A node of real processes under its guard: killed, hung and stopped, without leftovers."""
 
 import asyncio
 import fcntl
@@ -97,14 +97,14 @@ async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restart
 
 
 async def service(module: Module, name: str) -> WatchedService:
-    """What the guard knows of one service."""
+    """Status of one service in the guard."""
     status = await asked(module, "sys/guard/status", Empty(), GuardStatus)
     found: WatchedService = next(one for one in status.services if one.name == name)
     return found
 
 
 async def asked(module: Module, path: str, request: Any, reply: Any) -> Any:
-    """The answer, as soon as somebody gives one."""
+    """The answer to a request, which is repeated until it is answered."""
     return await patience.until_answer(lambda: module.request(path, request, reply))
 
 

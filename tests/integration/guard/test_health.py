@@ -28,7 +28,7 @@ STILL_S = 4.0
 
 
 class Motor:
-    """What the test watches, and what its actions did."""
+    """A checked value, and the actions of the check."""
 
     def __init__(self) -> None:
         self.heat_degc = 20.0

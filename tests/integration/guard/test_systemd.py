@@ -1,4 +1,4 @@
-"""Under systemd the guard asks systemd: a stand-in for `systemctl` writes down what it was asked."""
+"""Under systemd the guard calls `systemctl`, here a stand-in that records its arguments."""
 
 import asyncio
 from pathlib import Path
@@ -18,7 +18,7 @@ def written(log: Path) -> str:
 
 
 async def said(log: Path) -> str:
-    """What systemctl was asked, when it has ended."""
+    """Recorded arguments of systemctl, once it has ended."""
     async with asyncio.timeout(PATIENCE_S):
         await asyncio.gather(*(task for task in asyncio.all_tasks() if "systemctl" in task.get_name()))
     return written(log)

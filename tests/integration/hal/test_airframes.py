@@ -37,7 +37,8 @@ async def until(
 def test_it_takes_off_goes_to_a_place_and_holds_there(
     tmp_path: Path, airframe: str, height_m: float, place: tuple[float, float]
 ) -> None:
-    """Place and height of the fixed wing are those of its circle; the helicopter also lands."""
+    """Flies both airframes: the fixed wing holds place and height on its circle, the helicopter also
+    lands."""
     circles = airframe == "fixed_wing"
 
     async def fly() -> None:

@@ -1,4 +1,4 @@
-"""A vehicle as real processes, driven by hand, taken by others, and killed without those who drive it."""
+"""A vehicle as real processes: driven by one operator at a time, and killed without its drivers."""
 
 import asyncio
 from collections.abc import Callable

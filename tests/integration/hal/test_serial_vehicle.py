@@ -1,4 +1,4 @@
-"""A vehicle whose drivers are those of a real one: its devices are simulated behind serial lines."""
+"""A vehicle with the drivers of a real vehicle: its devices are simulated behind serial lines."""
 
 import asyncio
 import math

@@ -37,7 +37,7 @@ def test_nodes_of_a_lab_are_forked_and_come_back_with_and_without_the_server(
     proc = Path(f"/proc/{child.pid}")
     assert parent_of(child) == server.pid
     assert words(proc / "cmdline")[1:4] == ["-m", "swarmd", "run"]
-    assert f"NOTIFY_SOCKET={node.run_dir}/parent/words" in words(proc / "environ")
+    assert f"NOTIFY_SOCKET={node.run_dir}/parent/notify" in words(proc / "environ")
     assert (proc / "cwd").readlink() == Path(node.folder)
     assert (proc / "fd/1").readlink() == node.log_file
     kill(child)

@@ -48,7 +48,7 @@ def events(module: Module, slots: int = STREAM_SLOTS) -> BoardWriter[Int]:
 
 
 async def forwarded(stats: Any, count: int) -> None:
-    """Waits until the logger says that so many entries are in the database and none is left."""
+    """Waits until the logger reports that this number of entries is stored and no entry is pending."""
     async for value in stats:
         if value.forwarded >= count and value.backlog == 0:
             return

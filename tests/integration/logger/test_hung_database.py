@@ -1,4 +1,4 @@
-"""A database that hangs: the logger goes on, says so, ends in time, and later everything is there once."""
+"""A database that hangs: the logger continues, reports it, ends in time, and stores each entry once later."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ HUNG_S = 60.0
 
 @asynccontextmanager
 async def silent_server() -> AsyncIterator[str]:
-    """Takes connections and what comes over them, and never answers."""
+    """Accepts connections and reads their data, but never answers."""
 
     async def swallow(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(ConnectionError):

@@ -1,4 +1,4 @@
-"""The logger as a real process: what moved in shared memory is on disk once, also after kill -9."""
+"""The logger as a real process: each value in shared memory is on disk once, also after kill -9."""
 
 import statistics
 from itertools import pairwise
@@ -35,7 +35,7 @@ async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_m
                 writer.write(Int(number))
             await logger.kill()
         for number in range(250, 300):
-            writer.write(Int(number))  # while there is none
+            writer.write(Int(number))  # while there is no pid
         async with spawn(config, "logger"):
             stats = await flushed(module)
             assert counted(log) == list(range(300))

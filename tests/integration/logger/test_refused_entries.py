@@ -1,4 +1,5 @@
-"""A database that refuses single entries stores the others, and one that refuses all is not unreachable."""
+"""A database that refuses single entries stores the others; a database that refuses all is not
+unreachable."""
 
 from pathlib import Path
 from typing import Any

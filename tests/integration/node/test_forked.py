@@ -14,7 +14,7 @@ import uvloop
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.start_ticks import start_ticks
-from swarmware.service.fork import request_fork_of
+from swarmware.service.fork_client import request_fork_of
 from swarmware.testing import forked
 from swarmware.testing.forked import ForkServerProcess, fork_server, forking
 from swarmware.testing.leaks import no_leaks

@@ -18,9 +18,9 @@ from tests.patience import PATIENCE_S, until, until_answer
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.module.module import Module
 from swarmware.runtime.start_ticks import start_ticks
-from swarmware.service import fork
+from swarmware.service import fork_client
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import FOLDER, SOCKET, VARIABLE, request_fork
+from swarmware.service.fork_client import FOLDER, SOCKET, VARIABLE, request_fork
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
@@ -205,7 +205,7 @@ async def test_a_guard_that_cannot_be_configured_ends_the_node_with_its_exit_cod
 def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_parent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fork, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
+    monkeypatch.setattr(fork_client, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
     config = make_node(tmp_path, services={"timesync": {}}, processes="per-daemon")
     run_dir = tmp_path / "uav1/run"
     (run_dir / FOLDER).mkdir(parents=True)
@@ -235,7 +235,7 @@ def test_a_server_that_nodes_share_stays_until_its_last_process_has_ended(
     config = make_node(tmp_path, services={"timesync": {}, "register": {}})
     path, run_dir = tmp_path / "shared", tmp_path / "uav1/run"
     monkeypatch.setenv(VARIABLE, str(path))
-    monkeypatch.setattr(fork, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
+    monkeypatch.setattr(fork_client, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
     words = [sys.executable, "-m", "swarmd", "forkserver", "timesync", "--socket", str(path), "--shared"]
     with no_leaks(), subprocess.Popen(words, stdin=subprocess.PIPE) as server:
         assert server.stdin is not None

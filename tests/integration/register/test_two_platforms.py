@@ -1,4 +1,5 @@
-"""Registers are exchanged between platforms; who lives is not forgotten, who comes back is known again."""
+"""Exchange of registers between platforms: reachable platforms stay, and returning platforms are known
+again."""
 
 import asyncio
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Video of a real recording over the swarm: over two hops, as images again, with losses told."""
+"""Video of a real recording over the swarm: over two hops, as images again, with reported losses."""
 
 from pathlib import Path
 

@@ -151,7 +151,7 @@ def test_a_goal_that_was_not_reached_is_continued_when_the_vehicle_is_given_back
 
 @pytest.mark.parametrize("seed", seeds(5, 100))
 def test_under_random_events_at_most_one_source_drives_and_silence_never_moves_the_vehicle(seed: int) -> None:
-    """No seed leaves the vehicle moving 3 s after everybody has fallen silent in a mode other than auto."""
+    """With no seed the vehicle still moves 3 s after all operators are silent in a mode other than auto."""
     chance = random.Random(seed)
     flight = airborne(seed)
     for _ in range(25):

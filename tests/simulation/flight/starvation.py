@@ -1,4 +1,4 @@
-"""A vehicle whose processes pause, in virtual time: what it loses, and whether it is level again.
+"""A vehicle whose processes pause, in virtual time: loss of height, and recovery of the attitude.
 
 `python -m tests.simulation.flight.starvation --pauses 200` prints the figures by the length of the pause.
 """
@@ -19,7 +19,7 @@ from swarmd.control.config import Config as ControlConfig
 from swarmd.control.core.control import ControlCore, WriteDrive
 from swarmd.hal.core.chassis_core import ChassisCore
 from swarmd.hal.core.condition import Condition
-from swarmd.hal.core.flight.flight_core import FlightCore, FlightTiming, FormerFlight, control_law
+from swarmd.hal.core.flight.flight_core import FlightCore, FlightHandover, FlightTiming, control_law
 from swarmd.hal.core.median import MedianFilter
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import WindConfig
@@ -75,7 +75,7 @@ class StarvedFlight(Flight):
 
     @property
     def states(self) -> list[str]:
-        """The states that were stated, by check."""
+        """Reported states by check."""
         return [f"{one.name} {one.state}" for one in self.conditions if one.state != "ok"]
 
     def pause(self, parts: Sequence[str], duration_s: float) -> None:
@@ -89,8 +89,8 @@ class StarvedFlight(Flight):
         imu, stamp_ns = self.boards["imu_mean"]
         pose: Pose = self.boards["pose"][0]
         self.core = self.flight_core()
-        former = FormerFlight(imu, stamp_ns, pose.z_m, (pose.vx_m_s, pose.vy_m_s, pose.vz_m_s))
-        self.core.on_former(former)
+        handover = FlightHandover(imu, stamp_ns, pose.z_m, (pose.vx_m_s, pose.vy_m_s, pose.vz_m_s))
+        self.core.on_handover(handover)
         self.core.on_vehicle(armed=self.report.armed, landed=self.report.landed)
         self.median = MedianFilter(5)
         self.chassis = ChassisCore(0.5)
@@ -191,14 +191,14 @@ class StarvedFlight(Flight):
 
 
 class PauseFigures(msgspec.Struct, frozen=True):
-    """What one pause has done to a vehicle that held its place."""
+    """Effects of one pause on a vehicle that held its position."""
 
     parts: tuple[str, ...]
     duration_s: float
     lost_m: float
     """Height lost from its begin to the lowest point."""
     overshoot_m: float
-    """Height above that of its begin."""
+    """Height above the height at its begin."""
     level_s: float
     """Time from the end of the pause until it is level for good; infinite when it never is."""
     tilt_deg: float

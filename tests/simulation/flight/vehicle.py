@@ -29,7 +29,7 @@ NAVIGATOR_NS = 50 * MS
 
 
 class Flight:
-    """Steps the cores of one vehicle; `commands`: set-points instead of those of the navigator."""
+    """Steps the cores of one vehicle; `commands`: set-points that replace the navigator's."""
 
     def __init__(
         self, airframe: str, seed: int, config: SimConfig | None = None, world: str = "field"
@@ -75,7 +75,7 @@ class Flight:
         return math.degrees(roll), math.degrees(pitch)
 
     def order(self, action: ChassisAction) -> str:
-        """Orders the chassis; the reason of a refusal."""
+        """Sends an order to the chassis; returns the reason of a refusal, or ""."""
         self.number += 1
         report = self.simulation.on_order(ChassisOrder(self.number, action))
         self._inform(report.armed, report.landed)

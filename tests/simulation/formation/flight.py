@@ -205,7 +205,7 @@ class Flight:
         )
 
     def fly(self) -> Result:
-        """The whole mission; how far it came stands in the result."""
+        """Flies the whole mission; the result contains its progress."""
         if self.form():
             self.advance()
             self.land()

@@ -1,4 +1,4 @@
-"""Vehicles whose nodes have too little of a processor: a turn of each event loop takes long."""
+"""Vehicles whose nodes have too little processor time, so that each turn of an event loop takes long."""
 
 import math
 import random

@@ -48,7 +48,7 @@ def test_loss_is_told_and_a_key_frame_makes_the_picture_whole_again(loss: float,
     assert counters.lost == pytest.approx(loss * made.sender.counters.packets, rel=0.5)
     assert counters.gaps > 0
     assert made.sender.counters.key_frames_asked > 0
-    # each one that is shown has all that it needs: its number says that none is shown twice or out of order
+    # each shown picture has all that it needs: its number says that none is shown twice or out of order
     shown = [one.index for one in made.shown]
     assert shown == sorted(set(shown))
     assert len(shown) + counters.dropped >= 0.9 * made.sender.counters.pictures

@@ -51,7 +51,7 @@ def cells() -> dict[tuple[DriveMode, DriveEvent], DriveMode | None]:
 
 
 def core_in(mode: DriveMode, config: Config | None = None) -> ControlCore:
-    """A core in this mode; in manual and hold anna has the stick."""
+    """Creates a core in this mode; in manual and hold, anna has the stick."""
     core = ControlCore(config or Config())
     if mode in (MANUAL, HOLD):
         core.on_request(DriveRequest(DriveEvent.DRIVE), ANNA, NOW - S)

@@ -1,4 +1,4 @@
-"""Which offered files a node takes."""
+"""Acceptance of offered files by a node."""
 
 import pytest
 

@@ -28,7 +28,7 @@ def guard(*services: str, **changes: Any) -> GuardCore:
 
 
 def running(core: GuardCore, now_ns: int = 0) -> None:
-    """Starts everything; the pid of a service is 10, 20, … in the order of the start."""
+    """Starts all services, with the pids 10, 20, … in the order of the start."""
     for number, action in enumerate(core.on_start({}, {}, now_ns), 1):
         assert isinstance(action, Spawn)
         core.on_spawned(action.service, 10 * number, now_ns)
@@ -48,7 +48,7 @@ def spawned(actions: list[Action]) -> list[str]:
 
 
 def until_something(core: GuardCore) -> tuple[int, list[Action]]:
-    """Looks at each deadline until there is something to do; when that is, and what."""
+    """Calls the core at its deadlines until it returns actions; returns the instant and the actions."""
     while (deadline_ns := core.deadline_ns()) is not None:
         assert core.on_timer(deadline_ns) == [ReadHeartbeats()]
         if actions := without_tell(core.on_heartbeats_read(deadline_ns)):

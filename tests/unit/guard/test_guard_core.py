@@ -1,4 +1,4 @@
-"""Guard core: deaths, beats and orders in, starts and kills out."""
+"""Guard core: starts and kills after ends, heartbeats and orders."""
 
 import pytest
 from hypothesis import given
@@ -262,7 +262,7 @@ def test_whatever_happens_a_stop_ends_everything(events: list[tuple[str, int]]) 
 
 
 class Watching:
-    """A guard in virtual time: services come up when they are started, and beat while they are well."""
+    """A guard in virtual time, whose services join after their start and beat unless they are hung."""
 
     def __init__(self, fails_to_start: set[str] | None = None) -> None:
         self.time = VirtualTime()

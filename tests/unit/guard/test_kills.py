@@ -1,4 +1,4 @@
-"""Services that are killed or fail again and again, in virtual time: one restart for each end, at once."""
+"""Services that are killed or fail repeatedly, in virtual time, with one restart for each end."""
 
 from typing import Final
 
@@ -68,7 +68,7 @@ class Node:
                 return
 
     def read(self) -> None:
-        """What the shell does at each change of the table and once a second."""
+        """Reads the table and the heartbeats, as the shell does at each change and once a second."""
         now_ns = self.time.now_ns
         actions: list[Action] = []
         for name, pid in self.joined.items():
@@ -86,7 +86,7 @@ class Node:
         self.read()
 
     def end(self, name: str, how: ExitStatus) -> None:
-        """The process of a service ends, which is also a change of the table."""
+        """Ends the process of a service, which also changes the table."""
         pid = self.joined.pop(name)
         self._ended_ns[name] = self.time.now_ns
         self.driver.feed(self.core.on_exit(name, pid, how, self.time.now_ns))

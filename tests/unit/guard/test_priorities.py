@@ -1,4 +1,4 @@
-"""Priorities by load: who yields, who goes first, when it is taken back; without rights only cores."""
+"""Priorities by load: demotion, promotion and reset; without the rights, cores only."""
 
 from collections.abc import Iterable
 

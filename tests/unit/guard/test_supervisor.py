@@ -15,7 +15,7 @@ from swarmware.service.starting import write_start_record
 
 @pytest.fixture
 def child() -> Iterator[subprocess.Popen[bytes]]:
-    """A process that has nothing to do with the guard."""
+    """A process that the guard has not started."""
     process = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
     yield process
     process.kill()

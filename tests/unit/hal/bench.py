@@ -19,7 +19,7 @@ REST = ChassisReport(armed=False, landed=True)
 
 
 class Bench(Chassis):
-    """A chassis on the bench, which answers each order unless it loses some or is deaf."""
+    """A simulated chassis, which answers each order unless it is set to lose orders."""
 
     def __init__(self, **config: Any) -> None:
         super().__init__("bench", ChassisConfig(**config))

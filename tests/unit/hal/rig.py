@@ -1,4 +1,4 @@
-"""The hardware abstraction with devices of a test, on a node in a temporary folder."""
+"""A hardware abstraction with devices of a test, on a node in a temporary folder."""
 
 import asyncio
 from collections.abc import AsyncIterator, Sequence
@@ -15,7 +15,7 @@ from swarmware.testing.tmpnode import tmp_node
 
 @asynccontextmanager
 async def running(root: Path, devices: Sequence[Device], config: Config) -> AsyncIterator[Module]:
-    """Runs the service with these devices; yields another module of its node."""
+    """Runs the service with these devices; yields a second module of the node."""
     async with tmp_node(root) as node, Module("hal", node=node) as module, Module("test", node=node) as other:
         with patch("swarmd.hal.service.make_all", return_value=list(devices)):
             task = asyncio.create_task(Hal(module, config).run(), name="hal")

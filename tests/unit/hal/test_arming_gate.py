@@ -1,4 +1,4 @@
-"""The gate before the motors: ready, not ready, not known, forced, overtaken by a later order."""
+"""The arming gate: ready, not ready, unknown, forced, and cancelled by a later order."""
 
 import asyncio
 from collections.abc import AsyncIterator
@@ -48,13 +48,13 @@ def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def arm(operator: Module, *, force: bool = False, reason: str = "") -> "asyncio.Future[VehicleState]":
-    """The answer to a request that was sent."""
+    """Waits for the answer to a request."""
     order = ArmRequest(True, force, reason)
     return asyncio.ensure_future(operator.request(ARM, order, VehicleState, timeout_s=PATIENCE_S))
 
 
 async def waits_at_the_gate(operator: Module) -> None:
-    """Returns when an earlier request was taken: a later one is answered."""
+    """Returns when an earlier request has arrived, which the answer to a later request proves."""
     with pytest.raises(Denied, match="expected at least one gain"):
         await operator.request("sys/vehicle/gains", GainsRequest({}), VehicleState, timeout_s=PATIENCE_S)
 

@@ -1,4 +1,4 @@
-"""A camera: sources that PyAV makes or reads become a stream of images; a lost one is opened again."""
+"""The driver of cameras: sources of PyAV become a stream of images, and a lost source is reopened."""
 
 import asyncio
 from pathlib import Path

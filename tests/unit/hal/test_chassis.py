@@ -1,4 +1,4 @@
-"""A chassis behind its driver: set-points in, state out, orders that are answered, refused or lost."""
+"""The driver of a chassis: set-points, state, and orders that are answered, refused or lost."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which drivers a platform gets, and the filter of its sonar."""
+"""Drivers of each kind of platform, and the filter of the sonar."""
 
 import msgspec
 import pytest
@@ -60,7 +60,7 @@ def test_the_same_device_twice_is_refused() -> None:
 
 
 class Wheels(Chassis):
-    """A chassis of another package, which is not there."""
+    """A chassis of another package, whose device is missing."""
 
     def send_setpoint(self, setpoint: Setpoint, stamp_ns: int) -> None:
         raise OSError("unplugged")

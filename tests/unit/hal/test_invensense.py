@@ -24,7 +24,7 @@ RAW = struct.pack(">7h", 2048, 0, -1024, 0, 164, -328, 0)
 
 
 class InertialChip(Chip):
-    """Measures while it is awake; asleep all its data are zero."""
+    """A chip that measures while it is awake, and returns zeros while it sleeps."""
 
     def read(self, register: int, count: int) -> bytes:
         self.registers[DATA : DATA + 14] = RAW if self.registers[0x6B] == 1 else bytes(14)
@@ -94,7 +94,7 @@ async def test_a_unit_is_woken_read_and_woken_again_after_it_fell_asleep(
 async def test_a_chip_that_is_another_or_not_writable_is_named(tmp_path: Path) -> None:
     class Locked(InertialChip):
         def write(self, register: int, data: bytes) -> None:
-            """Ignores what is written."""
+            """A chip that ignores all writes."""
 
     locked = Locked(0x68)
     locked.registers[0x75], locked.registers[0x6B] = 0x12, 0x40

@@ -1,4 +1,4 @@
-"""What drivers ask of lines and buses, against what they carry: computed, refused, reported."""
+"""Load of lines and buses by drivers, compared with the capacity: computed, refused, reported."""
 
 from pathlib import Path
 

@@ -58,13 +58,13 @@ class Rig:
         return self.driver.state.armed
 
     async def step(self, count: int = 1) -> None:
-        """Serves so many samples of a unit at rest."""
+        """Publishes a number of samples of a unit at rest."""
         for _ in range(count):
             self.imu.write(STILL)
             await self.driver.write(self.module.now_ns())
 
     async def arm(self) -> None:
-        """Arms it, again when the computer was busy for so long that the motors were stopped."""
+        """Arms the vehicle, again if an overloaded computer made the driver stop the motors."""
         async with asyncio.timeout(20.0):
             while self.widths_us != IDLE:
                 await self.step(3)
@@ -141,7 +141,7 @@ async def test_the_motors_stop_when_the_event_loop_hangs_and_when_the_driver_end
 
 
 async def fly(r: Rig) -> None:
-    """Lifts it, as far as its driver can tell."""
+    """Lifts the vehicle off, as its driver detects it."""
     await r.arm()
     r.drives.write(Drive(0.0, 0.0, 1.0))
     async with asyncio.timeout(20.0):

@@ -1,4 +1,4 @@
-"""A log in place of devices: pace, stamps, the end and its repetition, what cannot be read."""
+"""A log in place of devices: pace, stamps, repetition from the end, unreadable files."""
 
 from itertools import pairwise
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""I2C and SPI device files: the requests to the kernel, and what each failure says."""
+"""I2C and SPI device files: requests to the kernel, and the messages of failures."""
 
 import errno
 import os

@@ -47,7 +47,7 @@ async def serving(node: Node) -> AsyncIterator[None]:
 
 @asynccontextmanager
 async def measuring(root: Path, sample: list[Imu]) -> AsyncIterator[Module]:
-    """A node whose unit measures the first of these samples again and again; a module of it."""
+    """Runs a node whose unit repeats the first of these samples; yields a module of the node."""
     async with tmp_node(root) as node, Module("test", node=node) as other:
         source = other.writer("sim/sensors/imu", Imu)
 

@@ -168,7 +168,7 @@ async def test_a_receiver_without_a_position_is_a_fault_that_says_why(tmp_path: 
 
 
 async def repeated(line: int, sentences: bytes) -> None:
-    """A receiver that sends the same sentences again and again."""
+    """A receiver that repeats the same sentences."""
     while True:
         os.write(line, sentences)
         await asyncio.sleep(0.05)

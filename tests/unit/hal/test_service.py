@@ -42,7 +42,7 @@ class Stuck(BlockingSensor[int]):
 
 
 class Valve(Actuator):
-    """An actuator whose set-points stop to arrive."""
+    """An actuator whose set-points stop arriving."""
 
     name, period_s = "valve", 0.01
     starved = False

@@ -12,7 +12,7 @@ from swarmware.health.debouncer import Debouncer
 
 
 def believed(judge: Debouncer, results: str) -> str:
-    """Believed states after each result, as letters: o is ok, w warn."""
+    """Confirmed states after each result, as letters: o for ok, w for warn."""
     names = {"o": "ok", "w": "warn", "e": "error"}
     out = []
     for at, letter in enumerate(results):

@@ -1,4 +1,4 @@
-"""A condition of a moment is reported long enough to be seen; files that were removed are one."""
+"""A short condition, such as removed files, is reported long enough to be seen."""
 
 import asyncio
 from typing import Any, cast

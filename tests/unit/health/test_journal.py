@@ -1,4 +1,4 @@
-"""The monitor's journal: what it must know again after a kill."""
+"""The monitor's journal, from which it restores its state after a kill."""
 
 import errno
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A monitor whose event loop is late: the time for which it did not look is no age."""
+"""A monitor with a delayed event loop, whose delay does not count as the age of resources."""
 
 from swarmd.health.config import Config
 from swarmd.health.core.monitor import FaultChanged, MonitorCore, RunningApp
@@ -10,14 +10,14 @@ POSE = Resource(path="nav/pose", type="Pose", rate_hz=20, critical=True)
 
 
 def look(core: MonitorCore, position: int, now_ns: int) -> list[str]:
-    """States of the faults that a sample of the pose makes."""
+    """States of the faults after a sample of the pose."""
     (age,) = core.ages()
     actions = core.on_age_sample(age, position, now_ns)
     return [action.fault.state for action in actions if isinstance(action, FaultChanged)]
 
 
 def late_monitor(late_ns: int) -> tuple[MonitorCore, int]:
-    """A monitor that has just seen a pose, and is called so much after its deadline; and when that is."""
+    """A monitor that has seen a pose and is called late; returns the monitor and the instant of the call."""
     core = MonitorCore(Config(grace_s=1.0))
     core.on_start((), (), 0)
     core.on_running(RunningApp("navigator#1", "navigator", 7, -20 * SECOND, (POSE,)), 0)

@@ -20,7 +20,7 @@ PATIENCE_S = 20.0
 
 
 class Motor:
-    """A temperature, and what was done about it."""
+    """A temperature, and the actions of its check."""
 
     def __init__(self) -> None:
         self.heat_degc = 20.0

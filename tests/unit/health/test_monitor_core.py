@@ -1,4 +1,4 @@
-"""Monitor core: looks, values, reports and deaths in; faults and the state of the platform out."""
+"""Monitor core: faults and the state of the platform after samples, reports and ends of processes."""
 
 import msgspec
 from tests.unit.health.monitor import SECOND, Monitor, look, monitor, present, told

@@ -1,4 +1,4 @@
-"""Readiness: what the monitor knows and what was read, in; the items that are not ready, out."""
+"""Readiness: the items that are not ready, from the data of the monitor and further inputs."""
 
 from typing import Any
 

@@ -11,11 +11,11 @@ from swarmd.lidar.core.turn_decoder import ELEVATIONS_DEG
 BLOCK_DEG: Final = 0.4
 """Azimuth between two blocks, which have two firings each, at 10 turns a second."""
 Surroundings = Callable[[float, float], float]
-"""Distance in m, by azimuth (clockwise from the lidar's zero) and elevation in rad; 0: no echo."""
+"""Distance in m, by azimuth (clockwise from the lidar's zero) and elevation in rad, or 0 without an echo."""
 
 
 def turn(surroundings: Surroundings, blocks: int = 900) -> list[bytes]:
-    """One turn, of 75 packets."""
+    """Packets of one turn, of which there are 75."""
     made = []
     for number in range(blocks):
         azimuth = number * BLOCK_DEG
@@ -33,7 +33,7 @@ def _twelve(blocks: list[bytes]) -> list[list[bytes]]:
 
 
 def wall(ahead_m: float) -> Surroundings:
-    """A wall across the way, and nothing else."""
+    """Surroundings with a single wall ahead."""
 
     def distance(azimuth: float, elevation: float) -> float:
         towards = math.cos(azimuth) * math.cos(elevation)

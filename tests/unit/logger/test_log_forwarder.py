@@ -1,4 +1,4 @@
-"""Store and forward from the ring: each entry once, in order, holes named; whatever the store does."""
+"""Store and forward from the ring: each entry once and in order, gaps recorded, with a failing store."""
 
 import contextlib
 import random
@@ -20,7 +20,7 @@ CHANNEL = LogChannel("uav1", "nav/count", "board", "Int", QUEUE)
 
 
 class Slots:
-    """A store of fixed slots that fails when it is told to, before or after it has stored."""
+    """A store of fixed slots that can be set to fail before or after storing."""
 
     def __init__(self) -> None:
         self.slots: dict[str, LogEntry] = {}
@@ -163,7 +163,7 @@ def test_a_batch_of_large_entries_is_bounded_by_its_bytes(tmp_path: Path) -> Non
 
 
 class Narrow(Slots):
-    """A store behind a link that carries so many entries before the time is over."""
+    """A store behind a link that carries a limited number of entries before the time-out."""
 
     capacity = 30
 

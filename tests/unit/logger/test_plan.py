@@ -1,4 +1,4 @@
-"""Which resources are logged how often."""
+"""Logged resources and their sampling periods."""
 
 import pytest
 

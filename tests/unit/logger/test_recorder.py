@@ -1,4 +1,4 @@
-"""The book of a node: what was taken from shared memory is on disk, in the queue of who wrote or took it."""
+"""The recorder of a node: frames from shared memory are on disk, in the queue of their module."""
 
 from pathlib import Path
 

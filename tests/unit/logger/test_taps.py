@@ -1,4 +1,4 @@
-"""A tap into a ring: each event is taken once, also by a restarted logger; what is gone is counted."""
+"""A tap into a ring: each event is read once, also by a restarted logger, and lost events are counted."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Types of modules in the log: the description that the log has, and when there is none."""
+"""Types of modules in the log, with or without a description."""
 
 import msgspec
 

@@ -321,7 +321,7 @@ def test_the_others_were_not_silent_while_this_node_did_not_listen() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     late = e.of["a"]
-    late.on_own_delay(2 * S)
+    late.on_loop_delay(2 * S)
     assert late.advance(5 * S - 1) == [], "three seconds without the two that it was late"
     assert [passed.result.label for passed in late.advance(5 * S + 1)] == ["error:broken"]
     assert [passed.result.label for passed in e.of["b"].advance(3 * S + 1)] == ["error:broken"]
@@ -333,7 +333,7 @@ def test_the_states_of_others_that_are_alive_were_not_missing_while_this_node_di
         e = Ensemble()
         e.arrive("a", gate=BarrierSpec("x", 1, timeout_s=60.0))
         late = e.of["a"]
-        late.on_own_delay(late_ns)
+        late.on_loop_delay(late_ns)
         now_ns = 0
         while not late.advance(now_ns):
             now_ns += S // 2

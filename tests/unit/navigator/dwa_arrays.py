@@ -1,4 +1,4 @@
-"""The dynamic window over arrays, every candidate computed completely: what the planner is compared with."""
+"""Reference of the planner: the dynamic window over arrays, with complete computation of all candidates."""
 
 import math
 from typing import Final
@@ -93,7 +93,8 @@ class ArrayPlanner:
         return answer
 
     def _clearance(self, pose: Pose, v: Array, w: Array, around: Surroundings) -> tuple[Array, Array]:
-        """Minimum clearance of each trajectory, and its length until a contact (infinite: none)."""
+        """Minimum clearance of each trajectory, and its length until a contact, or infinity without a
+        contact."""
         limits = self._limits
         times = self._times
         clear = np.full(v.shape, np.inf)

@@ -25,7 +25,7 @@ STEP_NS = 50_000_000
 
 
 class Rig:
-    """A navigator with exact sensors; the vehicle does at once what it is told."""
+    """A navigator with exact sensors, and a vehicle that follows set-points without delay."""
 
     def __init__(self, kind: str = "uav", name: str = "uav1", z_m: float = 8.0) -> None:
         pilot = AirController(Config()) if kind == "uav" else GroundController(Config())

@@ -1,4 +1,4 @@
-"""The pilot in the air: straight where it is free, around what is not."""
+"""The controller of air vehicles: straight to a free target, and around obstacles."""
 
 import math
 

@@ -12,7 +12,7 @@ from swarmware.types.vehicle import Pose, Setpoint
 def hold(
     hover: AltitudeHold, wanted: float, start: float, seconds: float, draught: float = 0.0
 ) -> list[float]:
-    """Heights; a draught moves the air, and the vehicle with it."""
+    """Heights of a vehicle in vertically moving air."""
     vehicle = Multirotor(MultirotorLimits(), Pose.planar(0.0, 0.0, start))
     vehicle.armed = True
     heights = []

@@ -141,7 +141,7 @@ def test_a_stop_ends_the_approach() -> None:
 
 
 class Pilot:
-    """A navigator that is shown where its aircraft is."""
+    """A navigator with exact measurements of its aircraft's position."""
 
     def __init__(self) -> None:
         self.core = NavigatorCore(CONFIG, "uav1", Origin(), CirclingController(CONFIG, AIRCRAFT))
@@ -156,7 +156,7 @@ class Pilot:
         self.core.on_goal(Goal(self.seq, kind, **fields), self.now_ns)  # type: ignore[arg-type]  # by name
 
     def see(self, x: float, y: float, z: float = 40.0) -> tuple[NavState, NavError, float, str]:
-        """The status with the aircraft at a place, once the estimate is there."""
+        """The status with the aircraft at a position, once the estimate has converged."""
         for _ in range(80):
             self.now_ns += 50_000_000
             self.core.on_imu(Imu(0.0, 0.0, 0.0, 0.0, 0.0, 9.80665, 0.0, 0.0, 0.0), self.now_ns)

@@ -1,4 +1,5 @@
-"""The free direction: straight where nothing is, around on one side and staying there."""
+"""The free direction: straight without obstacles, around an obstacle on one side, without changing the
+side."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The dynamic window planner: equations 4 and 5 as a table, and what comes of them."""
+"""The dynamic window planner: equations 4 and 5 as a table, and the resulting motion."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The estimator: as good as its sensors allow, and honest when they fail."""
+"""The estimator: accuracy with given sensors, and invalid poses when they fail."""
 
 import math
 import random

@@ -1,4 +1,4 @@
-"""Fixes without an accuracy, without a height, or without a place: what filters make of them."""
+"""Filters with fixes that have no accuracy, no height or no position."""
 
 import math
 

@@ -77,7 +77,7 @@ def halves(goal: Goal, *, seed: int = 1) -> Fly:
 
 
 def path(fly: Fly, duration_s: float) -> tuple[list[tuple[float, float, float]], NavState | None]:
-    """The vehicle does at once what it is told, from 8 m above the origin."""
+    """A vehicle that follows set-points without delay, from 8 m above the origin."""
     chart = LocalMap(ORIGIN)
     truth, points, last = Pose.planar(0.0, 0.0, 8.0), [], None
     for number in range(round(duration_s / STEP_S)):

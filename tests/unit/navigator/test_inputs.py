@@ -16,7 +16,7 @@ from swarmware.types.vehicle import Goal, Pose, Range, VehicleState
 
 
 class Navigator:
-    """Takes what the inputs pass."""
+    """A core that records the passed inputs."""
 
     def __init__(self) -> None:
         self.vehicle: VehicleState | None = None

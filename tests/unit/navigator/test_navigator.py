@@ -1,4 +1,4 @@
-"""The navigator: a table of goals and situations, and what it says and does then."""
+"""The navigator: status and set-point for a table of goals and situations."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A vehicle at rest: its pose stands still, as wrong as it says, and whoever moves it ends the rest."""
+"""A vehicle at rest: constant pose within the stated accuracy, and the end of the rest by a motion."""
 
 import math
 import random
@@ -34,7 +34,7 @@ def measured(sensors: SensorErrors, pose: Pose, acceleration: tuple[float, float
 
 
 class Parked:
-    """An estimator with the sensors of a vehicle that nobody drives."""
+    """An estimator with the sensors of a vehicle that is not driven."""
 
     def __init__(
         self, seed: int, config: SensorsConfig | None = None, way: Way | None = None, period_ms: int = REST_MS
@@ -55,7 +55,7 @@ class Parked:
         return Pose.planar(*where, 0.0, 0.5, (speed * cos, speed * sin, 0.0)), accel
 
     def step(self) -> Pose | None:
-        """On by one period: the sensors are sampled at its end."""
+        """Advances by one period, and samples the sensors at its end."""
         self.ms += self.period_ms
         pose, accel = self.truth()
         self.estimator.on_imu(measured(self.sensors, pose, (accel + self.tilt_m_s2, 0.0, 0.0)), self.ms * MS)

@@ -1,4 +1,4 @@
-"""The route around what a blocked vehicle has seen: shortest, through gaps that are wide enough, or none."""
+"""The route around seen obstacles: the shortest, through gaps of sufficient width, or none."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""How many processes a node has is what runs, whatever its file says: units of systemd are a process each."""
+"""The processes of a node are derived from the running services, not from node.toml."""
 
 import pytest
 

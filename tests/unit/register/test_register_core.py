@@ -1,4 +1,4 @@
-"""Register core: tables of other computers in, what is known out."""
+"""Register core: the known tables of other computers."""
 
 from swarmd.register.config import Config
 from swarmd.register.core.known_registers import (
@@ -180,7 +180,7 @@ def test_many_changes_in_a_short_time_are_few_writes() -> None:
 
 
 def since_ns(register: Register) -> int | None:
-    """When the first partner of the newest board was last reachable; None: it is."""
+    """Last instant at which the first partner was reachable, or None while it is reachable."""
     return register.boards[-1].units[0].unreachable_since_ns
 
 

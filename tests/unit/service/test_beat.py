@@ -11,7 +11,7 @@ from swarmware.service.status import Load, Reporter, beat
 
 
 class Service:
-    """What a beat asks of a reporter."""
+    """A reporter that records the calls of a beat."""
 
     def __init__(self, clock: VirtualClock, *, late_s: float = 0.0, fails: bool = False) -> None:
         self.clock = clock

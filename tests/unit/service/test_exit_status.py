@@ -1,4 +1,4 @@
-"""How a process ended: what the kernel says, what goes between processes, what people read."""
+"""Exit status of a process: from the kernel, between processes, and as a text for operators."""
 
 import os
 import subprocess
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import exit_status_of
+from swarmware.service.fork_client import exit_status_of
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The guard is started again when it died, by whatever process of the node sees it; never when it left."""
+"""Any process of the node restarts a guard that died, but not a guard that left the node."""
 
 import asyncio
 import fcntl
@@ -14,7 +14,7 @@ import pytest
 
 from swarmware.node.node import Node
 from swarmware.service import guard_watchdog
-from swarmware.service.fork import StartedProcess
+from swarmware.service.fork_client import StartedProcess
 from swarmware.service.guard_watchdog import GuardWatchdog
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.appfile.trace import MOMENT_S
@@ -37,7 +37,7 @@ asyncio.run(main())
 
 
 class Starts:
-    """What the watchdog asked to be started, in the place of a real guard."""
+    """Starts that the watchdog requested, in place of a real guard."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -173,7 +173,7 @@ async def test_a_guard_that_left_or_that_systemd_restarts_is_left_alone(
     ):
         process.send_signal(number)
         await process.wait()
-        async with guard(node) as second:  # found by the watchdog as the one that runs
+        async with guard(node) as second:  # found by the watchdog as the running guard
             assert starts.names == []
             second.kill()
             await starts.wait(1)

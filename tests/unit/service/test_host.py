@@ -1,4 +1,4 @@
-"""The services of one process: each kept running, none disturbed by another, ended in order."""
+"""The services of one process: restarted independently of each other, and stopped in order."""
 
 import asyncio
 import logging
@@ -62,7 +62,7 @@ class Failing(Service):
 
 
 class Returning(Service):
-    """Takes its job for done."""
+    """A service whose `run` returns."""
 
     name = "returning"
 
@@ -72,7 +72,7 @@ class Returning(Service):
 
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing has begun yet, and a start again comes soon."""
+    """Resets the counters of the probes, and makes the back-off short."""
     monkeypatch.setattr(host_module, "BACKOFF_S", PAUSES_S)
     monkeypatch.setattr(Steady, "begun", 0)
     monkeypatch.setattr(Steady, "ended", [])
@@ -226,7 +226,7 @@ class Clumsy(Other):
 
 
 class Unbuilt(Other):
-    """Cannot be constructed at first."""
+    """A service whose constructor fails at first."""
 
     name = "unbuilt"
     left: ClassVar[int] = 2

@@ -24,19 +24,19 @@ def test_a_folder_that_is_made_again_is_locked_again(tmp_path: Path) -> None:
     folder.mkdir()
     kept = KeptFolders([str(folder)])
     shutil.rmtree(folder)
-    kept.tend()
+    kept.relock()
     folder.mkdir()
     assert not is_left_alone(folder)
-    kept.tend()
+    kept.relock()
     assert is_left_alone(folder)
     kept.close()
 
 
 def test_of_several_nodes_of_a_lab_another_one_keeps_its_folder_when_the_first_ends(tmp_path: Path) -> None:
     first, second = KeptFolders([str(tmp_path)]), KeptFolders([str(tmp_path)])
-    second.tend()
+    second.relock()
     first.close()
     assert not is_left_alone(tmp_path)
-    second.tend()
+    second.relock()
     assert is_left_alone(tmp_path)
     second.close()

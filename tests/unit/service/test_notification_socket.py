@@ -1,4 +1,4 @@
-"""The socket that receives sd_notify: what each process sends, with its pid, and nothing of other users."""
+"""The socket that receives sd_notify: notifications with the sender's pid, and none of other users."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""What a process notifies its service manager of, as datagrams of sd_notify(3)."""
+"""Notifications of a process to its service manager, as datagrams of sd_notify(3)."""
 
 import os
 import socket

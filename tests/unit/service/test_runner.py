@@ -24,13 +24,13 @@ from swarmware.testing.tmpnode import make_node
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What the probe is asked to do."""
+    """Instruction to the probe."""
 
     does: str = "ends"
 
 
 class Probe(Service):
-    """Does what a test asks for as soon as it runs."""
+    """A service that executes the instruction of a test when it runs."""
 
     name = "probe"
     Config = Settings
@@ -67,7 +67,7 @@ def _raise(error: Exception) -> None:
 
 @pytest.fixture(autouse=True)
 def _process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """This process as a process of services, and as it was afterwards."""
+    """Runs this process as a process of services, and restores it afterwards."""
     values = {"probe": f"{__name__}:Probe", "second": f"{__name__}:Second"}
     points = {name: EntryPoint(name, value, "swarmware.services") for name, value in values.items()}
     monkeypatch.setattr(installed_services, "installed", lambda: points)

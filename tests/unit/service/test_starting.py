@@ -1,4 +1,4 @@
-"""How processes of services are started: records of starts, their environment, and the fork server."""
+"""Starts of service processes: start records, environment, and the fork server."""
 
 import os
 import select
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.service import fork, starting
+from swarmware.service import fork_client, starting
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import FOLDER, SOCKET, StartedProcess, own_folder, request_fork
+from swarmware.service.fork_client import FOLDER, SOCKET, StartedProcess, own_folder, request_fork
 from swarmware.service.starting import (
     GUARD,
     PARENT_SOCKET,
@@ -143,8 +143,9 @@ def test_without_a_fork_server_there_is_none(tmp_path: Path) -> None:
 
 def test_a_request_that_is_too_long_is_not_sent(tmp_path: Path) -> None:
     asked: list[list[str]] = []
+    variables = {"LONG": "x" * fork_client.REQUEST_BYTES}
     with server(tmp_path, lambda _, words: asked.append(words)):
-        assert request_fork(["hal"], "/etc/swarm", tmp_path, {"LONG": "x" * fork.REQUEST_BYTES}) is None
+        assert request_fork(["hal"], "/etc/swarm", tmp_path, variables) is None
     assert asked == [[""]], "the connection was closed"
 
 
@@ -152,7 +153,7 @@ def test_a_fork_server_that_nodes_share_is_asked_instead_of_the_own_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shared = tmp_path / "shared"
-    monkeypatch.setenv(fork.VARIABLE, str(shared / FOLDER / SOCKET))
+    monkeypatch.setenv(fork_client.VARIABLE, str(shared / FOLDER / SOCKET))
     with server(shared, lambda asking, _: asking.send(b"4711")):
         started = request_fork(["hal"], "/etc/swarm", tmp_path, {})
         assert started is not None
@@ -174,7 +175,7 @@ def test_a_fork_server_that_hangs_is_killed(tmp_path: Path, monkeypatch: pytest.
         file_actions=[(os.POSIX_SPAWN_DUP2, writing, 1), (os.POSIX_SPAWN_DUP2, waits, 0)],
     )
     assert select.select([reading], [], [], 20.0)[0], "it listens"
-    monkeypatch.setattr(fork, "ANSWER_S", 0.05)
+    monkeypatch.setattr(fork_client, "ANSWER_S", 0.05)
     assert request_fork(["hal"], "/etc/swarm", tmp_path, {}) is None
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
     for fd in (reading, writing, waits, never):

@@ -1,4 +1,4 @@
-"""The status board of a service: who it is, how it is, and what its process needs."""
+"""The status board of a service: identity, state, and load of its process."""
 
 import os
 import resource

@@ -11,7 +11,7 @@ import pytest
 from swarmware.errors import NotFound
 from swarmware.service import supervised_process
 from swarmware.service.exit_status import ExitStatus
-from swarmware.service.fork import StartedProcess
+from swarmware.service.fork_client import StartedProcess
 from swarmware.service.supervised_process import SupervisedProcess
 
 
@@ -24,7 +24,7 @@ def reap(pid: int) -> None:
 
 
 class Ends:
-    """What was reported of one process."""
+    """Reported ends of one process."""
 
     def __init__(self) -> None:
         self.reported: list[str] = []

@@ -37,12 +37,12 @@ R50_KG, R50_RADIUS_M, R50_TIP_M_S = 44.0, 1.535, 91.1 * 1.535
 
 
 def scale(mass_kg: float) -> float:
-    """Length of the R-50 over that of a helicopter of the same kind with this mass."""
+    """Ratio of the R-50's length to the length of a similar helicopter with this mass."""
     return math.cbrt(R50_KG / mass_kg)
 
 
 def froude(mass_kg: float) -> HoverDerivatives:
-    """The derivatives of a helicopter that is similar by Froude's number: equal accelerations.
+    """Derivatives of a helicopter with equal accelerations, which is similar by Froude's number.
 
     Source: Mettler, Tischler, Kanade 2000, CMU-RI-TR-00-03, section on scaling.
     """

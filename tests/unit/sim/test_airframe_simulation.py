@@ -1,4 +1,4 @@
-"""The simulation of a vehicle with an airframe: rates, stalls, battery, what stops its motors."""
+"""The simulation of a vehicle with an airframe: rates, stalls, battery, and stops of the motors."""
 
 import random
 from collections.abc import Callable

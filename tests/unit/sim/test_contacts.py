@@ -1,4 +1,4 @@
-"""Contacts between platforms: those far away need not be read, and none is missed."""
+"""Contacts between platforms: poses of distant platforms need not be read, and no contact is missed."""
 
 import math
 import random
@@ -16,7 +16,7 @@ ACCEL_M_S2 = 9.9
 
 
 class Body:
-    """A point that flies as it likes, within the bounds of a vehicle; it may stop at once."""
+    """A point with random motion within the bounds of a vehicle, which may stop at once."""
 
     def __init__(self, chance: random.Random, apart_m: float) -> None:
         self.chance = chance

@@ -46,7 +46,8 @@ def modes(f: Callable[[list[float]], list[float]], size: int) -> list[complex]:
 
 
 def test_the_modes_are_those_of_a_small_helicopter_in_hover() -> None:
-    """A slow unstable one that a controller must damp, and fast stable ones of rotor and fuselage."""
+    """Modes: a slow unstable mode that a controller must damp, and fast stable modes of rotor and
+    fuselage."""
     found = modes(slope, 10)
     slow = [value for value in found if abs(value) < 2.0]
     unstable = [value for value in found if value.real > 0.0]

@@ -47,7 +47,7 @@ def test_in_hover_the_inflow_is_that_of_momentum_theory() -> None:
 
 
 def test_vertical_control_and_damping_agree_with_those_identified_in_flight() -> None:
-    """The geometry gives what the flights of the R-50 gave, scaled to this mass."""
+    """The geometry reproduces the measurements of the R-50's flights, scaled to this mass."""
     small = 1e-3
     control = (settled(HOVER + small).thrust_n - settled(HOVER - small).thrust_n) / (2 * small) / MASS_KG
     damping = (settled(HOVER, climb=0.05).thrust_n - settled(HOVER, climb=-0.05).thrust_n) / 0.1 / MASS_KG

@@ -1,4 +1,4 @@
-"""The rigid body: the laws of mechanics that have answers on paper."""
+"""The rigid body: laws of mechanics with analytical solutions."""
 
 import math
 

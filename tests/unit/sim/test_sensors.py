@@ -1,4 +1,4 @@
-"""Sensor errors: as large as configured, and around the truth."""
+"""Sensor errors with the configured size, and without a mean error."""
 
 import math
 import random

@@ -1,4 +1,4 @@
-"""The serial devices of a simulated vehicle: what they send is what the drivers of real ones read."""
+"""The serial devices of a simulated vehicle send the protocols that the drivers of real devices read."""
 
 import pytest
 

@@ -20,7 +20,7 @@ STEP_NS = 25_000_000
 
 
 class Run:
-    """A simulation fed with one set-point, and everything it said."""
+    """A simulation with one set-point, and all of its outputs."""
 
     def __init__(self, kind: str = "ugv", config: Config | None = None, start: Pose | None = None) -> None:
         chance = random.Random(1)

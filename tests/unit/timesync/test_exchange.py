@@ -1,4 +1,4 @@
-"""Whose functions are requested, and when: rounds that begin at a deadline and end with the last answer."""
+"""Requests of functions in rounds, which begin at a deadline and end with the last answer."""
 
 from typing import Final
 
@@ -24,7 +24,7 @@ FAR: Final = RouteState("uav9", 9, "uav2", 512, 2, 0, 0)
 
 
 class Rig:
-    """Both cores of one node in virtual time; requests are answered when the test says so."""
+    """Both cores of one node in virtual time; the test decides when requests are answered."""
 
     def __init__(self, *, compose: bool = True) -> None:
         self.virtual = VirtualTime(SECOND)

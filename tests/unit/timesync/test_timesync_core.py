@@ -1,4 +1,4 @@
-"""Time core: exchanges in, functions and events out."""
+"""Time core: functions and events from exchanges."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Steps of the wall clock: found, told for a minute, and not taken for a late process."""
+"""Steps of the wall clock: detected, reported for a minute, and distinguished from a delayed process."""
 
 import pytest
 
@@ -9,7 +9,7 @@ YEAR_2026_NS = 1_790_000_000 * S
 
 
 def looks(*readings: tuple[float, float]) -> list[float]:
-    """Steps told at looks of (node clock, wall clock) in seconds since the start."""
+    """Steps that readings of node clock and wall clock, in seconds since the start, report."""
     clock = WallClock()
     return [
         clock.on_look(round(node_s * S), YEAR_2026_NS + round(wall_s * S), round(node_s * S)).step_s

@@ -1,4 +1,4 @@
-"""Video that rules of channels ask for: started, ended, and started again."""
+"""Video by rules of channels: started, ended, and started again."""
 
 from swarmd.video.core.channel_video import RETRY_NS, Channel, ChannelVideo, StartVideo, StopVideo
 from swarmware.types.channel import ChannelLimit, ChannelProtocol, ChannelSettings

@@ -1,4 +1,4 @@
-"""Receivers as an operator writes them, and the description that a standard receiver gets."""
+"""Receivers as operators write them, and the session description for a standard receiver."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The receiving end: pictures in order, gaps told and answered by a key frame, reports at their time."""
+"""The receiving end: pictures in order, key frames after gaps, and timely reports."""
 
 import pytest
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""The sending end: paced packets within a window, reports into rate and key frames, waiting with a limit."""
+"""The sending end: paced packets within a window, reaction to reports, and a limited wait."""
 
 from swarmd.video.config import Config
 from swarmd.video.core import rtcp, rtp_packet

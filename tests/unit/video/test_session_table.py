@@ -1,4 +1,4 @@
-"""Sessions of a node: limits, one for each source and receiver, and whose a packet is."""
+"""Sessions of a node: limits, one session per source and receiver, and the session of a packet."""
 
 import pytest
 

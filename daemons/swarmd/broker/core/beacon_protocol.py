@@ -39,7 +39,7 @@ from swarmd.broker.core.swarm.node_table import NodeTable
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import IP_UDP_BYTES, Counters
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.net import BoardSubscription, StructureBroadcast, TreePlan
 
 
@@ -110,7 +110,7 @@ class BeaconProtocol:
         self.hellos = HelloSchedule(identity, config.tick_hz)
         self.structures = StructureBroadcasts(identity.hw)
         self.slowdown = Slowdown()
-        self.delay = OwnDelay()
+        self.delay = LoopDelay()
         """A node that is late declares a period by which neighbours keep its links when it is late again."""
         self.reserved_bytes = 0
         """Bytes of the next body kept free for session checks and the signature."""

@@ -53,6 +53,7 @@ class ControlCore:
         self._timeout_ns = round(config.manual_timeout_s * 1e9)
         self._config = config
         self._state = ControlState(DriveMode.AUTO)
+        # the operator of the previous run may be gone, so manual driving becomes a hold
         if former is not None and former.mode.known:
             manual = former.mode is DriveMode.MANUAL
             self._state = msgspec.structs.replace(former, mode=DriveMode.HOLD) if manual else former
@@ -96,6 +97,7 @@ class ControlCore:
         if now_ns - stamp_ns > self._timeout_ns:
             self.expired += 1
             return []
+        # messages may overtake each other on different routes
         if stamp_ns <= self._manual_ns:
             return []  # a newer set-point arrived before
         self._manual_ns = stamp_ns
@@ -139,6 +141,7 @@ class ControlCore:
         """Takes the position of the safety pilot's switch; an unknown position gives the pilot control."""
         auto = position is VehicleMode.AUTO
         event = DriveEvent.SWITCH_AUTO if auto else DriveEvent.SWITCH_MANUAL
+        # the switch is published repeatedly
         if TRANSITIONS[self._state.mode, event] is self._state.mode:
             return []
         return [*self._move(event, NO_HOLDER, 0, now_ns), *self.on_timer(now_ns)]
@@ -194,6 +197,7 @@ class ControlCore:
     def _limited(self, setpoint: Setpoint) -> Drive:
         config, pilot = self._config, self._state.mode is DriveMode.PILOT
         speed = math.hypot(setpoint.vx_m_s, setpoint.vy_m_s)
+        # scaled in common, so that the limit does not change the direction
         ratio = min(1.0, config.speed_max_m_s / speed) if speed > 0.0 else 1.0
         return Drive(
             setpoint.vx_m_s * ratio,

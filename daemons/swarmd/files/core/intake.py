@@ -28,6 +28,7 @@ class FileIntake:
 
     def free_bytes(self, stored_bytes: int) -> int:
         """Bytes left for new offers; incomplete files count with their full size."""
+        # an accepted file must not fail because another one took its space
         promised = sum(part.offer.size_bytes for part in self._parts.values())
         return max(0, self._config.limit_bytes - stored_bytes - promised)
 
@@ -38,6 +39,7 @@ class FileIntake:
         """
         part = self._parts.get(offer.digest)
         if part is not None:
+            # blocks are stored by the digest of the content, so one content can have one name only
             if part.offer.name != offer.name:
                 raise Conflict(
                     f"{offer.name}: the same content arrives as {part.offer.name}; expected one of them"

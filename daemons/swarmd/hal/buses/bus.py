@@ -52,6 +52,7 @@ def opening_error(path: str, error: OSError) -> DeviceError:
     """Error of a bus that could not be opened."""
     if error.errno in _ABSENT:
         return DeviceGone(f"{path}: no such device")
+    # the most frequent mistake of an installation gets its remedy in the message
     if error.errno in _FORBIDDEN:
         return DeviceError(
             f"{path}: permission denied; expected read and write access for the user of the daemon"

@@ -55,6 +55,7 @@ class CanBus(Bus):
         """Body of the thread of the bus: receives until the bus is closed or lost, and shuts the bus down."""
         try:
             while not self._closed.is_set():
+                # a bounded wait, so that the thread sees a closed bus
                 message = self._bus.recv(_WAIT_S)
                 if message is not None and message.is_extended_id and not message.is_error_frame:
                     frame = CanFrame(message.arbitration_id, bytes(message.data))

@@ -41,6 +41,7 @@ class EndWriter:
         self._kept_s = time.monotonic()
         ready = self._process.stdout
         assert ready is not None
+        # the first byte means that the process waits; without it a crash now would leave the outputs on
         if not ready.read(1):
             self.close()
             raise DeviceError(f"{_PROGRAM}: ended at its start; expected a running process")
@@ -52,6 +53,7 @@ class EndWriter:
                 [sys.executable, "-I", "-S", _PROGRAM, str(self._held_s), str(self._dead_s), *self._texts],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
+                # a signal to the daemon's process group must not end the process that guards against it
                 start_new_session=True,
             )
         except OSError as error:

@@ -63,8 +63,10 @@ class GpioEdges(Bus):
             self._loop.remove_reader(self._fd)
             return
         for stamp_ns, _, _, _, sequence, _ in _EVENT.iter_unpack(
+            # whole events only
             data[: len(data) // _EVENT.size * _EVENT.size]
         ):
+            # the kernel numbers the edges, so a step shows the edges that its full buffer has lost
             if self._sequence and sequence != self._sequence + 1:
                 self._on_lost()
             self._sequence = sequence

@@ -21,6 +21,7 @@ class IioDevice(Bus):
         raw = self._number(f"in_voltage{channel}_raw")
         offset = self._of(channel, "offset", 0.0)
         scale_mv = self._of(channel, "scale", None)
+        # the kernel states the scale in mV per step
         return (raw + offset) * scale_mv / 1000
 
     def _of(self, channel: int, what: str, default: float | None) -> float:

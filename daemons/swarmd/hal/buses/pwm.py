@@ -27,6 +27,7 @@ class PwmChannel(Bus):
         """True while there are pulses, or None if another process may have changed them."""
         try:
             if not self._folder.exists():
+                # the kernel creates the folder of a channel on request
                 (Path(chip) / "export").write_text(f"{channel}\n", "ascii")
             if keeps and self._read("period") == self._period_ns and self._read("enable"):
                 self._on = True
@@ -56,6 +57,7 @@ class PwmChannel(Bus):
             raise DeviceError(f"{self.path}: pulse of {width_us:g} µs, expected at most one period")
         try:
             os.pwrite(self._duty, f"{round(width_us * _US)}\n".encode("ascii"), 0)
+            # also true if the state is unknown, so that a former process's state never stays
             if (width_us > 0) != self._on:
                 self._write("enable", int(width_us > 0))
                 self._on = width_us > 0

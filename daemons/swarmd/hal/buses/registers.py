@@ -61,6 +61,7 @@ class I2cBus(RegisterBus):
         """Writes the number of the register and reads, without releasing the bus in between."""
         number = ctypes.create_string_buffer(bytes([register]), 1)
         data = ctypes.create_string_buffer(count)
+        # one transfer with a repeated start, which other masters of the bus cannot interrupt
         self._transfer((0, number, 1), (_I2C_READ, data, count))
         return data.raw
 

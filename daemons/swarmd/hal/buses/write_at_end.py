@@ -39,8 +39,10 @@ def main(held_s: float, dead_s: float, pairs: list[str]) -> None:
         if not found or found.endswith(b"e"):
             break
         lived_s, silent = time.monotonic(), False
+        # sleeps only when all heartbeats have been read
         if not select.select([0], [], [], 0.0)[0]:
             time.sleep(held_s / _LOOKS)
+    # at an end without `e` another process may continue the outputs
     if found or silent or is_ours(pairs[::2], lived_s + dead_s):
         write(pairs)
 

@@ -56,6 +56,7 @@ def measurement(data: bytes, chip: Calibration) -> Barometer:
     raw_temperature = data[3] << 12 | data[4] << 4 | data[5] >> 4
     if _SKIPPED in (raw_pressure, raw_temperature):
         raise WireError("no measurement yet")
+    # floating-point variant of the data sheet's formulas
     t1, t2, t3 = chip.t
     fine = (raw_temperature / 16384 - t1 / 1024) * t2 + (raw_temperature / 131072 - t1 / 8192) ** 2 * t3
     temperature_degc = fine / 5120

@@ -68,6 +68,7 @@ class ChassisCore:
         self._last_number = max(now_ns, self._last_number + 1)
         order = ChassisOrder(self._last_number, action, gains or {})
         if action in _MOTORS:
+            # otherwise a repeated old order could undo the new one
             for number in [n for n, (former, _) in self._orders.items() if former.action in _MOTORS]:
                 del self._orders[number]
         self._orders[order.number] = (order, now_ns + REPEAT_NS)
@@ -78,6 +79,7 @@ class ChassisCore:
 
         A report from long before the opening is ignored, because its device may have ended.
         """
+        # shared memory may still hold a report of the previous run
         if stamp_ns < self._reported_ns - SILENT_NS:
             return
         self._report, self._reported_ns = report, stamp_ns
@@ -137,6 +139,7 @@ class ChassisCore:
         if self.failsafe(now_ns):
             self._forwarded = None
             return DriveOutput(STOP, now_ns)
+        # the device keeps its set-point, so each is sent once
         if self._drive is self._forwarded:
             return None
         self._forwarded = self._drive

@@ -136,6 +136,7 @@ class AccelerometerFaces:
         """
         check_still(samples)
         mean = _mean([_force(one) for one in samples])
+        # the axis that carries most of gravity is the vertical one
         axis = max(range(3), key=lambda index: abs(mean[index]))
         if abs(mean[axis]) < FACE_RATIO * GRAVITY_M_S2:
             raise Denied(f"accelerometer: {_text(mean)} m/s²: expected one axis of the vehicle upright")

@@ -51,6 +51,7 @@ def measurement(data: bytes, axes: Axes) -> Imu:
         raise WireError(f"{len(data)} bytes, expected {DATA_BYTES}")
     if len(set(data)) == 1:
         raise WireError(f"all bytes are {data[0]:#04x}: asleep, or not connected")
+    # the fourth value is the temperature of the chip
     ax, ay, az, _, wx, wy, wz = _FORM.unpack(data)
     rates = mounted((wx * _RAD_S, wy * _RAD_S, wz * _RAD_S), axes)
     return Imu(*rates, *mounted((ax * _M_S2, ay * _M_S2, az * _M_S2), axes))

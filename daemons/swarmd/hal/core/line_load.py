@@ -77,6 +77,7 @@ def crowded(uses: Iterable[tuple[str, LineUse]]) -> tuple[str, str, str] | None:
     """Line that only one driver can use, and two drivers that use it, or None without such a conflict."""
     owners: dict[str, tuple[str, bool]] = {}
     for driver, use in uses:
+        # buses may be shared, serial lines may not
         former = owners.setdefault(use.device, (driver, use.shared))
         if former[0] != driver and not (former[1] and use.shared):
             return use.device, former[0], driver

@@ -43,6 +43,7 @@ class PacketClock:
         """Packets that are due up to now, the oldest first."""
         end = (now_ns - self._start_ns) * self._rate_uhz // (_NS * 1_000_000) + 1
         max_packets = max(1, int(_CATCH_UP_S * self._rate_uhz) // 1_000_000)
+        # a long stall skips packets, as the kernel's buffer of a real device would overflow
         if end - self._sent > max_packets:
             self.lost += end - max_packets - self._sent
             self._sent = end - max_packets

@@ -47,6 +47,7 @@ class Recognition(Generic[R]):
         The driver of an unplugged device waits for its return, and needs no second start.
         """
         found = []
+        # sorted, so that equal devices get their drivers in the same order at each start
         for node in sorted(nodes, key=lambda node: node.path):
             if node.path in self._known:
                 continue

@@ -48,6 +48,7 @@ class SafetyPilot:
             return None
         positions, config = channels.positions, self._config
         self._confirm(positions[config.switch_channel - 1])
+        # in auto the sticks may be anywhere, and must not reach the vehicle
         if self._switch is not VehicleMode.MANUAL:
             return PilotInput(self._switch, None)
 
@@ -76,6 +77,7 @@ class SafetyPilot:
             found = VehicleMode.MANUAL
         elif position < _AUTO_BELOW:
             found = VehicleMode.AUTO
+        # a differing frame starts the count again
         self._count = self._count + 1 if found is self._next else 1
         self._next = found
         if self._count >= CONFIRMATIONS:

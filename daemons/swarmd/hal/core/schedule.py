@@ -105,6 +105,7 @@ class Schedule:
         """Takes the begin of a read, and schedules the next read."""
         late_ns = now_ns - self._due_ns
         self._lates_ns.append(late_ns)
+        # skipped periods are counted, not caught up: a burst of reads would return the same values
         skipped = max(0, late_ns // self._period_ns)
         self._missed += skipped
         self._due_ns += (skipped + 1) * self._period_ns
@@ -140,6 +141,7 @@ class Schedule:
         span_s = max((now_ns - self._since_ns) / _NS, 1e-9)
         lates_ns = sorted(self._lates_ns)
         overdue_ns = now_ns - self._due_ns
+        # a device that blocks its thread raises no error; the missing call shows it
         hung = self.state is DriverState.RUNNING and overdue_ns > max(_HUNG_NS, self._period_ns)
         status = DriverStatus(
             self._name,

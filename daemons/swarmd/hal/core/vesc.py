@@ -23,6 +23,7 @@ _STATUS_5_FORM: Final = struct.Struct(">ih")
 def command(controller: int, quantity: "VescQuantity", value: float) -> tuple[int, bytes]:
     """Identifier and data of a command. Source: VESC firmware documentation, page on CAN."""
     number, steps = _COMMANDS[quantity]
+    # the frame has 32 bits, and a wrapped value would reverse the motor
     steps_clipped = max(-(2**31), min(2**31 - 1, round(value * steps)))
     return number << 8 | controller, struct.pack(">i", steps_clipped)
 

@@ -61,6 +61,7 @@ class Camera(BlockingSensor[Image]):
         """Opens the camera with its size and rate. Raises: DeviceGone, DeviceError."""
         config, av = self._config, pyav()
         options = {"video_size": f"{config.width}x{config.height}", "framerate": f"{config.rate_hz:g}"}
+        # cameras compress faster than the processor, and a USB line carries more of such pictures
         if config.format == "v4l2" and self._encoding == ImageEncoding.JPEG:
             options["input_format"] = "mjpeg"
         try:

@@ -37,6 +37,7 @@ def disk_free_bytes(path: str) -> int:
 
 def temperature_degc(sys: Path = SYS) -> float | None:
     """Temperature of the hottest sensor, or None without sensors."""
+    # hwmon sensors are precise; boards without them have thermal zones only
     hardware = [value for pattern in _HARDWARE for value in _degrees(sys, pattern)]
     found = hardware or list(_degrees(sys, _ZONES))
     return round(max(found), 1) if found else None

@@ -155,6 +155,7 @@ class PwmFlight(FlightController):
             self._widths_us = ()
             for channel in self._channels:
                 channel.forget()
+        # writes to sysfs are costly, and at rest the widths do not change
         if widths_us == self._widths_us:
             return
         self._widths_us = ()

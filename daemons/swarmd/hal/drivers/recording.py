@@ -42,6 +42,7 @@ class Playback:
         """True if an entry is to be published now; a long stall shifts all later entries."""
         late_ns = now_ns - self.local_ns(recorded_ns)
         if late_ns > _CATCH_UP_NS:
+            # the recording is shifted, and nothing is skipped
             self._start_ns += late_ns
             self.stalled_ns += late_ns
         return late_ns >= 0
@@ -150,6 +151,7 @@ class RecordedDevices(BlockingDevice, Sensor):
                     raise DeviceError(f"log {self._source}: its entries were removed")
                 continue
             if self._playback is None:
+                # the first entry of a pass is due at once
                 self._playback = Playback(entry.utc_ns, now_ns, self._config.speed)
             if not self._playback.is_due(entry.utc_ns, now_ns):
                 return found

@@ -82,9 +82,9 @@ class RestPeriod:
 
 
 async def fresh(reader: BoardReader[T], taken: int, period_s: float) -> bool:
-    """Whether there is a value after that with the sequence `taken`; waits for one that is late.
+    """True if there is a value newer than the sequence number `taken`; waits half a period for a late value.
 
-    Else a value of a simulation that runs a millisecond after its driver would be a whole period old.
+    Without the wait, values of a simulation that runs a millisecond after its driver would be a period old.
     """
     if reader.value is None:
         return False

@@ -38,7 +38,12 @@ class SimPort(Generic[T]):
         self._module = module
         self._commands = module.writer(self._path, self._cls)
         self._orders = module.stream_writer(
-            paths.SIM_ORDERS, ChassisOrder, kind="event", slots=_ORDERS, slot_bytes=_ORDER_BYTES
+            # a stream and not a board, because no order may be overwritten unread
+            paths.SIM_ORDERS,
+            ChassisOrder,
+            kind="event",
+            slots=_ORDERS,
+            slot_bytes=_ORDER_BYTES,
         )
         self._reports = module.reader(paths.SIM_REPORT, ChassisReport)
 

@@ -84,6 +84,7 @@ class VescMotors(Actuator):
             return False
         for motor, value in zip(config.motors, boards.values(now_ns), strict=True):
             if value is None:
+                # no current lets the motor run out; a duty of 0 would brake it
                 identifier, data = command(motor.controller, "current", 0.0)
             else:
                 identifier, data = command(motor.controller, motor.quantity, value * motor.full_scale)

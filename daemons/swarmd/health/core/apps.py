@@ -62,6 +62,7 @@ class WatchedApps:
         app = self._apps.get(app_id)
         if app is None:
             app = self._apps[app_id] = WatchedApp(app_id, name, pid, now_ns)
+        # the next process of the same application
         if app.pid != pid or app.state == DIED:
             app.pid = pid
             app.state = OK_STATE
@@ -75,6 +76,7 @@ class WatchedApps:
         app = self._apps.get(app_id)
         if app is None or app.state == DIED:
             return None
+        # commands of operators have no heartbeat, and end as a matter of course
         if not app.beats:
             del self._apps[app_id]
             return None

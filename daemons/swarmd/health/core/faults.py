@@ -105,7 +105,9 @@ class FaultTable:
                 new = msgspec.structs.replace(new, freeze=sample.freeze_frame)
         self._open[sample.check] = new
         if phase is not Phase.HEALED:
+            # the clear time starts again at the next pass
             self._clear_at_ns.pop(sample.check, None)
+        # repeated samples of an unchanged fault are not published
         known = old is not None and (old.phase, old.state, old.level) == (new.phase, new.state, new.level)
         return None if known or phase is Phase.PENDING else new
 

@@ -14,7 +14,7 @@ from swarmd.health.core.reports import RegisteredCheck, RegisteredChecks
 from swarmd.health.core.rules import AgeRule, LimitRule
 from swarmware.model.names import Pattern
 from swarmware.model.resource import Resource
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.health import (
     OK_STATE,
     CheckRegistration,
@@ -104,7 +104,7 @@ class MonitorCore:
         self._grace_ns = round(config.grace_s * 1e9)
         self._period_ns = round(1e9 / config.look_hz)
         self._next_read_ns: int | None = None
-        self._delay = OwnDelay()
+        self._delay = LoopDelay()
         self._next_values_ns = 0
         self._ages: dict[str, AgeRule] = {}
         self._rules: dict[str, LimitRule] = {}
@@ -139,6 +139,7 @@ class MonitorCore:
                 self.platforms.restore_lost(fault.check.removeprefix(PLATFORM_PREFIX))
             elif fault.state == DIED and fault.phase is Phase.CONFIRMED:
                 self.apps.restore(fault.check, now_ns)
+        # modules need this time to register their checks again
         self._restored_until_ns = now_ns + self._grace_ns
         return self._take_actions()
 
@@ -260,6 +261,7 @@ class MonitorCore:
         path = resource.path
         if any(pattern.matches(path) for pattern in self._ignore):
             return
+        # an existing rule keeps its state when an application file changes
         if path not in self._ages and AgeRule.applies(resource):
             critical = resource.critical or path in self._critical
             self._ages[path] = AgeRule(resource, grace_until_ns, critical=critical)
@@ -422,6 +424,7 @@ class MonitorCore:
         )
 
     def _validity(self, confirmed: list[Fault]) -> dict[str, bool]:
+        # a fresh value beyond its limits is not valid either
         suspect = {self._rules[fault.check].path for fault in confirmed if fault.check in self._rules}
         paths = set(self._expected) | {path for path in self._ages if self._is_sensor(path)}
         return {

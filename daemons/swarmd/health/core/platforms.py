@@ -30,6 +30,7 @@ class PlatformPresence:
         again."""
         for platform in reachable:
             self._reached_ns[platform] = now_ns
+        # only a reported loss has a return to report
         back = self._lost & reachable
         gone = {
             platform

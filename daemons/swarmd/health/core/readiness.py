@@ -78,6 +78,7 @@ def _measured(picture: Picture, path: str) -> str | None:
     age = picture.ages.get(path)
     if age is None:
         return None
+    # judged here and not by the rule, whose confirmation and grace time are too slow for arming
     age_s = age.age_s(picture.now_ns)
     if age_s == float("inf"):
         return f"no value of {path} yet"
@@ -139,6 +140,7 @@ def fence(picture: Picture) -> str | None:
 
 def faults(picture: Picture) -> str | None:
     """Item: no confirmed fault is an error, apart from the faults of the other items."""
+    # these faults have items with better reasons
     others = {f"age/{path}" for path in ("nav/pose", GNSS, BATTERY)}
     others |= {limit.check for limit in picture.limits if limit.path in {GNSS, BATTERY}}
     errors = [

@@ -37,6 +37,7 @@ class RegisteredCheck(msgspec.Struct):
         """Level of a state, as reported or registered."""
         if state == SILENT:
             return "warn"
+        # the report's own level applies to the reported state only
         if self.reported_level and state == self.state:
             return self.reported_level
         for rule in self.registration.states:

@@ -78,6 +78,7 @@ class AgeRule:
 
     def on_sample(self, position: int, now_ns: int) -> bool:
         """Samples the position of the ring; returns True if another state is confirmed."""
+        # the position counts the writes, so an unchanged value counts as a new one
         if position != self._position or self._changed_ns is None:
             self._position = position
             self._changed_ns = now_ns

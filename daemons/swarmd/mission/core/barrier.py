@@ -132,7 +132,7 @@ class Barriers:
         for peer in self._peers.values():
             peer.received_ns = peer.alive_ns = now_ns
 
-    def on_own_delay(self, late_ns: int) -> None:
+    def on_loop_delay(self, late_ns: int) -> None:
         """This node did not listen for this time, in which the others were not silent."""
         for peer in self._peers.values():
             peer.received_ns += late_ns

@@ -37,7 +37,7 @@ from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.mission.reaction import STRENGTH, ReactionRow
 from swarmware.runtime.core import AT_ONCE
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
 
@@ -103,7 +103,7 @@ class MissionExecutor:
         self._chance = chance
         self._config = config
         self._announcer = Announcer()
-        self._delay = OwnDelay()
+        self._delay = LoopDelay()
         self._lead = lead
         self._tokens = count(1)
         self._phase = MissionPhase.IDLE
@@ -318,7 +318,7 @@ class MissionExecutor:
         """Others are not silent while this core is not called."""
         late_ns = self._delay.on_turn(self.deadline_ns(), now_ns)
         if late_ns and self._barriers is not None:
-            self._barriers.on_own_delay(late_ns)
+            self._barriers.on_loop_delay(late_ns)
 
     def _settle(self, now_ns: int) -> list[Action]:
         """Completes the event: processes the queue until it is empty and no wait at a barrier ends."""

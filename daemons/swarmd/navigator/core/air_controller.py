@@ -138,6 +138,7 @@ def _candidates(config: Config, wanted: Vector, speeds: tuple[float, ...]) -> li
     found = [wanted]
     for more in _CLIMBS_M_S:
         climb = min(max(wanted[2] + more, -air.sink_max_m_s), air.climb_max_m_s)
+        # only a vehicle that can fly slower may also stop
         if len(speeds) > 1:
             found.append((0.0, 0.0, climb))
         for share in speeds:

@@ -42,9 +42,11 @@ def _share(other: MovingObstacle, pose: Pose, vx: float, vy: float, blind_s: flo
         return 1.0
     dx, dy = other.x_m - pose.x_m, other.y_m - pose.y_m
     away_m = max(math.hypot(dx, dy), 1e-3)
+    # only motion towards the platform is limited
     closing_m_s = (vx * dx + vy * dy) / away_m
     if closing_m_s <= _NO_SPEED_M_S:
         return 1.0
+    # a platform that approaches takes its part of the gap
     its_m_s = -(other.vx_m_s * dx + other.vy_m_s * dy) / away_m
     room_m = away_m - 2 * PLATFORM_RADIUS_M - MARGIN_M - max(its_m_s, 0.0) * blind_s
     return min(max(room_m, 0.0) / (closing_m_s * blind_s), 1.0)

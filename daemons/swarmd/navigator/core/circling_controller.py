@@ -167,6 +167,7 @@ class CirclingController:
         climb = min(max(climb, -target.climb_m_s), target.climb_m_s) + target.velocity_m_s[2]
         climb = min(max(climb, -limits.sink_max_m_s), limits.climb_max_m_s)
         wanted = (speed * math.cos(course), speed * math.sin(course), climb)
+        # at full speed only, because an aircraft cannot slow down to evade
         vx, vy, vz = evaded = avoid(self._config, pose, wanted, around, speeds=(1.0,))
         cos, sin = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         return Setpoint(vx * cos + vy * sin, vy * cos - vx * sin, vz, turn if evaded == wanted else 0.0)
@@ -179,6 +180,7 @@ class CirclingController:
         dx, dy = pose.x_m - target.x_m, pose.y_m - target.y_m
         away = math.hypot(dx, dy)
         deviation = (away - radius) / radius
+        # the tangent to the left, turned towards the circle by the deviation
         course = math.atan2(dy, dx) + math.pi / 2 + math.atan(_ORBIT_GAIN * deviation)
         turn = speed_m_s / max(away, 1.0) if abs(deviation) < _ON_CIRCLE else 0.0
         return course, turn

@@ -65,6 +65,7 @@ class Detour:
         if _is_free(bearing, math.inf, things, _ROOM_M[0]):
             self._side = 0.0
             return 0.0
+        # by cost, so that the first free direction is the best
         turns = sorted(_TURNS, key=lambda turn: self._cost(turn, bearing + turn - yaw))
         for room in _ROOM_M:
             for turn in turns:

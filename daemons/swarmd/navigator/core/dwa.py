@@ -130,6 +130,7 @@ class Planner:
         best, found, free = -math.inf, -1, False
         for index in order:
             motion = motions[index]
+            # no obstacle can raise the score above its bound
             if motion.bound < best and (free or motion.v_m_s <= _STANDS_M_S):
                 if free:
                     break
@@ -224,6 +225,7 @@ class NearObstacles:
         self._to_points_m = self._required_clearance(nearest_m - limits.radius_m)
         nearest_m = min((gap for gap, _ in self._movers), default=0.0)
         self._to_movers_m = self._required_clearance(nearest_m - self._bodies_m)
+        # farther obstacles change neither a term nor a contact
         self._keep_m = max(limits.clear_m, self._margin_m)
         self._yaw_rad = pose.yaw_rad
         self._chords: dict[float, list[tuple[float, float, float]]] = {}

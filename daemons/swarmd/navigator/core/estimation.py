@@ -56,6 +56,7 @@ class PoseEstimation:
         vehicle, estimator = self._vehicle, self._estimator
         landed = vehicle is not None and vehicle.landed
         armed = vehicle is not None and vehicle.armed
+        # an armed vehicle on the ground may start at any time when it is driven by hand
         estimator.on_driven(not landed or (armed and (self._by_hand or self._setpoint != STOP)))
         estimator.predict(now_ns)
         if landed and armed and self._hovers:

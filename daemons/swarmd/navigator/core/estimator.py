@@ -108,6 +108,7 @@ class Estimator:
 
         Without roll and pitch the body counts as level.
         """
+        # the same sample read again, or an older one
         if stamp_ns <= self._imu_ns:
             return
         dt_s = min((stamp_ns - self._imu_ns) / 1e9, _PREDICTION_MAX_S)
@@ -175,6 +176,7 @@ class Estimator:
             self.at_rest = False
             if not quiet:  # moved by an external force, so the speed is unknown
                 for axis in axes:
+                    # a large variance lets the next fixes decide about the speed
                     axis.vv = FIRST_SPEED_SIGMA_M_S**2
         elif self._may_rest and quiet and self._now_ns >= self._rest_allowed_ns:
             if not self._is_stationary():

@@ -79,6 +79,7 @@ class GroundController:
         pose = self._effective(pose, around.delay_s)
         yaw = pose.yaw_rad
         cos, sin = math.cos(yaw), math.sin(yaw)
+        # the component along the heading; a ground vehicle has no other
         v = pose.vx_m_s * cos + pose.vy_m_s * sin
         if target.yaw_rad is not None and self._is_at(pose, target):
             yaw_error = math.remainder(target.yaw_rad - yaw, math.tau)

@@ -143,6 +143,7 @@ class Guidance:
         """Takes a goal; a repeated goal changes nothing."""
         if self._goal == goal:
             return
+        # a landing then uses the place around which the aircraft circled
         self._circled = self._goal if self._arrived and self._controller.circle_m > 0.0 else None
         self._goal, self._goal_ns, self._moved_ns = goal, now_ns, now_ns
         self._keeper, self._goal_error, self._anchor, self._arrived = None, "", None, False
@@ -224,6 +225,7 @@ class Guidance:
             stay = self._stay(pose)
             return _Plan(NavState.HOLDING if self._holds(pose, stay) else NavState.MOVING, stay)
         if self._vehicle is None or not self._vehicle.armed:
+            # the state may arrive a little later than the goal of the mission
             waiting = self._vehicle is None or now_ns - self._goal_ns < _ARM_GRACE_S * 1e9
             return _Plan(NavState.MOVING if waiting else NavState.BLOCKED, error=NavError.DISARMED)
         if goal.kind is GoalKind.TAKEOFF:
@@ -402,6 +404,7 @@ class Guidance:
                     pose.vx_m_s,
                     pose.vy_m_s,
                     pose.vz_m_s,
+                    # the order of the names decides who gives way, the same at both vehicles
                     platform > self._platform,
                     max(age_s, 0.0),
                 )
@@ -464,6 +467,7 @@ class Guidance:
             self._controller.circle_m,
         )
         changed = _published_at_once(status) != _published_at_once(self._status)
+        # 1 % early, so that jitter of the steps does not skip a status
         if not changed and now_ns - self._status_ns < 0.99e9 / self._config.status_hz:
             return None
         self._status, self._status_ns = status, now_ns

@@ -64,6 +64,7 @@ class FormationKeeper:
         course = self._formation.course
         if course is None:
             raise InvalidInput("leading a formation: expected a course of at least two waypoints")
+        # the formation keeps the height at which it started
         if self._height_m is None:
             self._height_m = pose.z_m
         slot = self._formation.slot(pose, (0.0, 0.0, 0.0))

@@ -10,7 +10,7 @@ from swarmd.navigator.core.estimation import PoseEstimation
 from swarmd.navigator.core.guidance import Guidance
 from swarmd.navigator.core.pace import TURNS
 from swarmware.geometry.geodesy import Origin
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.control import ControlState
 from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
 
@@ -36,7 +36,7 @@ class NavigatorCore:
         hovers = controller.flies and controller.circle_m == 0.0
         self._estimation = PoseEstimation(config.estimator, origin, flies=controller.flies, hovers=hovers)
         self._guidance = Guidance(config, platform, controller)
-        self._delay = OwnDelay()
+        self._delay = LoopDelay()
         self._height_m: float | None = None
         """Newest height above the ground, or None before the first measurement."""
         self._height_ns: int | None = None

@@ -40,6 +40,7 @@ class ReceivedPose:
         if self._pose is None:
             return None
         age_s = (now_ns - self._stamp_ns) / 1e9
+        # without a pose the guidance stops the vehicle
         if age_s > self._timeout_s:
             return None
         return predicted(self._pose, min(max(age_s, 0.0), _AHEAD_MAX_S))

@@ -40,6 +40,7 @@ class SeenObstacles:
         """Takes echoes in map coordinates."""
         for x, y in points_m:
             self._cells[_cell(x, y)] = None
+        # a dict keeps the order of insertion
         while len(self._cells) > CELLS_LIMIT:
             del self._cells[next(iter(self._cells))]
 
@@ -80,6 +81,7 @@ class RouteSearch:
         """Expands at most `steps` cells; returns the route without its start once it is found, else None."""
         while self._queue and steps:
             _, cell = heapq.heappop(self._queue)
+            # reached before on a shorter path; the queue keeps outdated entries
             if cell in self._closed:
                 continue
             self._closed.add(cell)

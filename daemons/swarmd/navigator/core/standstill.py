@@ -42,6 +42,7 @@ class Standstill:
         soon = dt_s / (dt_s + _FAST_S)
         self._fast = _mixed(self._fast, force, soon)
         self._turn = _mixed(self._turn, rate, soon)
+        # a plain mean at first, until the slow filter has settled
         self._slow = _mixed(self._slow, force, max(dt_s / (dt_s + _SLOW_S), 1 / self._count))
         if math.dist(self._fast, self._slow) > self._accel_m_s2 or math.hypot(*self._turn) > self._gyro_rad_s:
             self._quiet_ns = stamp_ns

@@ -85,6 +85,7 @@ class RegisterCore:
                 unit.hops,
                 since_ns is None,
             )
+        # the own table never counts as the table of another computer
         self._remote_tables.pop(self._own_unit, None)
 
     def on_table(self, published: PublishedTable, now_ns: int) -> list[Action]:
@@ -124,6 +125,7 @@ class RegisterCore:
         for unit, held in self._remote_tables.items():
             held.reachable = unit in reached
             if held.reachable:
+                # a table that does not change is not sent again, so only the route shows life
                 held.reached_ns = now_ns
                 held.hops = reached[unit].hops
         gone = [
@@ -144,6 +146,7 @@ class RegisterCore:
             return []
         self._changed = False
         table = self.partners()
+        # a change that was undone within the pause
         if table == self._published:
             return []
         self._published = table

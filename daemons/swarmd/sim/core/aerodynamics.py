@@ -74,6 +74,7 @@ def air_loads(
     alpha = math.atan2(w, u)
     beta = math.asin(min(max(v / speed, -1.0), 1.0))
     p, q, r = rates_rad_s
+    # rates enter the coefficients as dimensionless ratios
     by_span, by_chord = wing.span_m / (2 * speed), wing.chord_m / (2 * speed)
     lift = lift_coefficient(wing, alpha) + wing.lift_q * by_chord * q + wing.lift_elevator * surfaces.elevator
     drag = drag_coefficient(wing, alpha) + wing.drag_elevator * abs(surfaces.elevator)
@@ -125,6 +126,7 @@ def propeller(config: PropellerConfig, throttle_ratio: float, air_m_s: float) ->
     """
     volts = throttle_ratio * config.voltage_max_v
     constant, ohm = config.motor_constant_v_s, config.resistance_ohm
+    # the voltage does not overcome the friction of the motor
     if volts <= ohm * config.idle_current_a:
         return 0.0, 0.0, 0.0
     d, air = config.diameter_m, max(air_m_s, 0.0)

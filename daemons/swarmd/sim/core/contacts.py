@@ -40,6 +40,7 @@ class Contacts:
         """Returns the platforms with a new contact, with the vehicle at this pose and instant."""
         begun = []
         for platform, (other, other_ns) in list(self._near.items()):
+            # skips most pairs of a swarm, which are far apart
             if stamp_ns < self._clear_ns.get(platform, stamp_ns):
                 continue
             age_s = (stamp_ns - other_ns) / 1e9
@@ -60,6 +61,7 @@ class Contacts:
                 self._touched.discard(platform)
                 clear_s = min(self._clear_s(gap_m, pose, other), _AGE_S - age_s)
                 self._clear_ns[platform] = stamp_ns + round(clear_s * 1e9)
+            # a lasting contact is reported once
             elif platform not in self._touched:
                 self._touched.add(platform)
                 begun.append(platform)

@@ -35,6 +35,7 @@ class FixedWing:
     ) -> tuple[Vector, Vector]:
         """Advances servos and motor by a step; returns force and moment in body axes, without gravity."""
         airframe, surfaces = self._airframe, self._airframe.surfaces
+        # exact discretisation of a first-order lag, stable for any step
         share = 1 - math.exp(-dt_s / surfaces.servo_s)
         wanted = outputs.servos if len(outputs.servos) == _SERVOS else (0.0, 0.0, 0.0)
         servos = self._servos
@@ -74,6 +75,7 @@ class FixedWing:
         if self._rail_m >= launcher.rail_m:
             self._rail_m = None
             return None
+        # constant acceleration that reaches the launch speed at the end of the rail
         pull = launcher.speed_m_s**2 / (2 * launcher.rail_m)
         # the pull acts along the rail, the weight of the aircraft across it
         gravity = body.to_body((0.0, 0.0, GRAVITY_M_S2))

@@ -54,6 +54,7 @@ class FlyingBody:
         if not self.armed:
             outputs = self.safe
         wind = self._wind(dt_s)
+        # the small subtraction keeps a rounding error from adding a step
         count = math.ceil(dt_s / _STEP_S - 1e-9)
         impact_m_s = 0.0
         for _ in range(count):
@@ -66,6 +67,7 @@ class FlyingBody:
         air = body.to_body((vx - wind[0], vy - wind[1], vz - wind[2]))
         force, moment = self._model.loads(outputs, body, air, dt_s)
         if self.landed:
+            # the ground carries the vehicle until the lift exceeds the weight
             if body.to_map(force)[2] <= body.mass_kg * GRAVITY_M_S2:
                 self._slide(dt_s)
                 return 0.0

@@ -65,6 +65,7 @@ class Ground:
         v = min(max(wanted.vx_m_s, -limits.v_back_m_s), limits.v_max_m_s)
         w = min(max(wanted.wz_rad_s, -limits.w_max_rad_s), limits.w_max_rad_s)
         dv, dw = limits.a_max_m_s2 * dt_s, limits.dw_max_rad_s2 * dt_s
+        # limits of speed first, then of acceleration, from the present speed
         v = min(max(v, old.v_m_s - dv), old.v_m_s + dv)
         w = min(max(w, old.w_rad_s - dw), old.w_rad_s + dw)
         self._accel = (v - old.v_m_s) / dt_s

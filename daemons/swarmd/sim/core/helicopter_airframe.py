@@ -72,6 +72,7 @@ class HelicopterRotors:
         servos = self._servos
         for index, position in enumerate(wanted):
             servos[index] += (min(max(position, -1.0), 1.0) - servos[index]) * share
+        # the motor controller has a governor, so the output only switches it
         governed = bool(outputs.motors) and outputs.motors[0] > 0.5
         self._speed += (float(governed) - self._speed) * (1 - math.exp(-dt_s / airframe.rotor.spool_s))
         return servos[0], servos[1], servos[2], servos[3]

@@ -36,6 +36,7 @@ class HoverDynamics:
         )
         self.longitudinal_rad = a + a_rate * dt_s
         self.lateral_rad = b + b_rate * dt_s
+        # the rate gyro of the tail rotor damps yaw, as in the identified model
         self.gyro += (of.k_r * r + of.k_rfb * self.gyro) * dt_s
 
     def angular(self, air_m_s: Vector, rates_rad_s: Vector, collective: float, pedal: float) -> Vector:

@@ -51,6 +51,7 @@ class MainRotor:
         coefficient = 0.0
         for _ in range(_ROUNDS):
             coefficient = slope * (blades - (flow + climb_m_s) / tip / 2)
+            # stall of the blades
             coefficient = min(max(coefficient, -limit), limit)
             # 0.1 m/s avoids the division by zero of a disc without flow
             speed = math.hypot(along_m_s, climb_m_s + flow, 0.1)

@@ -41,6 +41,7 @@ class Multirotor:
     def step(self, wanted: Setpoint, dt_s: float) -> float:
         """Simulates one sample; returns the speed of an impact on the ground, else 0."""
         if self.landed:
+            # a landed vehicle ignores horizontal set-points
             if not self.armed or wanted.vz_m_s < _LIFT_M_S:
                 self._accel = (0.0, 0.0, 0.0)
                 return 0.0
@@ -75,6 +76,7 @@ class Multirotor:
             (target - now) * share for target, now in zip((vx * scale, vy * scale, vz), self._v, strict=True)
         ]
         max_dv = limits.a_max_m_s2 * dt_s
+        # scaled in common, so that the limit does not change the direction
         flat = min(1.0, max_dv / max(math.hypot(dv[0], dv[1]), 1e-12))
         self._v[0] += dv[0] * flat
         self._v[1] += dv[1] * flat

@@ -36,6 +36,7 @@ class MultirotorRotors:
         up = roll = pitch = yaw = 0.0
         for index, ((x, y, torque), output) in enumerate(zip(self._arms, motors, strict=False)):
             speeds[index] += (min(max(output, 0.0), 1.0) - speeds[index]) * share
+            # thrust and torque grow with the square of the rotor's speed
             thrust = thrust_max * speeds[index] ** 2
             up += thrust
             roll += y * thrust

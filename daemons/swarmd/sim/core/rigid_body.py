@@ -74,6 +74,7 @@ class RigidBody:
             r + (moment_n_m[2] + (ix - iy) * p * q) / iz * dt_s,
         )
         mass = self._mass_kg
+        # before gravity is added: an accelerometer does not measure gravity
         self.specific_force_m_s2 = force_n[0] / mass, force_n[1] / mass, force_n[2] / mass
         ax, ay, az = to_map(self._matrix, self.specific_force_m_s2)
         vx, vy, vz = before = self.velocity_m_s
@@ -102,6 +103,7 @@ class RigidBody:
         """Moves a body on the ground, and changes its speed but not its direction."""
         x, y, z = self.position_m
         vx, vy, _ = self.velocity_m_s
+        # friction acts against the motion
         ratio = speed_m_s / math.hypot(vx, vy)
         self.position_m = x + vx * dt_s, y + vy * dt_s, z
         self.velocity_m_s = vx * ratio, vy * ratio, 0.0

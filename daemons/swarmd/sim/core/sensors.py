@@ -86,6 +86,7 @@ class SensorErrors:
         """Measures the height above the ground, with outliers (S2.49)."""
         config = self._config
         max_m = config.sonar_max_m
+        # echoes of other objects, anywhere in the range
         if self._uniform() < config.sonar_outliers_ratio:
             height_m = self._uniform() * max_m
         length = min(max(self._gauss(height_m, config.sonar_sigma_m), 0.0), max_m)

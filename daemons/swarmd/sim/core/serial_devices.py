@@ -74,6 +74,7 @@ class SerialDevices:
             sent.append(SerialOutput(SerialDevice.RC, link_frame(1.0)))
         if output.report is not None:
             self._report = output.report
+        # at once when the state changes, since an order waits for its answer
         if output.report is not None or now_ns - self._reported_ns >= _REPORT_NS:
             sent += self._reports(now_ns)
         return sent

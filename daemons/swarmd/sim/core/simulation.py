@@ -75,6 +75,7 @@ class Battery:
     def draw(self, power_w: float, dt_s: float) -> None:
         """Draws power for the duration of a sample."""
         self._power_w = power_w
+        # in Wh, hence the division by the seconds of an hour
         self._energy_wh = max(0.0, self._energy_wh - power_w * dt_s / 3600)
 
     def state(self) -> BatteryState:
@@ -338,6 +339,7 @@ class Simulation:
         else:
             for _ in range(simulated):
                 hits += self._step()
+        # the skipped steps of a long stall
         self._steps += due - simulated
         return self._sample(first, tuple(hits))
 
@@ -364,6 +366,7 @@ class Simulation:
 
     def _stay(self, count: int) -> list[Collision]:
         """Simulates several samples of a parked vehicle in one step."""
+        # the battery is the only state of a parked vehicle that changes
         first, self._steps = self._steps, self._steps + count
         vehicle = self.vehicle
         self._battery.draw(vehicle.power_w(), count * self._dt_s)
@@ -378,6 +381,7 @@ class Simulation:
         # an empty battery stops the motors, also in the air
         if self._battery.empty:
             vehicle.armed = False
+        # a command is in force from its own instant on, however late the simulation catches up
         if self._next_command is not None and self._next_command[1] < stamp_ns:
             self._command, self._command_ns = self._next_command
             self._next_command = None
@@ -388,6 +392,7 @@ class Simulation:
         pose = vehicle.pose()
         speed = math.hypot(before.vx_m_s, before.vy_m_s, before.vz_m_s)
         hits = [collision(GROUND, pose, impact_m_s)] if impact_m_s > 0.0 else []
+        # a parked vehicle is not integrated, which saves processor time
         self._parked = pose if pose == before and not vehicle.armed else None
         if pose.x_m != before.x_m or pose.y_m != before.y_m or pose.z_m != before.z_m:
             hits += self._obstacles(before, pose, speed)

@@ -62,6 +62,7 @@ class Surface:
         dv = (v - old.surge_m_s) * (1 - math.exp(-dt_s / limits.tau_s))
         surge = old.surge_m_s + min(max(dv, -max_dv), max_dv)
         rate = old.w_rad_s + (w - old.w_rad_s) * (1 - math.exp(-dt_s / limits.w_tau_s))
+        # in a turn the hull keeps its direction, which is sway in the body's axes
         slip = old.sway_m_s - surge * rate * dt_s
         sway = slip * math.exp(-dt_s / limits.sway_tau_s)
         self._accel = (surge - old.surge_m_s) / dt_s

@@ -154,6 +154,7 @@ def lower_hull(points: list[Point]) -> list[Point]:
                 hull.pop()
             else:
                 break
+        # of two points with the same x only the lower one can be on the hull
         if hull and hull[-1][0] == x:
             if hull[-1][1] <= y:
                 continue
@@ -263,6 +264,7 @@ class Corridor:
         upper_s = min(y - fastest * x for x, y in hull_u)
         lower_s = -min(y + slowest * x for x, y in hull_l)
         above, below = _residuals(upper, lower, skew)
+        # a short span measures the skew badly, so the prior of quartzes is mixed in
         if span_s < SETTLED_S:
             trust = _trust(above, below, span_s)
             skew = self._prior_skew + (skew - self._prior_skew) * trust

@@ -97,6 +97,7 @@ class TimeCore:
         actions: list[Action] = []
         peer = self._peers.get(sample.hardware)
         if peer is not None and sample.boot_id != peer.boot_id:
+            # a delayed packet from before the reboot
             if sample.boot_id < peer.boot_id:
                 return actions
             actions.append(UnitRebooted(sample.platform, sample.unit))

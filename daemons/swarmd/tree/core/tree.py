@@ -15,7 +15,7 @@ from swarmd.tree.core.subscribers.subscribers import Intervals, Subscribers
 from swarmware.model.access import Access, Sender
 from swarmware.model.names import MAIN, Address, hardware_id
 from swarmware.model.resource import Kind, Link, Resource
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.channel import ChannelLimit, ChannelProtocol, settings_of
 from swarmware.types.net import LinkStatus, Neighbours, Routes, StructureBroadcast
 from swarmware.types.tree import (
@@ -96,7 +96,7 @@ class SwarmTree:
             retry_ns=retry_ns,
         )
         self.subscribers = Subscribers(self.address, self.local, intervals, emit, access or Access())
-        self._delay = OwnDelay()
+        self._delay = LoopDelay()
         timeouts = ReplicaTimeouts(
             delay=self._delay,
             lease_ns=_ns(config.lease_s),

@@ -61,6 +61,7 @@ class ChannelVideo:
             for platform in platforms
             if (settings := settings_of(known, source, platform)).is_video and settings.max_hz != 0
         }
+        # sessions that ended by themselves are started again below
         running = {channel: rate for channel, rate in self._started.items() if channel in sent}
         over = [one for one, rate in running.items() if one not in wanted or wanted[one] != rate]
         self._retry_ns = {one: due_ns for one, due_ns in self._retry_ns.items() if one in wanted}

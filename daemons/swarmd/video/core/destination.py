@@ -21,6 +21,7 @@ class Destination(msgspec.Struct, frozen=True):
 
         Raises: InvalidInput.
         """
+        # the last colon, since IPv6 addresses contain colons
         host, colon, port = text.rpartition(":")
         if not colon:
             return cls(platform=names.check_computer(text))

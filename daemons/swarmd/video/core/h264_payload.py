@@ -63,6 +63,7 @@ def packetize(units: Iterable[bytes], payload_max: int) -> list[bytes]:
 def _aggregated(units: list[bytes]) -> list[bytes]:
     if len(units) < 2:
         return units
+    # the most important unit decides (RFC 6184, section 5.7.1)
     indicator = STAP_A | max(unit[0] & _REFERENCE for unit in units)
     return [bytes((indicator,)) + b"".join(len(unit).to_bytes(2) + unit for unit in units)]
 
@@ -162,6 +163,7 @@ class Depacketizer:
         if len(payload) < 3:
             raise WireError("H.264 fragment: cut short")
         header = payload[1]
+        # a start inside a unit, or a continuation without a start
         if bool(header & _START) == (self._fragment is not None) or header & _TYPE not in _SINGLE:
             if self._is_damaged:
                 return  # the first fragment was lost, and the picture is marked as damaged already

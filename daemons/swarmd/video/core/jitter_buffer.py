@@ -35,6 +35,7 @@ class JitterBuffer:
     def put(self, number: int, packet: RtpPacket, now_ns: int) -> list[OrderedPacket]:
         """Takes a packet; returns the packets that are now in sequence."""
         if self._next is None or abs(number - self._next) > RESTART:
+            # a sender that has started again has no use for the old packets
             self._waiting.clear()
             self._next = number
         if number < self._next:

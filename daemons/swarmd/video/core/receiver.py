@@ -92,6 +92,7 @@ class VideoReceiver:
         except WireError:
             self.counters.refused += 1
             return []
+        # packets of an earlier session may still be on their way
         if packet.ssrc != self._source or packet.payload_type != rtp_packet.PAYLOAD_TYPE:
             self.counters.refused += 1
             return []
@@ -177,6 +178,7 @@ class VideoReceiver:
         if number not in self._arrived:
             self._recent.append(number)
         self._arrived[number] = now_ns
+        # bounds the memory of arrivals
         while len(self._recent) > KEPT:
             del self._arrived[self._recent.popleft()]
         self._unreported += 1
@@ -213,6 +215,7 @@ class VideoReceiver:
     def _report(self, now_ns: int) -> ReceiverReport:
         highest, counters = self._extender.highest or 0, self.counters
         expected = highest - (self._first or 0) + 1
+        # duplicates would hide losses
         received = counters.packets - self.buffer.duplicates
         span = (expected - self._before[0], received - self._before[1])
         self._before = (expected, received)

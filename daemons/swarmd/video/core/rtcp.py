@@ -198,6 +198,7 @@ def _blocks(ssrc: int, count: int, body: bytes, at: int) -> list[ReceiverReport]
     for index in range(count):
         source, loss, highest, jitter, last, delay = _BLOCK.unpack_from(body, at + index * _BLOCK.size)
         lost = loss & 0xFF_FFFF
+        # a signed number of 24 bits; duplicates make it negative
         lost -= 0x100_0000 if lost & 0x80_0000 else 0
         found.append(ReceiverReport(ssrc, source, (loss >> 24) / 256, lost, highest, jitter, last, delay))
     return found

@@ -240,6 +240,7 @@ class VideoSender:
         if report.last_report:
             middle = rtcp.ntp_of(now_ns + self._utc_less_clock_ns) >> 16 & 0xFFFF_FFFF
             ticks = (middle - report.last_report - report.delay) & 0xFFFF_FFFF
+            # a larger difference is a negative one, from clocks that disagree
             if ticks < 0x8000_0000:
                 round_trip_ns = ticks * 1_000_000_000 >> 16
         if self._reports_arrivals:
@@ -257,6 +258,7 @@ class VideoSender:
                 continue
             arrived = index
             sequence = (report.begin + index) & 0xFFFF
+            # a packet that was only late makes the reduction of the window unjustified
             if self._lost.pop(sequence, None) is not None:
                 window.on_spurious()
                 self.counters.lost -= 1

@@ -110,6 +110,7 @@ class SessionTable(Generic[Sent, Received]):
             return found
         if not to_sender:
             number = receiver_ssrc(number)  # the receiver ends the session, under its own derived number
+        # only the receiver of a session may send reports about it
         if self._receivers.get(number) != sender_hw:
             self.refused += 1
             return None

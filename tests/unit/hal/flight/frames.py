@@ -1,4 +1,4 @@
-"""The airframes that are installed, for tests of their controllers."""
+"""Installed airframes, for tests of their controllers."""
 
 from pathlib import Path
 

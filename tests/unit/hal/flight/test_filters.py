@@ -1,4 +1,4 @@
-"""Attitude and motion from noisy sensors: what the filters believe, and what they do not."""
+"""Filters of attitude and motion with noisy sensors and outliers."""
 
 import math
 import random
@@ -18,7 +18,7 @@ SECOND = 1_000_000_000
 
 
 def at(roll: float, pitch: float, yaw: float = 0.0, **more: float) -> Imu:
-    """The sample of a body at rest with this attitude."""
+    """Inertial sample of a body at rest with this attitude."""
     force = to_body(matrix(from_euler(roll, pitch, yaw)), (0.0, 0.0, GRAVITY_M_S2))
     rates = [more.get(name, 0.0) for name in ("wx", "wy", "wz")]
     return Imu(rates[0], rates[1], rates[2], *force, yaw)

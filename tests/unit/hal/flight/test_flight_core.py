@@ -1,10 +1,10 @@
-"""The core of flight control: when it computes outputs, and when it must not."""
+"""The core of flight control: outputs of control steps, and the conditions under which there are none."""
 
 import msgspec
 import pytest
 from tests.unit.hal.flight.frames import airframe
 
-from swarmd.hal.core.flight.flight_core import FlightCore, FlightTiming, FormerFlight
+from swarmd.hal.core.flight.flight_core import FlightCore, FlightHandover, FlightTiming
 from swarmd.hal.core.flight.hover_controller import MultirotorController
 from swarmd.hal.core.flight.mixer import IDLE
 from swarmware.geometry.geodesy import GRAVITY_M_S2
@@ -83,7 +83,7 @@ def test_the_mean_of_the_samples_is_taken_with_the_attitude() -> None:
 
 
 def flying() -> FlightCore:
-    """A core in flight that turns about its roll axis with an even acceleration."""
+    """A core in flight with a constant roll acceleration."""
     flight = core()
     flight.on_vehicle(armed=True, landed=False)
     for tick in range(2, 11):
@@ -166,10 +166,10 @@ def test_after_unexpected_contact_it_stays_on_the_ground_until_it_is_disarmed() 
 
 def test_the_flight_of_another_process_is_continued_with_its_attitude_and_motion() -> None:
     flight = FlightCore(MultirotorController(airframe()))
-    former = FormerFlight(
+    handover = FlightHandover(
         msgspec.structs.replace(STILL, roll_rad=0.2, pitch_rad=-0.1), 100 * MS, 5.0, (1.0, 2.0, 0.0)
     )
-    flight.on_former(former)
+    flight.on_handover(handover)
     flight.on_imu(STILL, 500 * MS)
     flight.on_gnss(GnssFix(48.0, 11.0, 500.0, 0.03, 12), 490 * MS, 500 * MS)
     state = flight.state()

@@ -1,4 +1,4 @@
-"""Records of a flight: which rows they have, and when one is complete."""
+"""Records of a flight: their rows, and the instant at which a record is complete."""
 
 from itertools import pairwise
 

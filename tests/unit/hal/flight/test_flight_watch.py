@@ -134,7 +134,7 @@ def test_gaps_on_the_ground_and_before_a_flight_do_not_count() -> None:
 def test_a_flight_that_was_taken_over_begins_with_its_gap() -> None:
     watch = FlightWatch(0.01, 0.7, 1.0)
     watch.conditions(0)
-    watch.on_former(0)
+    watch.on_handover(0)
     state = FlightState(0.0, 0.0, 0.0, NONE, NONE, NONE)
     watch.on_step(FlightStep(state, 0.7, 0.0, False), 700 * MS)
     assert [one.state for one in watch.conditions(700 * MS)] == ["away"]

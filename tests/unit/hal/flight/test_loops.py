@@ -1,4 +1,4 @@
-"""The loops of the cascade: which way they act, what limits them, what they hold against a steady force."""
+"""The loops of the cascade: signs, limits, and rejection of a constant disturbance."""
 
 import math
 

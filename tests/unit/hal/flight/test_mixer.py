@@ -1,4 +1,4 @@
-"""The mixer: what is commanded is what the rotors produce, and what they cannot is given up in order."""
+"""The mixer: exact allocation within the rotors' range, and priorities beyond it."""
 
 import pytest
 from hypothesis import given

@@ -101,9 +101,11 @@ class AttitudeFilter:
         y = (force[2] * up[0] - force[0] * up[2]) * scale
         z = (force[0] * up[1] - force[1] * up[0]) * scale
         if imu.yaw_rad is not None:
+            # the shortest turn, also across ±180°
             error = math.remainder(imu.yaw_rad - to_euler(self._attitude)[2], math.tau) * _YAW_KP_1_S
             # only about the vertical, so that the compass cannot tilt the attitude
             x, y, z = x + error * up[0], y + error * up[1], z + error * up[2]
+        # a correction that persists is a bias of the gyro
         learn = _BIAS_KI_1_S2 * dt_s
         bias = self._bias
         self._bias = (

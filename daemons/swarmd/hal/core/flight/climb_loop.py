@@ -43,6 +43,7 @@ class ClimbLoop:
         wanted_m_s = max(-limits.sink_max_m_s, min(limits.climb_max_m_s, wanted_m_s))
         height_m, climb_m_s = state.position_m[2], state.velocity_m_s[2]
         held = height_m if self._height_m is None else self._height_m + wanted_m_s * dt_s
+        # near the vehicle, so that a held vehicle does not shoot up when it is released
         held = self._height_m = max(height_m - _AHEAD_M, min(height_m + _AHEAD_M, held))
         error = wanted_m_s + gains.height_kp_1_s * (held - height_m) - climb_m_s
         # with a larger error the thrust is at its limit, and the integral would wind up

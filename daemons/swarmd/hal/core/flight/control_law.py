@@ -79,6 +79,7 @@ def changed(gains: G, by_name: dict[str, float]) -> G:
         if name not in known:
             raise Denied(f"gain {name!r}: unknown to this airframe; expected one of {', '.join(known)}")
     try:
+        # converted as a whole, so that an invalid value changes no gain
         return msgspec.convert({**known, **by_name}, type(gains))
     except msgspec.ValidationError as error:
         raise Denied(f"gains: {error}") from error

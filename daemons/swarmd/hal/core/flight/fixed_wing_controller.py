@@ -85,14 +85,17 @@ class FixedWingController:
         """Computes the outputs of one control step of an armed aircraft."""
         if landed:
             self.reset()
+            # full throttle releases the catapult; the controls stay neutral on its rail
             return _LAUNCH if wanted.vz_m_s > _LIFT_M_S else _GROUND
         limits = self._airframe.limits
         vx, vy, vz = state.velocity_m_s
+        # there is no airspeed sensor; the lower bound keeps the divisions by the airspeed finite
         airspeed = max(math.hypot(vx, vy, vz), limits.airspeed_min_m_s / 2)
         ahead = math.hypot(wanted.vx_m_s, wanted.vy_m_s)
         speed = limits.airspeed_cruise_m_s if ahead < _STOP_M_S else ahead
         speed = min(max(speed, limits.airspeed_min_m_s), limits.airspeed_max_m_s)
         height_m = state.position_m[2]
+        # the flare replaces the commanded sink rate by a slow one, with the throttle closed
         flares = wanted.vz_m_s < 0.0 and height_m < limits.flare_m
         climb = min(max(wanted.vz_m_s, -limits.sink_max_m_s), limits.climb_max_m_s)
         climb = max(climb, -limits.flare_sink_m_s) if flares else self._climb_to(climb, height_m, dt_s)
@@ -160,6 +163,7 @@ class FixedWingController:
             self._climb = _bounded(held, _CLIMB_MAX_RAD)
         path = math.asin(min(max(climb / airspeed, -0.5), 0.5))
         pitch_max = limits.pitch_max_rad
+        # below the minimum airspeed the nose goes down, to gain speed before height
         slow = limits.airspeed_min_m_s - airspeed
         if slow > 0.0:
             pitch_max = max(0.0, pitch_max - slow * _SLOW_RAD_S_M)

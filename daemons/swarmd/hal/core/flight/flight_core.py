@@ -60,6 +60,7 @@ def between(before: Imu, after: Imu, at_s: float, gap_s: float, held_s: float) -
     motors have stopped the rates stay, and the specific force is the one of free fall.
     Units: `at_s` and `gap_s` since the previous sample; `held_s`: time for which outputs are held.
     """
+    # the rates stop changing when the motors do
     share = min(1.0, at_s / min(gap_s, held_s))
     falls = gap_s > held_s
     force = (1.0 if at_s > held_s else 0.0) if falls else share
@@ -110,7 +111,7 @@ class FlightTiming(msgspec.Struct, frozen=True):
     """Time for which the actuators hold their last outputs without new ones, before the motors stop."""
 
 
-class FormerFlight(msgspec.Struct, frozen=True):
+class FlightHandover(msgspec.Struct, frozen=True):
     """State of a flight at the end of the previous process, from which the next process continues it."""
 
     imu: Imu
@@ -185,15 +186,15 @@ class FlightCore:
         """The control law, a cascade of control loops."""
         return self._controller
 
-    def on_former(self, former: FormerFlight) -> None:
+    def on_handover(self, handover: FlightHandover) -> None:
         """Continues the flight of a process that has ended; the next sample ends a gap."""
-        imu = former.imu
+        imu = handover.imu
         rates = (imu.wx_rad_s, imu.wy_rad_s, imu.wz_rad_s)
         self._attitude.begin((imu.roll_rad or 0.0, imu.pitch_rad or 0.0, imu.yaw_rad or 0.0), rates)
-        self._motion.begin(former.height_m, former.velocity_m_s)
-        self._sample, self.imu_ns = imu, former.stamp_ns
+        self._motion.begin(handover.height_m, handover.velocity_m_s)
+        self._sample, self.imu_ns = imu, handover.stamp_ns
         self._armed, self._landed = True, False
-        self.watch.on_former(former.stamp_ns)
+        self.watch.on_handover(handover.stamp_ns)
 
     def on_setpoint(self, setpoint: Setpoint) -> None:
         """Takes a set-point: velocity forward, left and up, and yaw rate."""
@@ -215,6 +216,7 @@ class FlightCore:
 
     def on_imu(self, imu: Imu, stamp_ns: int) -> None:
         """Takes a sample of the inertial unit."""
+        # the board is read more often than the unit measures
         if stamp_ns <= self.imu_ns:
             return
         gap_s = (stamp_ns - self.imu_ns) / 1e9
@@ -235,6 +237,7 @@ class FlightCore:
         timing = self._timing
         count = math.ceil(gap_s / timing.period_s)
         for number in range(1, count + 1):
+            # integrated in steps of the control period, as if the samples had arrived
             sample = between(before, imu, number * gap_s / count, gap_s, timing.held_s)
             self._integrate(sample, gap_s / count, trusted=False)
         self._motion.on_gap(gap_s)
@@ -246,6 +249,7 @@ class FlightCore:
     def _integrate(self, imu: Imu, dt_s: float, *, trusted: bool) -> None:
         """Integrates one sample; `trusted`: the accelerometer may correct the vertical."""
         landed = self._landed
+        # on the ground nothing accelerates the vehicle, whatever was commanded last
         accelerates_m_s2 = 0.0 if landed else self._controller.acceleration_m_s2
         turn = _NONE
         if self._controller.follows_nose and not landed:
@@ -292,6 +296,7 @@ class FlightCore:
 
     def step(self, now_ns: int) -> ActuatorOutputs | None:
         """Outputs for the newest sample, or None if they were computed before or the sample is too old."""
+        # each sample gets one step; without a new one the actuators hold their outputs
         if not self._fresh or self.is_blind(now_ns):
             return None
         self._fresh = False

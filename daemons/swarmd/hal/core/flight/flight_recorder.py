@@ -34,6 +34,7 @@ class FlightRecorder:
         """Takes a fault; further faults before the record is complete belong to the same record."""
         self._reasons.append(reason)
         if self._due_ns is None:
+            # the record waits for the seconds after the fault, which show its effect
             self._due_ns = now_ns + AFTER_NS
 
     def take(self, now_ns: int) -> FlightRecord | None:

@@ -82,6 +82,7 @@ class FlightWatch:
             self._judge_gap(step, now_ns)
             self._judge_tilt(step.state, now_ns)
         if not step.landed:
+            # the first step in the air begins the flight
             self._airborne_ns = now_ns if self._airborne_ns is None else self._airborne_ns
             return False
         begun_ns, self._airborne_ns = self._airborne_ns, None
@@ -95,7 +96,7 @@ class FlightWatch:
         )
         return True
 
-    def on_former(self, stamp_ns: int) -> None:
+    def on_handover(self, stamp_ns: int) -> None:
         """Takes that the vehicle already was in flight at this instant, under the previous process."""
         self._airborne_ns = stamp_ns
 
@@ -111,6 +112,7 @@ class FlightWatch:
     def expected_gap_s(self, now_ns: int) -> float:
         """Gap that may occur again, the second longest of the last seconds, or 0 with fewer than two gaps."""
         self._forget(now_ns)
+        # a single long gap does not justify softer gains
         return sorted(gap_s for _, gap_s in self._gaps)[-2] if len(self._gaps) > 1 else 0.0
 
     def conditions(self, now_ns: int) -> list[Condition]:
@@ -153,6 +155,7 @@ class FlightWatch:
         """Reports a fault; a worse fault of the same check stays until its end."""
         level: Level = "warn" if state is LoopState.LATE else "error"
         known = self._stated[of.name]
+        # a short gap must not cover the error of a longer one
         if known.level == "error" and level == "warn":
             return
         self._until_ns[of.name] = now_ns + SHOWN_NS

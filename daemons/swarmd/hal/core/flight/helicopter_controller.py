@@ -42,6 +42,7 @@ class HelicopterController(HoverController):
         b, a = turning[0] / of.l_b, -turning[1] / of.m_a
         across = b - of.b_a * a + of.tau_f_s * rates[0]
         along = a - of.a_b * b - of.tau_f_s * rates[1]
+        # determinant of the coupling of both controls, which is inverted here
         full = of.a_lon * of.b_lat - of.a_lat * of.b_lon
         return (
             (of.a_lon * across - of.b_lon * along) / full,

@@ -152,6 +152,7 @@ class HoverController(ABC):
         rates = body_rates(state, roll, pitch, yaw_rate, gains.attitude_kp_1_s, limits.rate_max_rad_s)
         # the integral of the rate loop is frozen while the actuators are at their limits (anti-windup)
         turn = self._rate.moment_n_m(gains, rates, state.rates_rad_s, dt_s, learns=self._whole)
+        # bounded, because near 90° no thrust keeps the height
         upright = max(_TILT_MIN, math.cos(state.roll_rad) * math.cos(state.pitch_rad))
         demand = Demand(GRAVITY_M_S2 + climb, upright, rates, turn)
         outputs, self.lift_ratio, self._whole = self._actuated(demand)

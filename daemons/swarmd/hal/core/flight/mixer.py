@@ -37,6 +37,7 @@ class Mixer:
         low, high = self._min_n, self._max_n
         scale = 1.0
         for tilt, turn in zip(tilts, turns, strict=True):
+            # the yaw moment is scaled down until every rotor is within its range
             if turn > 0.0 and tilt + turn > high:
                 scale = min(scale, max(0.0, high - tilt) / turn)
             elif turn < 0.0 and tilt + turn < low:

@@ -69,6 +69,7 @@ class MotionFilter:
             return
         x, y, z = axes
         if landed:
+            # without this the noise of the accelerometer would be integrated on the ground
             x.v = y.v = z.v = 0.0
             return
         x.predict(force_m_s2[0], dt_s)
@@ -84,6 +85,7 @@ class MotionFilter:
         if self._map is None or self._axes is None:
             if not fix.has_height or sigma_m > self._origin_acc_m:
                 return
+            # in flight the origin lies below the first fix, by the height that was handed over
             alt_m = fix.alt_ellipsoid_m - self._height_m
             origin = Origin(lat_deg=fix.lat_deg, lon_deg=fix.lon_deg, alt_ellipsoid_m=alt_m)
             self._map = LocalMap(origin)
@@ -93,6 +95,7 @@ class MotionFilter:
             x.v, y.v, z.v = self._velocity_m_s
             self._axes = x, y, z
             return
+        # a fix is old when it arrives; the vehicle has moved on since
         late_s = min(max((now_ns - stamp_ns) / 1e9, 0.0), _LATE_MAX_S)
         place = self._map.to_local(fix.lat_deg, fix.lon_deg, fix.alt_ellipsoid_m)
         for axis, measured, ratio in zip(self._axes, place, (1.0, 1.0, GNSS_HEIGHT_RATIO), strict=True):

@@ -109,6 +109,7 @@ class MotorSwitch:
 
     def on_order(self, order: ChassisOrder, now_ns: int) -> ChassisReport:
         """Executes or refuses an order, once even if repeated; returns the report that answers it."""
+        # orders are repeated until they are answered, and must not be executed twice
         if order.number > self._answer[0]:
             refusal = ""
             try:

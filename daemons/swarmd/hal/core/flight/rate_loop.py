@@ -29,6 +29,7 @@ class RateLoop:
         tilt, yaw = (gains.rate_kp_1_s, gains.rate_ki_1_s2), (gains.yaw_rate_kp_1_s, gains.yaw_rate_ki_1_s2)
         integral, (ix, iy, iz), (p, q, r) = self._integral, self._inertia, rates
         accelerations = []
+        # yaw is slower, since rotors produce little moment about this axis
         for axis, (kp, ki) in enumerate((tilt, tilt, yaw)):
             error = wanted[axis] - rates[axis]
             if learns:

@@ -11,7 +11,7 @@ from swarmd.tree.core.replicas.structure_replica import StructureReplica
 from swarmd.tree.core.structure.index import Index, Leaf, pattern
 from swarmd.tree.core.structure.subscription import LocalSubscriptions, subscribable
 from swarmware.model.names import Address
-from swarmware.runtime.own_delay import OwnDelay
+from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.net import BoardSubscription
 from swarmware.types.tree import BoardLimit
 
@@ -38,7 +38,7 @@ class ReplicaTimeouts(msgspec.Struct, frozen=True, kw_only=True):
     retry_ns: tuple[int, ...]
     """Pauses after failures in a row."""
     forget_ns: int
-    delay: OwnDelay
+    delay: LoopDelay
     broadcast_ns: int
     """Time to wait for a structure in a beacon, before it is requested; 0: it is requested at once."""
     whole_swarm: bool = False

@@ -15,7 +15,7 @@ class InputCount:
         self.values = 0
         self.payload_bytes = 0
         self.delays_ns: list[int] = []
-        """Those that are known."""
+        """Known delays of the values."""
 
     def add(self, size: int, delay_ns: int | None) -> None:
         """A value has arrived; without a delay its clock is unknown."""

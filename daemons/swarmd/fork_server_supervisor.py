@@ -1,4 +1,4 @@
-"""Supervision of the node's fork server by its parent: started first, restarted when it is killed."""
+"""Supervisor of the node's fork server, which starts it first and restarts it when it is killed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal
 from swarmware.runtime.restart_policy import RestartPolicy
-from swarmware.service.fork import FOLDER, SOCKET
+from swarmware.service.fork_client import FOLDER, SOCKET
 from swarmware.service.notify import remove_file
 from swarmware.service.starting import environment, start
 
@@ -19,15 +19,14 @@ if TYPE_CHECKING:
 _NS: Final = 1_000_000_000
 
 
-class Forks:
-    """Starts and restarts the fork server. The node works without it; only the start of processes takes
-    longer."""
+class ForkServerSupervisor:
+    """Starts and restarts the fork server; without it the node works, but processes start more slowly."""
 
     def __init__(self, services: list[str], run_dir: str) -> None:
         self._path = os.path.join(run_dir, FOLDER, SOCKET)
-        self._words = ["forkserver", *services, "--socket", self._path]
+        self._command = ["forkserver", *services, "--socket", self._path]
         self._run_dir = run_dir
-        self._lives = RestartPolicy()
+        self._restart_policy = RestartPolicy()
         self._lifeline = -1
         self.pid = 0
         self._process: ProcessHandle | None = None
@@ -39,7 +38,7 @@ class Forks:
         self.due_ns = None
         theirs, self._lifeline = os.pipe()  # its stdin: the kernel closes the pipe when this process ends
         try:
-            self.pid = start(self._words, environment(self._run_dir, notifies=True), stdin=theirs)
+            self.pid = start(self._command, environment(self._run_dir, notifies=True), stdin=theirs)
         finally:
             os.close(theirs)
         self._process = ProcessHandle(self.pid)
@@ -49,16 +48,16 @@ class Forks:
         return -1 if self._process is None else self._process.fileno()
 
     def on_ready(self) -> None:
-        """The fork server has reported that it is ready."""
-        self._lives.on_ready(time.monotonic_ns())
+        """Takes that the fork server has reported READY."""
+        self._restart_policy.on_ready(time.monotonic_ns())
 
     def on_end(self) -> None:
-        """The fork server has ended: schedules its restart."""
+        """Takes the end of the fork server, and schedules its restart."""
         how = os.waitid(os.P_PID, self.pid, os.WEXITED)
         killed = how is not None and how.si_code != os.CLD_EXITED
         self._forget()
         now_ns = time.monotonic_ns()
-        pause_s = self._lives.on_end(now_ns, killed=killed)
+        pause_s = self._restart_policy.on_end(now_ns, killed=killed)
         self.due_ns = None if pause_s is None else now_ns + round(pause_s * _NS)
 
     def close(self) -> None:

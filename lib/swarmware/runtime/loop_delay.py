@@ -11,7 +11,7 @@ MEMORY_NS: Final = 5_000_000_000
 _LONG_AGO: Final = -(1 << 62)
 
 
-class OwnDelay:
+class LoopDelay:
     """Delays of a core by its event loop, measured at its deadlines.
 
     Where the processor is short, a turn of the event loop takes long, and a core finds values that wait to be

@@ -1,11 +1,11 @@
-"""The socket on which the parent of a node receives notifications (sd_notify) of its processes."""
+"""The socket on which the parent of a node receives the notifications (sd_notify) of its processes."""
 
 from __future__ import annotations
 
 import os
 
 from swarmware.errors import Conflict
-from swarmware.service.fork import FOLDER, own_folder
+from swarmware.service.fork_client import FOLDER, own_folder
 from swarmware.service.notify import NotificationSocket
 from swarmware.service.starting import PARENT_SOCKET
 from swarmware.transport.shm.lock import lock_within, stands_at
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from typing import Final
 
 LOCK_WAIT_S: Final = 1.0
-"""Wait for the lock of a killed parent: it is held until the kernel has ended that process."""
+"""Maximum wait for the lock of a killed parent, which the kernel releases when the process has ended."""
 
 
-class Words(NotificationSocket):
-    """Receives the notifications of one node; its lock keeps a second parent out."""
+class ParentSocket(NotificationSocket):
+    """Receives the notifications of one node; a lock prevents a second parent."""
 
     def __init__(self, run_dir: str) -> None:
         """Raises: Conflict when the node has a parent already."""
@@ -27,11 +27,11 @@ class Words(NotificationSocket):
         self._lock = _locked(run_dir)
         super().__init__(os.path.join(run_dir, FOLDER, PARENT_SOCKET))
 
-    def tend(self) -> bool:
-        """Make the socket again if its file was removed; returns whether it was, and `fileno` is another one.
+    def restore(self) -> bool:
+        """Creates the socket again if its file was removed; returns True if so, when `fileno` has changed.
 
-        Not without the run directory, which a process of the node makes again with its mode and group.
-        Raises: OSError, Conflict.
+        A missing run directory is not created here, because a process of the node creates it with the right
+        mode and group. Raises: OSError, Conflict.
         """
         if self.stands or not os.path.isdir(self._run_dir):
             return False
@@ -42,7 +42,7 @@ class Words(NotificationSocket):
         return True
 
     def close(self) -> None:
-        """Close the socket and release its lock."""
+        """Closes the socket and releases its lock."""
         super().close()
         os.close(self._lock)
 

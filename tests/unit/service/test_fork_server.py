@@ -1,4 +1,4 @@
-"""What the fork server imports: nothing that a fork would break."""
+"""Imports of the fork server, none of which a fork would break."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import sys
 def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> None:
     look = (
         "import os\n"
-        "from swarmd.forkserver import OURS, preload\n"
+        "from swarmd.fork_server import OURS, preload\n"
         "from swarmware.service.installed import installed\n"
         "before = set(os.listdir('/proc/self/fd'))\n"
         "preload([name for name, point in installed().items() if point.value.startswith(OURS)])\n"
@@ -20,9 +20,9 @@ def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> No
 def test_a_service_of_somebody_else_is_not_imported_before_the_fork() -> None:
     look = (
         "from swarmware.model.plugins import EntryPoint\n"
-        "from swarmd import forkserver\n"
+        "from swarmd import fork_server\n"
         "theirs = EntryPoint('planner', 'nosuch_package.planner:Planner', 'swarmware.services')\n"
-        "forkserver.installed = lambda: {'planner': theirs}\n"
-        "forkserver.preload(['planner', 'nosuch'])\n"
+        "fork_server.installed = lambda: {'planner': theirs}\n"
+        "fork_server.preload(['planner', 'nosuch'])\n"
     )
     subprocess.run([sys.executable, "-c", look], check=True)

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmware.runtime.core import AT_ONCE
-from swarmware.runtime.own_delay import LATE_NS, MEMORY_NS, OwnDelay
+from swarmware.runtime.loop_delay import LATE_NS, MEMORY_NS, LoopDelay
 
 S = 1_000_000_000
 
@@ -22,13 +22,13 @@ S = 1_000_000_000
 def test_only_a_deadline_that_has_passed_by_more_than_a_moment_is_a_delay(
     due_ns: int | None, now_ns: int, late_ns: int
 ) -> None:
-    delay = OwnDelay()
+    delay = LoopDelay()
     assert delay.on_turn(due_ns, now_ns) == late_ns
     assert delay.recent_ns(now_ns) == late_ns
 
 
 def test_several_calls_of_one_late_turn_count_its_delay_once() -> None:
-    delay = OwnDelay()
+    delay = LoopDelay()
     assert delay.on_turn(S, 3 * S) == 2 * S
     assert delay.on_turn(S, 3 * S + 1000) == 0
     assert delay.on_turn(S, 4 * S) == S, "the deadline was not met meanwhile either"
@@ -36,7 +36,7 @@ def test_several_calls_of_one_late_turn_count_its_delay_once() -> None:
 
 
 def test_the_longest_delay_is_remembered_for_some_seconds() -> None:
-    delay = OwnDelay()
+    delay = LoopDelay()
     delay.on_turn(S, 3 * S)
     delay.on_turn(4 * S, 4 * S + S // 2)
     assert delay.recent_ns(3 * S + MEMORY_NS - 1) == 2 * S
@@ -45,6 +45,6 @@ def test_the_longest_delay_is_remembered_for_some_seconds() -> None:
 
 
 def test_a_delay_is_forgotten_although_nobody_looked_for_long() -> None:
-    delay = OwnDelay()
+    delay = LoopDelay()
     delay.on_turn(S, 3 * S)
     assert delay.recent_ns(3 * S + 3 * MEMORY_NS) == 0

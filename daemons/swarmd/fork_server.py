@@ -21,7 +21,7 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import SwarmError, WireError
-from swarmware.service.fork import MESSAGE_BYTES, REQUEST_BYTES, exit_status_of
+from swarmware.service.fork_client import MESSAGE_BYTES, REQUEST_BYTES, exit_status_of
 from swarmware.service.installed import find, installed
 from swarmware.service.notify import Notifier
 
