@@ -77,7 +77,12 @@ async def test_a_node_loads_no_plotting_database_tls_or_mail_and_stays_small(tmp
     config = make_node(tmp_path, kind="ugv", services={name: {} for name in SERVICES})
     async with spawn(config, *SERVICES, env={"PYTHONPROFILEIMPORTTIME": "1"} | WRITES_NO_BYTECODE) as process:
         loaded = imported(process.stderr())
-        assert {"asyncio", "zmq", "swarmd.broker.service", "swarmd.navigator.core.dwa"} <= loaded
+        assert {
+            "asyncio",
+            "zmq",
+            "swarmd.broker.exchange.frame_gateway",
+            "swarmd.navigator.core.dwa",
+        } <= loaded
         assert loaded & (HEAVY | UNUSED) == set()
         assert not {name for name in mapped(process.pid) if LIBRARIES.search(name)}
         assert {entry.pid for entry in scan(tmp_path / "uav1/run")} == {process.pid}

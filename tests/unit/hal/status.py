@@ -33,9 +33,9 @@ async def status(board: BoardReader[DriverTable], name: str, **wanted: object) -
     async with asyncio.timeout(20.0):
         while True:
             table = await board.changed()
-            found = next(driver for driver in table.drivers if driver.name == name)
-            if all(getattr(found, key) == value for key, value in wanted.items()):
-                return found
+            for found in table.drivers:  # a driver that is plugged in now comes with a later table
+                if found.name == name and all(getattr(found, key) == value for key, value in wanted.items()):
+                    return found
 
 
 async def state_of(board: BoardReader[CheckReports], check: str, wanted: str) -> bool:
