@@ -25,7 +25,7 @@ class FormerSession:
         self._session = folder / SESSION
         self._period = folder / PERIOD
         self.declared_period_ns = self._read() if self._session.exists() else 0
-        """Longest time between two datagrams that the former session declared; 0: none is known."""
+        """Longest time between two datagrams that the former session declared, or 0 if unknown."""
 
     def quiet_ns(self, timeout_ns: int) -> int:
         """Time for which neighbours may still use routes of the former session.

@@ -207,4 +207,4 @@ class OutgoingBeacon(msgspec.Struct, frozen=True, gc=False):
     with_session: bool
     beacon: Beacon
     declared_period_ns: int = 0
-    """Longest declared period, to be stored before sending; 0: unchanged."""
+    """Longest declared period, to be stored before sending, or 0 if it is unchanged."""

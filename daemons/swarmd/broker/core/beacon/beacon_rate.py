@@ -51,7 +51,7 @@ def allowed_hz(neighbours: int, datagram_bytes: float) -> float:
 
 
 class ReportSlowdown(msgspec.Struct, frozen=True):
-    """Action: report a change of the factor by which beacons are slowed; 1: the processor keeps up."""
+    """Action: report a change of the factor by which beacons are slowed, 1 if none is."""
 
     factor: float
     late_ns: int
@@ -97,7 +97,7 @@ class Slowdown:
 
     def __init__(self) -> None:
         self.factor = 1.0
-        """Factor of the period; 1: the processor keeps up."""
+        """Factor of the period, or 1 while the processor keeps up."""
         self.delayed_beacons = 0
         """Beacons that were delayed by the factor."""
         self.late_ns = 0

@@ -44,6 +44,6 @@ class FormerState(msgspec.Struct, frozen=True):
     """State of the former session of this node's broker."""
 
     declared_period_ns: int = 0
-    """Longest time between two datagrams that it declared; 0: none is known."""
+    """Longest time between two datagrams that the former session declared, or 0 if unknown."""
     quiet_ns: int = 0
     """Time for which other nodes may still route through it, in ns."""
