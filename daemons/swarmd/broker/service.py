@@ -387,7 +387,9 @@ class Broker(Service):
             chance=random.random,
             membership=SwarmMembership()
             if keys.is_open
-            else SwarmMembership(RosterExchange(keys, node.hardware, random.random), keys, connections=True),
+            else SwarmMembership(
+                RosterExchange(keys, node.hardware, random.random), keys, True, keys.curve_of
+            ),
             channels=ChannelTable(load_channels(node.config_dir)),
         )
         if keys.roster is not None:

@@ -15,8 +15,8 @@ from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.core.swarm.media.medium_table import Use
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.exchange.frame_datagrams import FrameDatagrams
-from swarmd.broker.exchange.link_events import LinkPeer
 from swarmd.broker.exchange.zmq_links import ZmqLinks
 from swarmware.model.frame import Frame, FrameKind, decode, encode
 from swarmware.model.names import hardware_id

@@ -9,7 +9,7 @@ from tests.simulation.directory.radios import RadioSwarm, Ratios
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon.declared_period import FormerState
-from swarmd.broker.core.swarm.neighbours.neighbour import notice_ns
+from swarmd.broker.core.swarm.neighbour import notice_ns
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock

@@ -39,11 +39,13 @@ def test_a_target_is_replaced_when_the_neighbour_announces_another_port() -> Non
     cell.announce()
     first = cell.targets.find(UAV2)
     assert first is not None
-    assert (first.host, first.tcp_port, first.curve_public) == (AT[0], 9000, b"key")
+    assert (first.host, first.port, first.curve_public) == (AT[0], 9000, b"key")
     assert cell.targets.find(UAV2) is first, "unchanged"
+    cell.announce()
+    assert cell.targets.find(UAV2) is first, "repeated"
     cell.announce(tcp_port=9100)
     second = cell.targets.find(UAV2)
-    assert second is not None and second.tcp_port == 9100
+    assert second is not None and second.port == 9100
     cell.announce(tcp_port=0)
     assert cell.targets.find(UAV2) is None
 
@@ -56,13 +58,26 @@ def test_a_target_takes_the_host_of_the_chosen_medium() -> None:
     assert found is not None and found.host == f"192.168.0.{UAV2}"
 
 
+def test_a_target_takes_the_key_of_the_roster_in_force() -> None:
+    cell = Cell()
+    cell.announce()
+    roster = {cell.nodes.platform(UAV2): b"first"}
+    targets = LinkTargets(cell.neighbours, cell.nodes, curve_of=roster.get)
+    found = targets.find(UAV2)
+    assert found is not None and found.curve_public == b"first"
+    roster.clear()
+    targets.on_roster()
+    found = targets.find(UAV2)
+    assert found is not None and not found.curve_public, "revoked"
+
+
 def test_beacons_go_by_unicast_where_multicast_does_not_reach() -> None:
     cell = Cell()
     assert cell.targets.unicast_addresses([], SECOND) == set()
     assert cell.targets.unicast_addresses([AT, SEED], SECOND) == {SEED}, "the group reaches the neighbour"
-    cell.targets.on_neighbour(UAV2, by_multicast=False)
+    cell.peer.neighbour.by_unicast = True
     assert cell.targets.unicast_addresses([], SECOND) == {AT}
-    cell.targets.on_neighbour(UAV2, by_multicast=True)
+    cell.peer.neighbour.by_unicast = False
     assert cell.targets.unicast_addresses([], SECOND) == set()
 
 

@@ -22,13 +22,13 @@ from tests.unit.broker.neighbours import (
 )
 
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header
-from swarmd.broker.core.swarm.neighbours.link import COST_MAX, TRANSITIONS, LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.swarm.neighbours.neighbour import (
+from swarmd.broker.core.swarm.neighbour import (
     LISTING_NS,
     LISTINGS,
     MEASURED,
     UNLISTED_SLACK_NS,
 )
+from swarmd.broker.core.swarm.neighbours.link import COST_MAX, TRANSITIONS, LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     FORGET_NS,
     NEIGHBOUR_LIMIT,

@@ -49,8 +49,7 @@ from swarmd.broker.core.swarm.media.medium_link import PERIODS as MEDIUM_PERIODS
 from swarmd.broker.core.swarm.media.medium_link import PERIODS_MAX as MEDIUM_PERIODS_MAX
 from swarmd.broker.core.swarm.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
 from swarmd.broker.core.swarm.media.medium_table import LISTING_NS as MEDIA_NS
-from swarmd.broker.core.swarm.neighbours.link import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
-from swarmd.broker.core.swarm.neighbours.neighbour import (
+from swarmd.broker.core.swarm.neighbour import (
     CLOCK_HIGH_MAX,
     EXPECTED_MIN,
     FALSE_ALARM,
@@ -65,6 +64,7 @@ from swarmd.broker.core.swarm.neighbours.neighbour import (
     UNLISTED_SLACK_NS,
     WINDOW,
 )
+from swarmd.broker.core.swarm.neighbours.link import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
 from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     LISTING_EACH_NS,
     QUALITY_NS,

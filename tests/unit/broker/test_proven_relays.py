@@ -13,7 +13,7 @@ from swarmd.broker.core.boards.received_values import ReceivedValues
 from swarmd.broker.core.boards.relay_cache import FURTHER_NS, PERIOD_NS, RelayCache
 from swarmd.broker.core.membership.signatures import signature_checks
 from swarmd.broker.core.membership.signatures.signature_checks import REMEMBERED
-from swarmd.broker.core.swarm.neighbours.neighbour import Neighbour
+from swarmd.broker.core.swarm.neighbour import Neighbour
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import hardware_id
 from swarmware.transport.sodium import verify

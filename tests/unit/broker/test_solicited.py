@@ -13,8 +13,8 @@ from swarmd.broker.core.beacon.parts.solicitation import (
     encode_solicitation,
     solicitation_bytes,
 )
+from swarmd.broker.core.swarm.neighbour import FALSE_ALARM
 from swarmd.broker.core.swarm.neighbours.link import LinkState
-from swarmd.broker.core.swarm.neighbours.neighbour import FALSE_ALARM
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.core.swarm.neighbours.solicited import (
     ASKS_MAX,

@@ -108,7 +108,7 @@ class BrokerCore:
 
         `chance`: uniform from 0 to 1, for the jitter of beacons.
         """
-        exchange, signing, connections = membership
+        exchange, signing, connections, curve_of = membership
         self.identity = identity
         self.counters = Counters()
         topology = Topology(
@@ -138,12 +138,10 @@ class BrokerCore:
         self.channels = protocol.channels
         self.forwarder = FrameForwarder(identity.hw, topology.routing)
         self.targets = LinkTargets(
-            topology.neighbours, protocol.nodes, None if self.media is None else self.media.host
+            topology.neighbours, protocol.nodes, None if self.media is None else self.media.host, curve_of
         )
         self.other_swarms = OtherSwarms(session)
-        self.report = NetReport(
-            protocol, topology, self.counters, self.targets.by_unicast, self.other_swarms, now_ns, self.media
-        )
+        self.report = NetReport(protocol, topology, self.counters, self.other_swarms, now_ns, self.media)
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)
         self.signatures = None if signing is None else OwnSignatures(identity.hw, session, signing)
@@ -323,7 +321,7 @@ class BrokerCore:
         if self.media is not None:
             self.media.on_reported(hw, received.neighbour.quality_out, now_ns)
         if is_main:
-            self.targets.on_neighbour(hw, by_multicast)
+            received.neighbour.by_unicast = not by_multicast
         if received.clock_sample is not None:
             self._clock_samples.on_sample(received.clock_sample)
         if received.values:
@@ -415,6 +413,7 @@ class BrokerCore:
     def _on_roster(self, change: RosterChange, actions: list[Action], now_ns: int) -> None:
         assert self.exchange is not None, "without keys there is no roster"
         self._protocol.hellos.set_roster_version(change.roster.version)
+        self.targets.on_roster()
         self._triggered = True
         self.add_members((member.platform for member in change.roster.valid()), now_ns)
         gone = {member.platform for member in change.gone}

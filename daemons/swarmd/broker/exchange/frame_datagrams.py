@@ -14,8 +14,9 @@ from swarmd.broker.core.frames.frame_datagram import DatagramPaths
 from swarmd.broker.core.membership.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.swarm.media.medium import MAIN_MEDIUM, Address, MediumProfile
 from swarmd.broker.core.swarm.media.medium_table import MediumAddress, Use
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.exchange.link_events import DatagramEvents, LinkPeer
+from swarmd.broker.exchange.link_events import DatagramEvents
 from swarmd.broker.sockets import arrival_stamp
 from swarmd.broker.sockets.arrival_stamp import ANCILLARY, Ancillary, ArrivalStamps
 from swarmd.broker.sockets.medium import MediumDatagram

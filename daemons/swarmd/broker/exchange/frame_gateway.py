@@ -14,12 +14,11 @@ from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.frames.waiting_answers import WaitingAnswers
 from swarmd.broker.core.membership.origins import is_check
 from swarmd.broker.core.membership.roster.roster_exchange import RosterAction, SendRoster
-from swarmd.broker.core.swarm.neighbours.link_targets import LinkTarget
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.exchange.frame_datagrams import NeighbourMedia
 from swarmd.broker.exchange.frame_delivery import FrameDelivery
 from swarmd.broker.exchange.frame_links import FrameLinks
-from swarmd.broker.exchange.link_events import LinkPeer
 from swarmd.broker.sockets.pair_seal import PairEnd
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
@@ -81,9 +80,6 @@ class FrameGateway:
         self._end_to_end = EndToEnd(
             core.identity.hw, core.session, keys, core.nodes.platform, core.counters.refused
         )
-        self._peers: dict[int, tuple[LinkTarget, LinkPeer]] = {}
-        """Connection targets of neighbours that got frames, by hardware id; replaced when a target
-        changes."""
         self._asked_by_datagram: set[int] = set()
         """Neighbours whose last question came in a datagram."""
         self._answers = WaitingAnswers()
@@ -137,7 +133,6 @@ class FrameGateway:
 
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
-        self._peers.pop(hw, None)
         self._asked_by_datagram.discard(hw)
         if hw in self._visits:
             return
@@ -188,7 +183,7 @@ class FrameGateway:
         peer = None if message.curve_public or not self._core.is_up(hw) else self.find_peer(hw)
         if peer is None:
             host = message.host or (target.host if target is not None else "")
-            port = message.port or (target.tcp_port if target is not None else 0)
+            port = message.port or (target.port if target is not None else 0)
             if not host or not port:
                 return
             peer = LinkPeer(hw, message.platform, host, port, curve, 0)
@@ -228,8 +223,9 @@ class FrameGateway:
         """The keys have another roster: roles, members, and connections of those who left."""
         self._delivery.set_roles(change.roster.roles())
         gone = {member.platform for member in change.gone}
-        for hw in [hw for hw, (_, peer) in self._peers.items() if peer.platform in gone]:
-            self.neighbour_gone(hw)
+        for peer in self.links.connected():
+            if peer.platform in gone:
+                self.neighbour_gone(peer.hw)
         self.links.on_roster()
 
     def end_visits(self) -> None:
@@ -390,26 +386,9 @@ class FrameGateway:
 
     def find_peer(self, hw: int) -> LinkPeer | None:
         """Endpoint and keys of a neighbour, or None for any other node."""
-        target = self._core.targets.find(hw)
-        if target is None:
-            return None
-        known = self._peers.get(hw)
-        if known is not None and (known[0] is target or known[0] == target):
-            return known[1]
-        curve = target.curve_public if self._keys.is_open else self._keys.curve_of(target.platform)
-        if not curve:
-            return None  # it has the group key, but is not on the roster
-        peer = LinkPeer(
-            hw,
-            target.platform,
-            target.host,
-            target.tcp_port,
-            curve,
-            target.session,
-            target.frame_port,
-        )
-        self._peers[hw] = target, peer
-        return peer
+        peer = self._core.targets.find(hw)
+        # a node that is not on the roster has the group key at most: no key for connections is known
+        return peer if peer is not None and peer.curve_public else None
 
     def update_counters(self) -> None:
         """Brings the traffic counters of the connections up to date."""

@@ -27,9 +27,10 @@ from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.membership.origins import is_check
 from swarmd.broker.core.swarm.media.medium import MediumProfile
 from swarmd.broker.core.swarm.media.medium_table import Use
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.exchange.frame_datagrams import FrameDatagrams, NeighbourMedia
-from swarmd.broker.exchange.link_events import LinkEvents, LinkPeer
+from swarmd.broker.exchange.link_events import LinkEvents
 from swarmd.broker.exchange.zmq_links import ZmqLinks
 from swarmd.broker.sockets.medium import MediumDatagram
 from swarmd.broker.sockets.pair_seal import PairEnd
@@ -112,6 +113,10 @@ class FrameLinks:
     def prepare(self, peer: LinkPeer) -> None:
         """Derives the keys of the pair with a neighbour, before the first datagram needs them."""
         self._datagrams.prepare(peer)
+
+    def connected(self) -> list[LinkPeer]:
+        """The neighbours with connections, open or not."""
+        return self._connections.peers()
 
     def on_roster(self) -> None:
         """The keys have another roster."""

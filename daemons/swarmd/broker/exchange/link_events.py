@@ -1,25 +1,11 @@
-"""Neighbours as links address them, and the events of links: a protocol for each receiver."""
+"""Events of the links to neighbours: a protocol for each receiver."""
 
 from typing import Protocol
 
-import msgspec
-
 from swarmd.broker.core.frames.send_queue import QueuedFrame
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmware.model.frame import Frame
 from swarmware.types.net import LinkTransport
-
-
-class LinkPeer(msgspec.Struct, frozen=True):
-    """Endpoint and keys of a neighbour."""
-
-    hw: int
-    platform: str
-    host: str
-    port: int
-    curve_public: bytes
-    session: int
-    frame_port: int = 0
-    """UDP port for frames as datagrams, or 0 if it takes none."""
 
 
 class ConnectionFrames(Protocol):

@@ -12,8 +12,9 @@ import zmq
 from swarmd.broker.config import EVERYWHERE, Config
 from swarmd.broker.core.frames.send_buffer import SIZE_MIN
 from swarmd.broker.core.frames.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
-from swarmd.broker.exchange.link_events import ConnectionEvents, LinkPeer
+from swarmd.broker.exchange.link_events import ConnectionEvents
 from swarmd.broker.sockets.zmq.tcp_count import TcpCount
 from swarmd.broker.sockets.zmq.tcp_socket import TcpSocket
 from swarmd.broker.sockets.zmq.zap import DOMAIN, Zap

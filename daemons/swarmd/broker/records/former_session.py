@@ -6,7 +6,7 @@ from typing import Final
 
 from swarmd.broker.core.beacon.beacon_rate import IDLE_HZ
 from swarmd.broker.core.beacon.declared_period import CEILINGS_NS
-from swarmd.broker.core.swarm.neighbours.neighbour import notice_ns
+from swarmd.broker.core.swarm.neighbour import notice_ns
 from swarmware.errors import Denied
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.security.seal import SESSION_MARK

@@ -6,6 +6,7 @@ one is proven over a connection that only the key of the platform opens; until t
 accepted.
 """
 
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import msgspec
@@ -42,6 +43,8 @@ class SwarmMembership(NamedTuple):
     """Keys that sign the own beacons and check those of others."""
     connections: bool = False
     """Whether sessions can be proven over connections."""
+    curve_of: Callable[[str], bytes | None] | None = None
+    """CURVE key of a platform on the roster."""
 
 
 class AdoptSession(msgspec.Struct, frozen=True):

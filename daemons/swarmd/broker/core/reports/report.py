@@ -11,8 +11,8 @@ from swarmd.broker.core.frames.carrier import LinkQuality
 from swarmd.broker.core.membership.other_swarms import OtherSwarms
 from swarmd.broker.core.swarm.media.medium_link import MediumLink
 from swarmd.broker.core.swarm.media.medium_table import MediumTable
+from swarmd.broker.core.swarm.neighbour import Neighbour
 from swarmd.broker.core.swarm.neighbours.link import LinkState
-from swarmd.broker.core.swarm.neighbours.neighbour import Neighbour
 from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import MAIN
@@ -68,7 +68,6 @@ class NetReport:
         protocol: BeaconProtocol,
         topology: Topology,
         counters: Counters,
-        by_unicast: set[int],
         other_swarms: OtherSwarms,
         since_ns: int,
         media: MediumTable | None = None,
@@ -83,7 +82,6 @@ class NetReport:
         self._neighbours = topology.neighbours
         self._routing = topology.routing
         self._counters = counters
-        self._by_unicast = by_unicast
         self._other_swarms = other_swarms
         self._since_ns = since_ns
 
@@ -121,7 +119,7 @@ class NetReport:
             mission=hello.mission if hello is not None else 0,
             boot_id=hello.boot_id if hello is not None else 0,
             transport=connection,
-            multicast=neighbour.hw not in self._by_unicast,
+            multicast=not neighbour.by_unicast,
             media=self._media_of(neighbour.hw, now_ns),
         )
 

@@ -3,9 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Final
 
-import msgspec
-
-from swarmd.broker.core.beacon.beacon import Hello
+from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.core.swarm.node_table import NodeTable
@@ -16,19 +14,6 @@ CLAIMANT_NS: Final = 3_000_000_000
 Address = tuple[str, int]
 
 
-class LinkTarget(msgspec.Struct, frozen=True):
-    """Target of a connection to a neighbour."""
-
-    platform: str
-    host: str
-    tcp_port: int
-    curve_public: bytes
-    """The key that it announced itself; empty where the key is on the roster."""
-    session: int
-    frame_port: int = 0
-    """UDP port for frames as datagrams; 0: none."""
-
-
 class LinkTargets:
     """Addresses of the neighbours of one node."""
 
@@ -37,63 +22,63 @@ class LinkTargets:
         neighbours: NeighbourTable,
         nodes: NodeTable,
         host_of: Callable[[int], str] | None = None,
+        curve_of: Callable[[str], bytes | None] | None = None,
     ) -> None:
-        """`host_of`: of a neighbour where there are several media, empty where none of them has connections;
-        None: its beacons have the only address."""
+        """`host_of`: address of a neighbour on the medium of its connections, or "" if that medium has none;
+        None on a node with one network, where the source address of the beacons is the only one.
+
+        `curve_of`: CURVE key of a platform on the roster, or None without a roster: hellos announce the keys.
+        """
         self._host_of = host_of
+        self._curve_of = curve_of
         self._neighbours = neighbours
         self._nodes = nodes
-        self.by_unicast: set[int] = set()
-        """Neighbours whose newest datagram came by unicast."""
-        self._targets: dict[int, tuple[Hello, Address, LinkTarget]] = {}
-        """Of neighbours that frames went to, with the hello and address that they follow from."""
         self._claimants: dict[Address, int] = {}
         """Unicast senders without an accepted session, and until when beacons are sent to them."""
-
-    def on_neighbour(self, hw: int, by_multicast: bool) -> None:
-        """Takes how the newest datagram of a neighbour came."""
-        if by_multicast:
-            self.by_unicast.discard(hw)
-        else:
-            self.by_unicast.add(hw)
 
     def on_claimant(self, address: Address, now_ns: int) -> None:
         """Takes the address of a unicast datagram whose session is not accepted yet."""
         if len(self._claimants) < CLAIMANTS_MAX:
             self._claimants[address] = now_ns + CLAIMANT_NS
 
-    def find(self, hw: int) -> LinkTarget | None:
-        """Target of a connection to a neighbour; None: it has not announced a port."""
+    def find(self, hw: int) -> LinkPeer | None:
+        """Endpoint and keys of a neighbour, or None until it has announced a port.
+
+        The same object is returned until something in it changes: connections and seals compare by identity.
+        """
         neighbour = self._neighbours.get(hw)
         if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
-            self._targets.pop(hw, None)
             return None
-        hello, address, session = neighbour.hello, neighbour.address, neighbour.session
-        if self._host_of is not None:
-            address = (self._host_of(hw), 0)
-        known = self._targets.get(hw)
-        if known is not None and known[0] is hello and known[1] == address and known[2].session == session:
-            return known[2]
-        target = LinkTarget(
-            self._nodes.platform(hw),
-            address[0],
-            hello.tcp_port,
-            hello.curve_public,
-            session,
-            hello.frame_port,
-        )
-        self._targets[hw] = hello, address, target
-        return target
+        hello, session = neighbour.hello, neighbour.session
+        host = neighbour.address[0] if self._host_of is None else self._host_of(hw)
+        peer = neighbour.peer
+        if (
+            peer is not None
+            and neighbour.peer_hello is hello
+            and peer.host == host
+            and peer.session == session
+        ):
+            return peer
+        platform = self._nodes.platform(hw)
+        curve_public = hello.curve_public if self._curve_of is None else self._curve_of(platform)
+        found = LinkPeer(hw, platform, host, hello.tcp_port, curve_public or b"", session, hello.frame_port)
+        neighbour.peer_hello = hello
+        if peer != found:  # most hellos repeat the former one
+            neighbour.peer = found
+        return neighbour.peer
+
+    def on_roster(self) -> None:
+        """Derives all endpoints again, because keys of platforms may have changed."""
+        for neighbour in self._neighbours.all():
+            neighbour.peer = None
 
     def unicast_addresses(self, seeds: Iterable[Address], now_ns: int) -> set[Address]:
         """Addresses of seeds, of neighbours and of claimants that multicast does not reach."""
-        if not seeds and not self.by_unicast and not self._claimants:
-            return set()
         single: set[Address] = set()
         by_group: set[Address] = set()
         for neighbour in self._neighbours.all():
             if neighbour.state is not LinkState.DOWN:
-                (single if neighbour.hw in self.by_unicast else by_group).add(neighbour.address)
+                (single if neighbour.by_unicast else by_group).add(neighbour.address)
         single.update(address for address in seeds if address not in by_group)
         self._claimants = {address: end_ns for address, end_ns in self._claimants.items() if end_ns > now_ns}
         single.update(self._claimants)

@@ -5,8 +5,7 @@ from typing import Final
 from swarmd.broker.core.beacon.beacon import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
 from swarmd.broker.core.beacon.parts.solicitation import ASKED_MAX
 from swarmd.broker.core.swarm.clock_batches import ClockSample
-from swarmd.broker.core.swarm.neighbours.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState, link_cost
-from swarmd.broker.core.swarm.neighbours.neighbour import (
+from swarmd.broker.core.swarm.neighbour import (
     CLOCK_HIGH_MAX,
     FAR_NS,
     FIRST_PERIOD_NS,
@@ -19,6 +18,7 @@ from swarmd.broker.core.swarm.neighbours.neighbour import (
     WINDOW,
     Neighbour,
 )
+from swarmd.broker.core.swarm.neighbours.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState, link_cost
 from swarmd.broker.core.swarm.routes.destination_routes import is_much_worse
 
 _PERIOD_MAX_NS: Final = 10_000_000_000

@@ -8,6 +8,8 @@ import math
 from functools import lru_cache
 from typing import Final
 
+import msgspec
+
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Hello
 from swarmd.broker.core.swarm.neighbours import solicited
 from swarmd.broker.core.swarm.neighbours.link import COST_MAX, LinkState, link_cost
@@ -58,6 +60,22 @@ FAR_NS: Final = 1 << 62
 """After every instant."""
 
 
+class LinkPeer(msgspec.Struct, frozen=True):
+    """Endpoint and keys of a neighbour, as frames to it need them."""
+
+    hw: int
+    platform: str
+    host: str
+    """Address of its connections, or "" if no medium to it has connections."""
+    port: int
+    """TCP port of its connections."""
+    curve_public: bytes
+    """CURVE key from the roster, or from its hello without a roster; "" if it is not on the roster."""
+    session: int
+    frame_port: int = 0
+    """UDP port for frames as datagrams, or 0 if it takes none."""
+
+
 class Neighbour:
     """A node whose datagrams are received, or were within the last minutes."""
 
@@ -68,6 +86,7 @@ class Neighbour:
         "ask_due_ns",
         "asks",
         "asks_needed",
+        "by_unicast",
         "clock_us",
         "compared_cost",
         "cost_inputs",
@@ -89,6 +108,8 @@ class Neighbour:
         "listing_ns",
         "lost",
         "missed",
+        "peer",
+        "peer_hello",
         "penalty",
         "period_ns",
         "received",
@@ -110,6 +131,12 @@ class Neighbour:
         self.hello: Hello | None = None
         self.address: tuple[str, int] = ("", 0)
         self.session = 0
+        self.by_unicast = False
+        """Its newest datagram came by unicast: beacons go to it so, too."""
+        self.peer: LinkPeer | None = None
+        """Endpoint and keys of its last frames, or None if they are to be derived."""
+        self.peer_hello: Hello | None = None
+        """Hello from which the endpoint was derived."""
         self.lost = 0
         self.late = 0
         self.hears: dict[int, int] = {}
