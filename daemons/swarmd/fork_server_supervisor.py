@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import time
 
+from swarmware.runtime.backoff import RestartPolicy
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal
-from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.fork_client import FOLDER, SOCKET
 from swarmware.service.notify import remove_file
 from swarmware.service.starting import environment, start

@@ -19,9 +19,9 @@ import swarmware
 from swarmd.kept_folders import KEEP_VARIABLE, KeptFolders
 from swarmd.parent_socket import ParentSocket
 from swarmware.errors import SwarmError
+from swarmware.runtime.backoff import RestartPolicy
 from swarmware.runtime.pidfd import ProcessHandle
 from swarmware.runtime.plain import signal
-from swarmware.runtime.restart_policy import RestartPolicy
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork_client import ENDED_S, VARIABLE, StartedProcess
 from swarmware.service.notify import RECEIVE_BYTES, Notifier

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+
 TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
     from typing import ClassVar
@@ -108,3 +110,36 @@ def missing_extra(what: str, error: ImportError, extra: str) -> ConfigError:
     return ConfigError(
         f"{what}: the module {error.name} is not installed; expected `pip install 'swarmware[{extra}]'`"
     )
+
+
+_EXPECTED = {
+    errno.EMFILE: "a higher limit of open files (ulimit -n, LimitNOFILE=)",
+    errno.ENFILE: "a higher limit of open files of the machine (fs.file-max)",
+    errno.ENOSPC: "room on its file system",
+    errno.EDQUOT: "room within the quota",
+    errno.EROFS: "a file system that may be written",
+    errno.EACCES: "permission for the user of this node",
+    errno.EPERM: "permission for the user of this node",
+    errno.ENOMEM: "free memory",
+    errno.EIO: "a medium that works",
+}
+"""Errors of the environment, and the condition that an operator has to restore."""
+
+
+def reason(error: BaseException) -> str | None:
+    """The line for an error of the environment, or None for a defect, which needs its traceback."""
+    while isinstance(error, BaseExceptionGroup) and len(error.exceptions) == 1:
+        error = error.exceptions[0]
+    if isinstance(error, BaseExceptionGroup):
+        reasons = [reason(one) for one in error.exceptions]
+        if None in reasons:
+            return None
+        return "; ".join(dict.fromkeys(text for text in reasons if text is not None))
+    if isinstance(error, SwarmError):
+        return str(error)
+    if isinstance(error, OSError) and error.errno in _EXPECTED:
+        name = error.filename
+        where = name.decode("utf-8", "surrogateescape") if isinstance(name, bytes) else name
+        place = f"{where}: " if isinstance(where, str) else ""
+        return f"{place}{(error.strerror or '').lower()}; expected {_EXPECTED[error.errno]}"
+    return None

@@ -19,22 +19,9 @@ THIN = {
     "cli/swarmctl/terminal/size.py": "the size of the terminal, for the help, which imports no tables",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
     "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
-    "lib/swarmware/model/file_name.py": "names of files, for types and manifests; names.py has other names",
-    "lib/swarmware/model/reserved.py": "what is kept for the daemons, for processes that import none",
-    "lib/swarmware/model/users.py": "names of users, for messages of all layers",
-    "lib/swarmware/model/similar.py": "the one search for similar names, without difflib until it is needed",
-    "lib/swarmware/transport/enrolment/proof.py": "the proof of a key, for both ends and for the root",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",
-    "lib/swarmware/module/requester.py": "the name of the sender of a request, for records",
-    "lib/swarmware/runtime/backoff.py": "the one back-off",
     "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
-    "lib/swarmware/service/reason.py": "the line of an expected error",
-    "lib/swarmware/runtime/start_ticks.py": "the start time of a process, without pathlib and msgspec",
-    "lib/swarmware/types/bounds.py": "numbers on the wire, for all areas of types",
-    "cli/swarmctl/membership/options.py": "options that --help imports, without what the commands do",
-    "cli/swarmctl/vehicles/options.py": "options that --help imports, without the selection of vehicles",
     "lib/swarmware/version.py": "the version, below all that records or shows it",
-    "lib/swarmware/model/clashes.py": "paths with equal numbers in frames",
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""
 TIDY = ("lib", "cli")

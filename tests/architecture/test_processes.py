@@ -8,7 +8,7 @@ from tests.architecture.sources import parsed, walked
 
 ROOT: Final = Path(__file__).parents[2]
 PROC: Final = {
-    "lib/swarmware/runtime/start_ticks.py": "field 22 of /proc/PID/stat: psutil gives wall clock times",
+    "lib/swarmware/runtime/pidfd.py": "field 22 of /proc/PID/stat: psutil gives wall clock times",
     "lib/swarmware/service/realtime.py": "the capabilities of this process, which psutil does not have",
     "lib/swarmware/service/fork_client.py": "the own network namespace, which psutil does not have",
     "lib/swarmware/service/status.py": "own memory, once a second, in daemons without psutil",

@@ -12,7 +12,7 @@ from tests.architecture.sources import nodes
 from swarmware.model import template
 from swarmware.model.access import Access, Role, Sender, Verb
 from swarmware.model.acl import load_acl
-from swarmware.model.reserved import APPLICATIONS, is_reserved_path
+from swarmware.model.paths import APPLICATIONS, is_reserved_path
 from swarmware.model.resource import Kind
 from swarmware.service.installed import installed
 

@@ -11,9 +11,8 @@ from tests.unit.tree.units import Units
 from swarmd.tree.core.replicas.number_watch import NumberWatch
 from swarmware.errors import ConfigError, Conflict
 from swarmware.model import template
-from swarmware.model.clashes import clash_text, clashes
 from swarmware.model.names import data_id
-from swarmware.model.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource, clash_text, clashes
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.appfile.table import AppTable

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmware.mission.manifest import RoleSpec
-from swarmware.model.file_name import FileName, OptionalFileName, is_file_name
+from swarmware.types.bounds import FileName, OptionalFileName, is_file_name
 from swarmware.types.file import FileBlock, FileOffer, FileQuery, FileRead
 
 PLACES: list[tuple[type[msgspec.Struct], str]] = [

@@ -1,12 +1,15 @@
-"""Types of options and arguments that several commands have."""
+"""Options and arguments that several groups of commands have, and their types."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from swarmctl.commandline import completion
 from swarmctl.commandline.settings import CliSettings, settings
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class GivenText(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generic
@@ -38,7 +41,7 @@ TEXT: Final = GivenText()
 PLATFORM: Final = PlatformName()
 
 
-def nodes_argument(name: str = "[PLATFORM…]") -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def nodes_argument(name: str = "[PLATFORM…]") -> Decorator:
     """Argument `platforms` of a command: nodes by name or pattern."""
     return click.argument("platforms", nargs=-1, metavar=name, type=PLATFORM)
 
@@ -74,3 +77,39 @@ def at_path(ctx: click.Context, path: str) -> tuple[CliSettings, str]:
     if not path.startswith("/") or not platform or not local:
         return settings(ctx), path
     return settings(ctx)._replace(node=platform), local
+
+
+root_option: Final = click.option(
+    "--root",
+    "root_dir",
+    type=click.Path(file_okay=False, path_type=Path),
+    envvar="SWARMCTL_ROOT",
+    metavar="DIR",
+    help="Folder of the swarm's root key; by default ~/.local/share/swarmware/root.",
+)
+
+hosts_option: Final = click.option(
+    "--hosts",
+    "hosts_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="HOSTS.toml",
+    help="File of `swarmctl fleet` to change as well.",
+)
+
+REASON: Final = click.option("--reason", default="operator", help="Reason, recorded in all logs.")
+FORCE: Final = click.option(
+    "--force", is_flag=True, help="Arm although `health ready` names reasons; recorded with --reason."
+)
+PLATFORMS: Final = nodes_argument("PLATFORM…")
+
+
+def timeout_option(wait_s: float) -> Decorator:
+    """Option for the time-out of a command, with its default."""
+    return click.option(
+        "--timeout",
+        "wait_s",
+        metavar="SECONDS",
+        type=click.FloatRange(min=0, min_open=True),
+        default=wait_s,
+        help=f"Maximum wait until all have done it; default: {wait_s:g}.",
+    )

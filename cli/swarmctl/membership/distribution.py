@@ -13,7 +13,7 @@ from swarmctl.session.session import NAME, Session, connect
 from swarmctl.terminal.output import Output
 from swarmware.errors import Denied, NotFound, SwarmError
 from swarmware.module.client import Client
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.root import Root
 from swarmware.types.net import RosterState, SignedRoster
 

@@ -23,8 +23,7 @@ from swarmware.model.names import check_platform
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.enrolment.inviter import Admission, Invitation, Inviter
 from swarmware.transport.enrolment.messages import JoinFile, seal_file
-from swarmware.transport.enrolment.proof import root_digest
-from swarmware.transport.enrolment.token import SECRET_BYTES, JoinToken
+from swarmware.transport.enrolment.token import SECRET_BYTES, JoinToken, root_digest
 from swarmware.transport.security.keys import SEED_BYTES
 from swarmware.transport.security.root import Candidate, Root, candidate
 from swarmware.transport.sodium import NONCE_BYTES

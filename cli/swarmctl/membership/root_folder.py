@@ -14,7 +14,7 @@ from swarmware.model import document
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.enrolment.inviter import Invitation
 from swarmware.transport.enrolment.messages import JoinRefusal
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.keys import ROOT_PUBLIC, ROSTER
 from swarmware.transport.security.root import ROOT_KEY, Root
 

@@ -15,8 +15,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.start_ticks import lives, start_ticks
+from swarmware.runtime.pidfd import ProcessHandle, lives, start_ticks
 
 MARK: Final = "SWARM_LAB"
 """Environment variable that every process of a lab inherits; its value is the lab's folder."""

@@ -11,8 +11,8 @@ from swarmctl.viewers.viewer_form import viewer_schema, viewer_value
 from swarmware import __version__
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.config import share_dir
-from swarmware.model.file_name import is_file_name
 from swarmware.recorder.entry import LogEntry
+from swarmware.types.bounds import is_file_name
 
 _TIME_LIMIT: Final = (1 << 64) - 1
 """Newest time of a message. Source: MCAP specification, Timestamp."""

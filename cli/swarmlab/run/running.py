@@ -23,8 +23,8 @@ from swarmlab.run.fork_server_child import ForkServerChild, fork_variables
 from swarmlab.run.notify import NotifySocket, Restarts
 from swarmlab.run.shared_child import SharedChild
 from swarmware.errors import NoAnswer, SwarmError
+from swarmware.runtime.backoff import RestartPolicy
 from swarmware.runtime.processes import WatchedProcess
-from swarmware.runtime.restart_policy import RestartPolicy
 
 T = TypeVar("T")
 

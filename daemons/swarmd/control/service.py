@@ -7,7 +7,6 @@ from swarmd.control import config as settings
 from swarmd.control.core.control import Action, ControlCore, Operator, PublishMode, WriteDrive
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.service.service import Service
 from swarmware.types.control import ControlState, Drive, DriveRequest, SafetySwitch
 from swarmware.types.vehicle import Setpoint
@@ -103,7 +102,7 @@ class Control(Service):
         return (meta.arrived_ns or now_ns) if stamp_ns is None else stamp_ns
 
     def _on_request(self, request: DriveRequest, meta: Meta) -> ControlState:
-        operator = Operator(_sender_id(meta), requester(self.module, meta))
+        operator = Operator(_sender_id(meta), self.module.requester(meta))
         self._driver.feed(self._core.on_request(request, operator, self.module.now_ns()))
         return self._core.state
 

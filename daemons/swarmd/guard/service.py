@@ -23,7 +23,6 @@ from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.service import Service
 from swarmware.transport.appfile.entry import AppEntry
@@ -250,7 +249,7 @@ class Guard(Service):
 
     def _on_stop_order(self, order: StopOrder, meta: Meta) -> GuardStatus:
         self._check(order.service)
-        by = requester(self.module, meta)
+        by = self.module.requester(meta)
         self._driver.feed(self._core.on_stop_order(order.service, by, self.module.now_ns()))
         self.module.log.warning("%s: stopped by %s", order.service, by)
         return self._status()
@@ -259,7 +258,7 @@ class Guard(Service):
         self._check(order.service)
         if order.service in self._core:
             self._driver.feed(self._core.on_start_order(order.service, self.module.now_ns()))
-            self.module.log.info("%s: started by %s", order.service, requester(self.module, meta))
+            self.module.log.info("%s: started by %s", order.service, self.module.requester(meta))
         return self._status()
 
     def _on_order(self, order: RestartOrder, _: Meta) -> GuardStatus:

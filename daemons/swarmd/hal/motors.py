@@ -9,7 +9,6 @@ from swarmd.hal.chassis import Chassis
 from swarmware.errors import Denied, SwarmError
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.types.chassis import CalibrationRequest, ChassisAction, GainsRequest
 from swarmware.types.vehicle import (
     ArmRequest,
@@ -141,7 +140,7 @@ class Motors:
         gains: dict[str, float] | None = None,
         overridden: str = "",
     ) -> VehicleState:
-        by = requester(self._module, meta)
+        by = self._module.requester(meta)
         pose = self._pose.value
         order = MotorOrder(
             what, by, 0.0 if pose is None else round(pose.z_m, 2), reason, overridden=overridden

@@ -16,7 +16,6 @@ from swarmware.errors import ConfigError, Denied, SwarmError
 from swarmware.model import document
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.runtime.filewriter import replace_file
 from swarmware.runtime.instant import until
 from swarmware.types.chassis import SensorCalibrated, SensorCalibration, SensorCalibrationKind
@@ -110,7 +109,7 @@ class SensorCalibrations:
         source.correction = found
         text = _text(request.kind, found)
         log.warning(
-            "driver %s: %s calibrated by %s: %s", name, request.kind, requester(self._module, meta), text
+            "driver %s: %s calibrated by %s: %s", name, request.kind, self._module.requester(meta), text
         )
         return SensorCalibrated(name, request.kind, text)
 

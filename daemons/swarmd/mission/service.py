@@ -44,7 +44,6 @@ from swarmware.module.boardset import BoardSet
 from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester, requesting_platform
 from swarmware.module.writer import BoardWriter
 from swarmware.service.live_config import LiveConfig
 from swarmware.service.service import Service
@@ -232,8 +231,8 @@ class Mission(Service):
 
     def _on_order(self, order: MissionOrder, meta: Meta) -> MissionReceipt | Awaitable[MissionReceipt]:
         received_ns = meta.arrived_ns or self.module.now_ns()
-        by = requester(self.module, meta)
-        return self._acceptance.on_order(order, received_ns, requesting_platform(self.module, meta), by)
+        by = self.module.requester(meta)
+        return self._acceptance.on_order(order, received_ns, self.module.requesting_platform(meta), by)
 
     def _check_order(self, order: MissionOrder, mission: MissionDefinition) -> None:
         self._check_reactions(order.mission)
@@ -296,7 +295,7 @@ class Mission(Service):
         vehicle = self._vehicle
         if vehicle is None:
             raise InvalidInput(f"{request.name}: {self.module.platform} is not a vehicle")
-        by = requester(self.module, meta)
+        by = self.module.requester(meta)
         reason = f"{request.name} by {by}: {request.reason}"
         force = reason if request.force else ""
         mission = manoeuvre(request.name, request.params, self.module.platform, self._kind, force=force)
@@ -336,7 +335,7 @@ class Mission(Service):
         )
 
     def _on_drain(self, order: DrainOrder, meta: Meta) -> MissionStatus:
-        by = requester(self.module, meta)
+        by = self.module.requester(meta)
         if order.drained and not self._drain.by:
             self._drain.begin(by, utc_ns())
             log.warning("drained by %s: no role in a new mission", by)

@@ -15,7 +15,7 @@ from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
 from swarmware.mission.source import escape
-from swarmware.model.similar import similar
+from swarmware.model.names import similar
 from swarmware.model.toml_lines import key_text
 from swarmware.model.validation_message import parse_validation_message
 

@@ -7,7 +7,7 @@ import msgspec
 import msgspec.inspect
 
 from swarmware.mission.field_path import FieldStep
-from swarmware.model.similar import similar
+from swarmware.model.names import similar
 
 NUMBER: Final = "a number"
 TRUTH: Final = "true or false"

@@ -27,9 +27,9 @@ from swarmware.mission.model import content_hash
 from swarmware.mission.source import SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model import document
-from swarmware.model.file_name import is_file_name
 from swarmware.model.names import natural
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
+from swarmware.types.bounds import is_file_name
 from swarmware.types.mission import MissionFile, ParamValue
 
 FILE_LIMIT: Final = 64

@@ -17,7 +17,7 @@ from swarmware.mission.finding import Finding
 from swarmware.mission.model import LINK_LOSS, ON_FAILURE, Block, MissionDefinition
 from swarmware.mission.source import JsonSource, SourceError, escape
 from swarmware.mission.source import parse as parse_source
-from swarmware.model.similar import similar
+from swarmware.model.names import similar
 from swarmware.types.mission import ParamValue
 
 _TOP = tuple(key.name for key in MISSION_KEYS)

@@ -9,9 +9,9 @@ from swarmware.mission.catalogue import Name
 from swarmware.mission.reaction import ReactionRow, misnamed
 from swarmware.model import document
 from swarmware.model.config import convert
-from swarmware.model.file_name import MemberFileName
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.toml_lines import KeyPath, key_text
+from swarmware.types.bounds import MemberFileName
 from swarmware.types.mission import ParamValue
 
 MANIFEST: Final = "mission.toml"

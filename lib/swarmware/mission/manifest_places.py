@@ -14,7 +14,7 @@ from swarmware.mission.manifest import MANIFEST, ROLE_REFERENCE, RoleSpec, param
 from swarmware.mission.source import JsonSource, SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model.document import LINES_LIMIT
-from swarmware.model.similar import similar
+from swarmware.model.names import similar
 from swarmware.model.toml_lines import KeyPath, key_text, line_of, toml_lines
 
 _PARAMETER: Final = re.compile(r"\$param\.([A-Za-z_][A-Za-z0-9_]*)")

@@ -41,9 +41,8 @@ from swarmware.mission.model import MissionDefinition
 from swarmware.mission.sensor_choice import SensorChoice
 from swarmware.model import template
 from swarmware.model.config import share_dir
-from swarmware.model.names import split
+from swarmware.model.names import similar, split
 from swarmware.model.resource import Kind, Resource
-from swarmware.model.similar import similar
 from swarmware.types import registry
 
 _RATIO: Final = "_ratio"

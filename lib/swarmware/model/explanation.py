@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 import msgspec
 
-from swarmware.model.similar import similar
+from swarmware.model.names import similar
 from swarmware.model.toml_lines import KeyPath, key_text
 from swarmware.model.validation_message import parse_validation_message
 

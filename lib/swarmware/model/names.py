@@ -1,6 +1,7 @@
 """Names of the system: platforms, hardware units, applications, resource paths and patterns."""
 
 import re
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -309,3 +310,13 @@ def _alternatives(text: str, segment: str, of_computers: bool) -> list[str]:
             f"pattern {text!r}: a '{{' is not closed in {segment!r}; expected '}}' in the same segment"
         )
     return open_[0]
+
+
+def similar(word: str, known: Iterable[str], *, limit: int = 1, cutoff: float = 0.6) -> list[str]:
+    """The known names that are most similar to this one, best match first.
+
+    `cutoff`: minimum similarity, 0 to 1.
+    """
+    from difflib import get_close_matches  # a process without such an error lives without difflib
+
+    return get_close_matches(word, known, n=limit, cutoff=cutoff)

@@ -1,4 +1,4 @@
-"""Paths of a node's files and sockets, and resource paths that are derived from a name.
+"""Paths of a node's files and sockets, resource paths that are derived from a name, and reserved names.
 
 `share/doc/protocol.md` defines them for other implementations.
 """
@@ -12,6 +12,30 @@ from swarmware.model.names import segment
 
 APPLICATION_PATTERN: Final = "*.toml"
 SOCKET_PATTERN: Final = "*.sock"
+APPLICATIONS: Final = frozenset(
+    {
+        "broker",
+        "control",
+        "estimator",
+        "files",
+        "guard",
+        "guidance",
+        "hal",
+        "health",
+        "lidar",
+        "logger",
+        "mission",
+        "navigator",
+        "register",
+        "sim",
+        "timesync",
+        "tree",
+        "video",
+    }
+)
+"""Names of the daemons, which no program of another user has. A test compares them with those installed."""
+BRANCHES: Final = ("sys/", "cmd/")
+"""Branches below which the daemons serve messages and requests. A test compares them with running daemons."""
 
 
 def applications(run_dir: Path) -> Path:
@@ -135,3 +159,12 @@ def checks(application: str, instance: int) -> str:
     """Resource path of the checks that an application runs itself."""
     suffix = "" if instance == 1 else f"_{instance}"
     return f"health/checks/{segment(application)}{suffix}"
+
+
+def is_reserved_path(local: str) -> bool:
+    """Whether only the user of the node may serve this local path.
+
+    Orders to a vehicle go to such paths. A member of the node's group may run programs on the node, and would
+    otherwise answer the orders of all users.
+    """
+    return local.startswith(BRANCHES)

@@ -9,11 +9,10 @@ from msgspec import UNSET, Meta, UnsetType
 
 from swarmware.errors import ConfigError, InvalidInput
 from swarmware.model import config, document
-from swarmware.model.clashes import clash_text, clashes
 from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource
+from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource, clash_text, clashes
 
 HASH_BYTES: Final = 8
 """Size of a hash: a swarm has few templates, for which 64 bits suffice."""

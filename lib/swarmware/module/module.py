@@ -283,3 +283,22 @@ class Module(Client):
         server = Server(local, cls, handler, self.start, acceptance(self.node, local, self._track))
         self.node.messaging.serve_requests(served.data_id, self.app_id, server.on_request)
         return server
+
+    def requester(self, meta: Meta) -> str:
+        """Sender of a request, for records: `member@platform`, as authenticated.
+
+        Without keys it is `application@platform`, with `?` for a part that is not known.
+        """
+        if meta.sender is not None:
+            return str(meta.sender)
+        if meta.sender_hw == self.node.hardware:
+            entry = self.node.applications.table.application(meta.sender_app)
+            return f"{'?' if entry is None else entry.id}@{self.platform}"
+        conversion = self.remote_clocks.conversion(meta.sender_hw)
+        return f"?@{f'{meta.sender_hw:08x}' if conversion is None else conversion.platform}"
+
+    def requesting_platform(self, meta: Meta) -> str | None:
+        """Platform that sent a request, or None for another platform without authentication."""
+        if meta.sender is not None:
+            return meta.sender.platform
+        return self.platform if meta.sender_hw == self.node.hardware else None

@@ -9,9 +9,8 @@ import msgspec
 
 from swarmware.errors import Conflict, Denied, InvalidInput
 from swarmware.model import names
-from swarmware.model.clashes import clash_text
-from swarmware.model.reserved import is_reserved_path
-from swarmware.model.resource import Kind, Plain, Resource
+from swarmware.model.paths import is_reserved_path
+from swarmware.model.resource import Kind, Plain, Resource, clash_text
 from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.unit_directory import UnitDirectory
 from swarmware.node.node import Node

@@ -7,8 +7,8 @@ from typing import Final
 
 from swarmware.errors import NotFound, SwarmError
 from swarmware.node.node import Node
+from swarmware.runtime.backoff import PAUSES_S, RestartPolicy
 from swarmware.runtime.processes import process_end
-from swarmware.runtime.restart_policy import PAUSES_S, RestartPolicy
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.starting import GUARD, clear_start_record, spawn_missing
 from swarmware.service.supervised_process import SupervisedProcess

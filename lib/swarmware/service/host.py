@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Final, Self
 
 import msgspec
 
-from swarmware.errors import NotFound, SwarmError
+from swarmware.errors import NotFound, SwarmError, reason
 from swarmware.health.held_condition import HeldCondition
 from swarmware.module.module import Module
-from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.runtime.backoff import RestartPolicy
 from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.realtime import give_realtime
-from swarmware.service.reason import reason
 from swarmware.service.status import Reporter, beat
 from swarmware.types.health import OK_STATE
 from swarmware.types.system import AppState

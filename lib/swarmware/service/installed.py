@@ -7,8 +7,8 @@ import msgspec
 
 from swarmware.errors import ConfigError, NotFound
 from swarmware.model.config import load_service
+from swarmware.model.names import similar
 from swarmware.model.plugins import SERVICE_GROUP, EntryPoint, entry_points
-from swarmware.model.similar import similar
 from swarmware.service.service import Service
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import uvloop
 
-from swarmware.errors import SwarmError
+from swarmware.errors import SwarmError, reason
 from swarmware.model import config
 from swarmware.model.visible import visible_lines
 from swarmware.node.node import Node
@@ -24,7 +24,6 @@ from swarmware.runtime.instant import until
 from swarmware.runtime.slow import warn_if_slow
 from swarmware.service.host import PreparedService, ServiceHost
 from swarmware.service.notify import Notifier
-from swarmware.service.reason import reason
 
 DRAIN_S: Final = 4.0
 """Time from SIGTERM to the end, in seconds; the systemd units allow five."""

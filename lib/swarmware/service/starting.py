@@ -10,8 +10,8 @@ import os
 import sys
 
 from swarmware.errors import WireError
+from swarmware.runtime.pidfd import lives, start_ticks
 from swarmware.runtime.plain import signal
-from swarmware.runtime.start_ticks import lives, start_ticks
 from swarmware.service.fork_client import FOLDER as PARENT_FOLDER
 from swarmware.service.fork_client import StartedProcess, own_folder, request_fork
 from swarmware.service.notify import remove_file

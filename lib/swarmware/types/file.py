@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from swarmware.model.file_name import FileName, OptionalFileName
+from swarmware.types.bounds import FileName, OptionalFileName
 from swarmware.types.registry import register
 
 Digest = Annotated[bytes, msgspec.Meta(min_length=32, max_length=32)]

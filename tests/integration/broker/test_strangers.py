@@ -22,7 +22,7 @@ from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Status
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import Root, candidate, make_swarm
 from swarmware.transport.security.roster import Roster, RosterMember, sign_roster

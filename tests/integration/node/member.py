@@ -18,7 +18,7 @@ import swarmware.node.publication
 import swarmware.transport.security.denial_reporter
 import swarmware.types.net  # noqa: F401
 from swarmware.model.frame import Frame
-from swarmware.model.reserved import is_reserved_path
+from swarmware.model.paths import is_reserved_path
 from swarmware.module.module import Module
 from swarmware.node.node import Node
 from swarmware.transport.appfile.entry import AppEntry, Served

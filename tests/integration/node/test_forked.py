@@ -12,8 +12,7 @@ import pytest
 import uvloop
 
 from swarmware.errors import NoAnswer, SwarmError
-from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import ProcessHandle, start_ticks
 from swarmware.service.fork_client import request_fork_of
 from swarmware.testing import forked
 from swarmware.testing.forked import ForkServerProcess, fork_server, forking

@@ -17,7 +17,7 @@ from tests.patience import PATIENCE_S, until, until_answer
 
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.module.module import Module
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import start_ticks
 from swarmware.service import fork_client
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork_client import FOLDER, SOCKET, VARIABLE, request_fork

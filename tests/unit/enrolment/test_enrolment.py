@@ -31,8 +31,7 @@ from swarmware.transport.enrolment.messages import (
     seal_file,
     seal_request,
 )
-from swarmware.transport.enrolment.proof import root_digest
-from swarmware.transport.enrolment.token import JoinToken
+from swarmware.transport.enrolment.token import JoinToken, root_digest
 from swarmware.transport.sodium import SealKey, SigningKey
 
 ROOT = SigningKey(bytes(32)).public

@@ -9,8 +9,8 @@ import pytest
 from swarmd.files.store import FileStore
 from swarmware.errors import NotFound
 from swarmware.model.digest import blake2b
-from swarmware.model.file_name import FileName
 from swarmware.transport.transfer.block_set import BLOCK_BYTES
+from swarmware.types.bounds import FileName
 from swarmware.types.file import FileOffer
 
 CONTENT = b"x" * (BLOCK_BYTES + 1)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.guard.process_supervisor import ProcessSupervisor
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import start_ticks
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.starting import write_start_record
 

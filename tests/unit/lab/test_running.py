@@ -16,7 +16,7 @@ from swarmlab.run.notify import Restarts
 from swarmlab.run.running import RunningLab
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.runtime.backoff import RestartPolicy
 
 READY = """
 import os, signal, socket

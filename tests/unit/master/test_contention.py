@@ -15,7 +15,7 @@ from tests.patience import until
 from swarmware.node.master import role as role_module
 from swarmware.node.master.record import Holder, RecordFile
 from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import start_ticks
 
 OTHER = """
 import fcntl, sys

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from swarmware.node.master.record import NO_HOLDER, Holder, RecordFile
 from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import start_ticks
 
 
 def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> None:

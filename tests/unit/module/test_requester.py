@@ -8,7 +8,6 @@ import pytest
 from swarmware.model.access import Role, Sender
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester, requesting_platform
 
 HERE, THERE, UNKNOWN = 1, 2, 0xAB
 MEMBER = Sender("gcs", Role.OPERATOR)
@@ -39,5 +38,5 @@ def module() -> Module:
 def test_a_sender_has_the_name_that_is_known_of_it_and_a_platform_only_if_that_is_sure(
     meta: Meta, name: str, platform: str | None
 ) -> None:
-    assert requester(module(), meta) == name
-    assert requesting_platform(module(), meta) == platform
+    assert Module.requester(module(), meta) == name
+    assert Module.requesting_platform(module(), meta) == platform

@@ -8,8 +8,7 @@ from contextlib import closing
 
 import pytest
 
-from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import ProcessHandle, start_ticks
 
 
 def test_the_end_of_a_process_is_readable_and_a_signal_after_it_is_lost() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.runtime.backoff import RestartPolicy
 
 SECOND = 1_000_000_000
 

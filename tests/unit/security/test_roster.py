@@ -11,7 +11,7 @@ from tests.unit.security.former_roster import former
 from tests.unit.security.swarm import NAMES, Swarm
 
 from swarmware.errors import ConfigError, Conflict, Denied, InvalidInput, NotFound
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.keys import FORMER_MAX, Keys, read_roster, write_keys
 from swarmware.transport.security.root import FORMER_KEYS_MAX, Candidate, Root, candidate, make_swarm
 from swarmware.transport.security.roster import (

@@ -7,7 +7,7 @@ import sys
 import msgspec
 import pytest
 
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.runtime.pidfd import start_ticks
 from swarmware.transport.shm import layout
 from swarmware.transport.shm.owner import Owner
 

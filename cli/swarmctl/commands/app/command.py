@@ -4,8 +4,8 @@ import click
 
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.parameters import timeout_option
 from swarmctl.commandline.settings import settings
-from swarmctl.vehicles.options import timeout_option
 
 
 @click.group(cls=Group)

@@ -19,8 +19,8 @@ from swarmctl.terminal.table import Column
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.model import names, paths, template
 from swarmware.model.config import load_node
+from swarmware.model.names import similar
 from swarmware.model.resource import Kind
-from swarmware.model.similar import similar
 from swarmware.model.stored_setting import FILE, LiveValue, read_settings
 from swarmware.types.config import ConfigKey, ConfigOrigin, ConfigQuery, EffectiveConfig
 from swarmware.types.units import unit_suffix

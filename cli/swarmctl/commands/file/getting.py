@@ -7,9 +7,9 @@ from swarmctl.commands.file.blocks import SLOW_TIMEOUT_S, MovedFile, move_blocks
 from swarmctl.session.session import Session
 from swarmctl.terminal.progress import Progress
 from swarmware.errors import InvalidInput, WireError
-from swarmware.model.file_name import is_file_name
 from swarmware.transport.transfer.block_set import BLOCK_BYTES, block_count
 from swarmware.transport.transfer.partial_file import PartialFile
+from swarmware.types.bounds import is_file_name
 from swarmware.types.file import FileData, FileListing, FileQuery, FileRead
 
 

@@ -7,8 +7,8 @@ from typing import Any, Final
 import click
 
 from swarmctl.commandline.lazy import Group
+from swarmctl.commandline.parameters import timeout_option
 from swarmctl.commandline.settings import Nodes, settings
-from swarmctl.vehicles.options import timeout_option
 
 PARALLEL: Final = 16
 

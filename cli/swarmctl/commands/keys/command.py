@@ -6,10 +6,9 @@ from typing import Final
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import PLATFORM
+from swarmctl.commandline.parameters import PLATFORM, root_option
 from swarmctl.commandline.secret import TOKEN
 from swarmctl.commandline.settings import Nodes, settings
-from swarmctl.membership.options import root_option
 
 read_root_option: Final = click.option(
     "--root",

@@ -14,7 +14,7 @@ from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
 from swarmware.errors import NotFound
 from swarmware.model.clock import utc_ns
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.roster import Roster, RosterMember
 
 

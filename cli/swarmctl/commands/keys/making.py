@@ -13,7 +13,7 @@ from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column
 from swarmware.errors import Conflict
 from swarmware.transport.enrolment.joiner import Credentials
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.keys import SEED_BYTES
 from swarmware.transport.security.root import Root, candidate
 

@@ -7,8 +7,8 @@ from typing import Any
 import click
 
 from swarmctl.commandline.lazy import Command
+from swarmctl.commandline.parameters import FORCE, PLATFORMS, REASON, Decorator, timeout_option
 from swarmctl.commandline.settings import settings
-from swarmctl.vehicles.options import FORCE, PLATFORMS, REASON, Decorator, timeout_option
 
 _NEVER_ASKS = click.option(
     "--yes", is_flag=True, expose_value=False, help="Accepted as by takeoff; this command never asks."

@@ -3,9 +3,8 @@
 import click
 
 from swarmctl.commandline.lazy import Command
-from swarmctl.commandline.parameters import PLATFORM
+from swarmctl.commandline.parameters import FORCE, PLATFORM, PLATFORMS, REASON, timeout_option
 from swarmctl.commandline.settings import Nodes, settings
-from swarmctl.vehicles.options import FORCE, PLATFORMS, REASON, timeout_option
 
 _WAIT_S = 10.0
 

@@ -5,11 +5,17 @@ from pathlib import Path
 import click
 
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import PLATFORM, at_nodes, named_nodes, nodes_argument
+from swarmctl.commandline.parameters import (
+    PLATFORM,
+    at_nodes,
+    hosts_option,
+    named_nodes,
+    nodes_argument,
+    root_option,
+    timeout_option,
+)
 from swarmctl.commandline.secret import TOKEN
 from swarmctl.commandline.settings import Nodes, settings
-from swarmctl.membership.options import hosts_option, root_option
-from swarmctl.vehicles.options import timeout_option
 
 
 @click.group(cls=Group)

@@ -14,7 +14,6 @@ from swarmware.model import names, template
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.module.writer import BoardWriter
 from swarmware.types.channel import ChannelLimits, ClearChannels, SetChannel, UndoChannel
 from swarmware.types.tree import TreeChange, TreeListing
@@ -91,7 +90,7 @@ class ChannelApi:
         """Records a change that is made in the meantime, or its refusal."""
         before = self._rules()
         shown = names.join(self._module.platform, PATH)
-        by, via = requester(self._module, meta), () if meta.sender is None else meta.sender.via
+        by, via = self._module.requester(meta), () if meta.sender is None else meta.sender.via
         try:
             yield
         except SwarmError as error:

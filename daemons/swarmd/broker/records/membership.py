@@ -10,7 +10,7 @@ from swarmd.broker.exchange.frame_gateway import FrameGateway
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound
 from swarmware.node.node import Node
 from swarmware.service.service import Service
-from swarmware.transport.enrolment.proof import fingerprint
+from swarmware.transport.enrolment.token import fingerprint
 from swarmware.transport.security.keys import Keys, StoredRoster
 from swarmware.transport.security.roster import RosterChange, parse_roster
 from swarmware.types.net import RosterMemberState, RosterState, SignedRoster

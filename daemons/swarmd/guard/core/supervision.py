@@ -8,7 +8,7 @@ import msgspec
 
 from swarmd.guard.config import Config
 from swarmware.errors import Denied
-from swarmware.runtime.restart_policy import RestartPolicy
+from swarmware.runtime.backoff import RestartPolicy
 from swarmware.service.exit_status import ExitStatus
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 

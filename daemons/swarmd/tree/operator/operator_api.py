@@ -25,7 +25,6 @@ from swarmware.model.names import Pattern
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types import registry
 from swarmware.types.description import TypeDescription
@@ -200,7 +199,7 @@ class OperatorApi:
     ) -> TreeSetDone:
         """Make a change and record it, also one that is refused. Raises: Denied, as `change`."""
         shown = names.join(self._module.platform, resource.path)
-        before, by = self._view.own_text(resource), requester(self._module, meta)
+        before, by = self._view.own_text(resource), self._module.requester(meta)
         via = () if meta.sender is None else meta.sender.via
         try:
             verb = Verb.SET if resource.kind is Kind.SETTING else Verb.CALL

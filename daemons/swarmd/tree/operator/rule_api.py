@@ -12,7 +12,6 @@ from swarmware.model import names
 from swarmware.model.access import Verb
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
-from swarmware.module.requester import requester
 from swarmware.runtime.driver import CoreDriver
 from swarmware.types.tree import Rule, TreeChange, TreeRule, TreeRules
 
@@ -45,7 +44,7 @@ class RuleApi:
         """Rules in force, after the change of one. Raises: Denied, NotFound, InvalidInput, SwarmError."""
         platform = self._module.platform
         if request.changes:
-            shown, by = names.join(platform, request.pattern), requester(self._module, meta)
+            shown, by = names.join(platform, request.pattern), self._module.requester(meta)
             before = _rule_text(self._rules.rules, request.pattern)
             via = () if meta.sender is None else meta.sender.via
             try:

@@ -18,8 +18,8 @@ from swarmware.model.names import ANY, MAIN, application_id, data_id, has_unit_b
 from swarmware.model.resource import Resource
 from swarmware.node.master.record import NO_HOLDER, Holder
 from swarmware.node.master.role import LeaderCandidate
+from swarmware.runtime.pidfd import start_ticks
 from swarmware.runtime.processes import ProcessWatcher
-from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.appfile.trace import set_aside

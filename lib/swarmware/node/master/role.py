@@ -15,8 +15,8 @@ from typing import Final
 
 from swarmware.node.master.record import NO_HOLDER, Holder, RecordFile
 from swarmware.runtime.backoff import pause_after
+from swarmware.runtime.pidfd import start_ticks
 from swarmware.runtime.processes import WatchedProcess
-from swarmware.runtime.start_ticks import start_ticks
 from swarmware.transport.shm.lock import held_by_other, try_lock
 
 LOCK_NAME: Final = "master.lock"

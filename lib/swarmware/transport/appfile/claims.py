@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from swarmware.model.reserved import is_reserved_path
-from swarmware.model.users import user_name
+from swarmware.model.paths import is_reserved_path
 from swarmware.transport.appfile.entry import AppEntry, Served
+from swarmware.transport.shm.access import user_name
 
 NAMED: Final = 3
 """Paths that a line names."""

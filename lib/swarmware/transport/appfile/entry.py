@@ -9,7 +9,7 @@ import tomli_w
 from swarmware.errors import ConfigError, WireError
 from swarmware.model import document, names
 from swarmware.model.resource import Plain, Resource
-from swarmware.runtime.start_ticks import lives
+from swarmware.runtime.pidfd import lives
 
 _MARK: Final = "# crc32 "
 """Mark of the last line: the file is rewritten in place, and a reader must detect a partial one."""

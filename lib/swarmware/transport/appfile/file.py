@@ -11,12 +11,11 @@ from swarmware.errors import Conflict, Denied, OutOfRange, WireError
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import check_application
-from swarmware.model.reserved import APPLICATIONS
-from swarmware.model.users import user_name
-from swarmware.runtime.start_ticks import start_ticks
+from swarmware.model.paths import APPLICATIONS
+from swarmware.runtime.pidfd import start_ticks
 from swarmware.transport.appfile import trace
 from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, decode, encode
-from swarmware.transport.shm.access import make_folder, node_users, share
+from swarmware.transport.shm.access import make_folder, node_users, share, user_name
 from swarmware.transport.shm.lock import RETRY_S, lock_within, stands_at, try_lock
 from swarmware.transport.shm.shared_file import discard, open_shared
 

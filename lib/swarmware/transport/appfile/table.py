@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swarmware.errors import Conflict, WireError
-from swarmware.model import paths, reserved
+from swarmware.model import paths
 from swarmware.model.names import natural
 from swarmware.transport.appfile.claims import AddressClaims, LivingApplication
 from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, Served, decode
@@ -162,7 +162,7 @@ class AppTable:
         found = LivingApplication(entry, uid, is_own=uid in self._node_users())
         if name != paths.application_file(entry.name, entry.instance):
             raise Conflict(f"{path}: states application {entry.id}; expected the one of the file's name")
-        if entry.name in reserved.APPLICATIONS and not found.is_own:
+        if entry.name in paths.APPLICATIONS and not found.is_own:
             raise Conflict(f"{path}: of {found.user}; {entry.name} is a daemon of the node's user")
         return found
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from swarmware.errors import WireError
 from swarmware.model import paths
-from swarmware.model.reserved import APPLICATIONS
+from swarmware.model.paths import APPLICATIONS
 from swarmware.transport.appfile.entry import FILE_LIMIT, AppEntry, decode
 from swarmware.transport.shm.access import node_users
 from swarmware.transport.shm.lock import lock_within

@@ -16,8 +16,7 @@ from swarmware.transport.enrolment.messages import (
     refuse,
     seal_answer,
 )
-from swarmware.transport.enrolment.proof import proves
-from swarmware.transport.enrolment.token import JoinToken
+from swarmware.transport.enrolment.token import JoinToken, proves
 
 ATTEMPTS: Final = 10
 """Connections of one address in a row; then one a second. A node that joins needs one."""

@@ -15,8 +15,7 @@ from swarmware.transport.enrolment.messages import (
     seal_receipt,
     seal_request,
 )
-from swarmware.transport.enrolment.proof import proof_of, root_digest
-from swarmware.transport.enrolment.token import JoinToken
+from swarmware.transport.enrolment.token import JoinToken, proof_of, root_digest
 from swarmware.transport.sodium import SigningKey
 
 UNSIGNED: Final = "unsigned: any computer may have sent it"

@@ -8,9 +8,10 @@ import msgspec
 
 from swarmware.errors import InvalidInput
 from swarmware.model.digest import blake2b
-from swarmware.transport.enrolment.proof import FINGERPRINT_BYTES
+from swarmware.transport.sodium import SigningKey, verify
 
 SECRET_BYTES: Final = 16
+FINGERPRINT_BYTES: Final = 16
 HOSTS_MAX: Final = 4
 """Maximum hosts in a token: each IPv4 address lengthens it by eight characters."""
 NAME_MAX: Final = 63
@@ -20,6 +21,7 @@ TEXT_MAX: Final = 1024
 ID_BYTES: Final = 8
 EXAMPLE: Final = "expected the line that `swarmctl keys invite` printed"
 
+_JOIN: Final = b"swarmware join 1\n"
 _PERSON: Final = b"swarmware token1"
 _VERSION: Final = 1
 _CHECK_BYTES: Final = 4
@@ -86,6 +88,29 @@ class JoinToken(msgspec.Struct, frozen=True):
             host, at = _unpacked(body, at)
             hosts.append(host)
         return cls(secret, fingerprint, expires_utc_s, tuple(hosts), port)
+
+
+def root_digest(root_public: bytes) -> bytes:
+    """The digest of a root's public key, by which tokens and operators name it."""
+    return blake2b(root_public, digest_size=FINGERPRINT_BYTES).digest()
+
+
+def fingerprint(root_public: bytes) -> str:
+    """The digest by which people and tokens name a root."""
+    return root_digest(root_public).hex()
+
+
+def proof_of(key: SigningKey, root: bytes, platform: str) -> bytes:
+    """The proof that a node holds its key: a signature for this platform and the root of this fingerprint."""
+    return key.sign(_JOIN + root + platform.encode())
+
+
+def proves(sign_public: bytes, proof: bytes, root: bytes, platform: str) -> bool:
+    """Whether the holder of a public key made this proof.
+
+    Raises: InvalidInput when the key has another size.
+    """
+    return verify(sign_public, proof, _JOIN + root + platform.encode())
 
 
 def _checksum(body: bytes) -> bytes:

@@ -13,7 +13,7 @@ from swarmware.errors import ConfigError, Denied
 from swarmware.model import document
 from swarmware.model.digest import blake2b
 from swarmware.runtime.filewriter import replace_file
-from swarmware.transport.enrolment.proof import root_digest
+from swarmware.transport.enrolment.token import root_digest
 from swarmware.transport.security.roster import (
     Roster,
     RosterChange,

@@ -14,7 +14,7 @@ from swarmware.errors import ConfigError, Conflict, Denied, NotFound
 from swarmware.model.access import Role
 from swarmware.model.names import check_platform
 from swarmware.runtime.filewriter import replace_file
-from swarmware.transport.enrolment.proof import proof_of, proves, root_digest
+from swarmware.transport.enrolment.token import proof_of, proves, root_digest
 from swarmware.transport.security.keys import (
     GROUP_KEY,
     ROOT_PUBLIC,

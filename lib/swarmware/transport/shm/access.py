@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.errors import Denied
-from swarmware.model.users import user_name
 from swarmware.transport.shm.shared_file import kind_at
 
 _GROUP_READS: Final = 0o050
@@ -86,3 +85,13 @@ def check_folder(path: Path, users: frozenset[int]) -> None:
 def is_guest(run_dir: Path) -> bool:
     """Whether the node belongs to another user: then this process is not its master and removes no files."""
     return run_dir.stat().st_uid != os.geteuid()
+
+
+def user_name(uid: int) -> str:
+    """`user NAME`, or `user UID` for a user without an entry."""
+    import pwd  # messages of errors only
+
+    try:
+        return f"user {pwd.getpwuid(uid).pw_name}"
+    except KeyError:
+        return f"user {uid}"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from swarmware.runtime.start_ticks import lives, start_ticks
+from swarmware.runtime.pidfd import lives, start_ticks
 
 
 @functools.cache

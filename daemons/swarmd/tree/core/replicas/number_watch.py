@@ -4,9 +4,8 @@ from collections.abc import Iterable
 
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.core.structure.local import LocalTree
-from swarmware.model.clashes import clash_text
 from swarmware.model.names import join
-from swarmware.model.resource import Kind, Resource
+from swarmware.model.resource import Kind, Resource, clash_text
 
 
 class NumberWatch:

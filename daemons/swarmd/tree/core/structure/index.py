@@ -9,9 +9,8 @@ import msgspec
 
 from swarmd.tree.core.structure.path_trie import PathTrie
 from swarmware.model.digest import blake2b
-from swarmware.model.names import Pattern
+from swarmware.model.names import Pattern, similar
 from swarmware.model.resource import Resource
-from swarmware.model.similar import similar
 
 _encoder = msgspec.msgpack.Encoder()
 HINTS: Final = 3

@@ -4,8 +4,7 @@ import errno
 
 import pytest
 
-from swarmware.errors import ConfigError
-from swarmware.service.reason import reason
+from swarmware.errors import ConfigError, reason
 
 
 @pytest.mark.parametrize(
@@ -21,7 +20,10 @@ from swarmware.service.reason import reason
             "too many open files; expected a higher limit of open files (ulimit -n, LimitNOFILE=)",
         ),
         (
-            ExceptionGroup("tasks", [ExceptionGroup("more", [OSError(errno.ENOSPC, "", b"/dev/shm/x")])]),
+            ExceptionGroup(
+                "tasks",
+                [ExceptionGroup("more", [OSError(errno.ENOSPC, "No space left on device", b"/dev/shm/x")])],
+            ),
             "/dev/shm/x: no space left on device; expected room on its file system",
         ),
         (ExceptionGroup("tasks", [ConfigError("a"), ConfigError("a"), ConfigError("b")]), "a; b"),
