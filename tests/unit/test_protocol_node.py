@@ -19,10 +19,7 @@ from swarmd.mission.core.barrier import ANNOUNCED, LATE_NS, PATIENCE
 from swarmd.timesync.core.exchange import ASK_FIRST_NS, ASK_NS
 from swarmd.tree.config import Config as TreeConfig
 from swarmd.tree.core.notification.lane import (
-    IN_FLIGHT_BYTES,
-    IN_FLIGHT_FIRST,
-    IN_FLIGHT_MIN,
-    WINDOW,
+    LANE,
 )
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
 from swarmd.tree.core.structure import structure
@@ -290,8 +287,8 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"one of the owner's last {structure.HISTORY}",
         f"at most {structure.PATHS_LIMIT // 1000} 000 resources",
         f"buffers later ones ({REORDER_WINDOW} from `first` on",
-        f"at most {WINDOW} notifications and {IN_FLIGHT_BYTES // 1024} KiB unacknowledged",
-        f"are {IN_FLIGHT_FIRST // 1024} at first, are halved, down to {IN_FLIGHT_MIN // 1024},",
+        f"at most {LANE.count_max} notifications and {LANE.window_max // 1024:.0f} KiB unacknowledged",
+        f"are {LANE.window_first // 1024:.0f} at first, are halved, down to {LANE.window_min // 1024:.0f},",
         f"a notification at most {ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB",
         f"Changes of the structure are collected for {tree.coalesce_s} s",
         f"waits at it, for {mission.start_timeout_s:g} s",

@@ -67,7 +67,7 @@ class Link:
             self._send(now_ns)
 
     def _may_send(self, now_ns: int) -> bool:
-        due_ns = self.feed.due_ns() if self._lane.has_room else None
+        due_ns = self.feed.due_ns() if self._lane.has_room() else None
         if due_ns is None:
             return False
         return now_ns >= (max(due_ns, self._lane.sent_ns + COALESCE_NS) if self._lane else due_ns)

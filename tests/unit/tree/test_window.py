@@ -7,17 +7,12 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from tests.unit.tree.owner import FAULTS, LIDAR, Owner
 from tests.unit.tree.pair import S
 
 from swarmd.tree.core.notification.feed import Feed
-from swarmd.tree.core.notification.lane import (
-    IN_FLIGHT_BYTES,
-    IN_FLIGHT_FIRST,
-    WINDOW,
-    LaneNumber,
-    NotificationLane,
-)
+from swarmd.tree.core.notification.lane import LANE, LaneNumber, NotificationLane
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW, ReorderBuffer
 from swarmware.errors import WireError
 from swarmware.model.frame import FrameKind
@@ -25,6 +20,7 @@ from swarmware.testing.virtual import VirtualSwarm
 from swarmware.types.tree import Rule, TreeItem, TreeNotify
 
 ITEM = b"x" * 1000
+POLICY = replace(LANE, pauses_ns=(S,))
 
 
 def item(path: str, sequence: int, data: bytes = ITEM, kind: FrameKind = FrameKind.STREAM) -> TreeItem:
@@ -49,7 +45,7 @@ def test_a_stream_arrives_whole_and_in_order_over_a_lossy_link(
     assert owner.got["sensor/lidar"] == list(range(1, count + 1))
     assert owner.uav.subscribers.dropped == 0
     assert in_time >= count * share
-    assert owner.most_under_way <= 2 * WINDOW
+    assert owner.most_under_way <= 2 * LANE.count_max
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -96,14 +92,14 @@ def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
     for number in range(1, 4000):
         net.at(number * S // 4000, partial(owner.write, item("sensor/lidar", number)))
     net.run_until(S + S // 2)
-    assert owner.most_under_way * 32_000 <= IN_FLIGHT_BYTES + 2 * 33_000
+    assert owner.most_under_way * 32_000 <= LANE.window_max + 2 * 33_000
 
 
 def fill(lane: NotificationLane, now_ns: int) -> list[int]:
     """Serials of notifications of 8 kB until the window is full."""
     serials: list[int] = []
     feed = Feed(LIDAR, Rule("**"), now_ns)
-    while lane.has_room:
+    while lane.has_room():
         packets = [item("sensor/lidar", 1, bytes(8_192))]
         notify = TreeNotify("uav1", 1, 0, tuple(packets))
         serials.append(lane.send(notify, [(feed, packets)], now_ns).serial)
@@ -111,11 +107,11 @@ def fill(lane: NotificationLane, now_ns: int) -> list[int]:
 
 
 def test_a_link_that_delivers_nothing_in_time_gets_less_at_a_time_and_more_again_when_it_does() -> None:
-    lane = NotificationLane(LaneNumber.STREAMS)
+    lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
     first = fill(lane, 0)
-    assert len(first) == IN_FLIGHT_FIRST // 8_192
+    assert len(first) == LANE.window_first // 8_192
     for serial in first:
-        lane.failed(serial, 2 * S, (S,))
+        lane.failed(serial, 2 * S)
     for serial in first:
         lane.delivered(serial, 3 * S)
     few = fill(lane, 3 * S)
@@ -126,19 +122,19 @@ def test_a_link_that_delivers_nothing_in_time_gets_less_at_a_time_and_more_again
             lane.delivered(serial, second * S)
         few = fill(lane, second * S)
         most = max(most, len(few))
-    assert most == IN_FLIGHT_BYTES // 8_192
+    assert most == LANE.window_max // 8_192
 
 
 def test_what_failed_is_repeated_by_as_much_as_the_link_delivers() -> None:
-    lane = NotificationLane(LaneNumber.STREAMS)
+    lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
     first = fill(lane, 0)
     for serial in first:
-        lane.failed(serial, 2 * S, (S,))
+        lane.failed(serial, 2 * S)
     assert lane.due_ns() == 3 * S
     under_way = [notify.serial for notify in lane.repeat(3 * S)]
     assert under_way == first[: len(first) // 2], "half of what failed"
     assert lane.due_ns() is None, "the rest waits for these"
-    assert not lane.has_room
+    assert not lane.has_room()
     while under_way:
         lane.delivered(under_way.pop(0), 4 * S)
         under_way += [notify.serial for notify in lane.repeat(4 * S)]
@@ -146,11 +142,11 @@ def test_what_failed_is_repeated_by_as_much_as_the_link_delivers() -> None:
 
 
 def test_a_single_loss_among_deliveries_changes_nothing() -> None:
-    lane = NotificationLane(LaneNumber.STREAMS)
+    lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
     lost, *others = fill(lane, 0)
     for serial in others:
         lane.delivered(serial, S)
-    lane.failed(lost, 2 * S, (S,))
+    lane.failed(lost, 2 * S)
     assert len(fill(lane, 2 * S)) >= len(others)
 
 
@@ -183,12 +179,12 @@ def test_a_serial_beyond_the_window_is_refused_and_takes_no_memory() -> None:
 
 
 def test_what_is_repeated_says_which_serials_a_subscriber_that_started_again_need_not_wait_for() -> None:
-    lane, feed = NotificationLane(LaneNumber.UPDATES), Feed(FAULTS, Rule("**"), 0)
+    lane, feed = NotificationLane(LaneNumber.UPDATES, policy=POLICY), Feed(FAULTS, Rule("**"), 0)
     for serial in (1, 2):
         event = item("health/faults", serial, kind=FrameKind.EVENT)
         lane.send(TreeNotify("uav1", 1, 0, (event,)), [(feed, [event])], 0)
     lane.delivered(1, 1)
-    assert lane.failed(2, 2, (S,))
+    assert lane.failed(2, 2)
     (again,) = lane.repeat(3)
     assert (again.serial, again.first) == (2, 2)
     arrivals = ReorderBuffer()

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable
+from time import monotonic_ns
 from typing import Final
 
 import msgspec
@@ -41,8 +42,7 @@ async def move_blocks(
 
     Raises: NoAnswer when no block has passed for `give_up_s`; other errors of `move`.
     """
-    window, loop = BlockWindow(ranges), asyncio.get_running_loop()
-    passed_s = loop.time()
+    window, loop = BlockWindow(ranges, monotonic_ns()), asyncio.get_running_loop()
     under_way: dict[asyncio.Task[object], int] = {}
 
     async def one(number: int, timeout_s: float) -> object:
@@ -50,7 +50,7 @@ async def move_blocks(
 
     try:
         while not window.is_done:
-            while (number := window.take()) is not None:
+            while (number := window.take(monotonic_ns())) is not None:
                 under_way[loop.create_task(one(number, window.timeout_s), name=f"block {number}")] = number
             ended, _ = await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
             for task in ended:
@@ -58,13 +58,12 @@ async def move_blocks(
                 try:
                     task.result()
                 except NoAnswer as error:
-                    window.on_failed(number)
-                    if loop.time() - passed_s > give_up_s:
+                    window.on_failed(number, monotonic_ns())
+                    if monotonic_ns() - window.passed_ns > give_up_s * 1e9:
                         raise NoAnswer(f"no block has passed for {give_up_s:g} s ({error})") from error
                     session.out.detail(f"block {number}: {error}; again")
                 else:
-                    window.on_done(number)
-                    passed_s = loop.time()
+                    window.on_done(number, monotonic_ns())
                     progress.advance()
     finally:
         for task in under_way:

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.action import Action, RequestStructure, RequestSubscription, SendNotify
-from swarmd.tree.core.notification.lane import WINDOW
+from swarmd.tree.core.notification.lane import LANE
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.values.input_meter import InputMeter
 from swarmd.tree.exchange.boundary import Boundary
@@ -53,7 +53,9 @@ class TreeExchange:
         self._boundary = boundary
         self._answer_s = answer_s
         self._at_once = asyncio.Semaphore(AT_ONCE)
-        self._notifications: Inbox[TreeNotify] = module.inbox("sys/tree/notify", TreeNotify, limit=4 * WINDOW)
+        self._notifications: Inbox[TreeNotify] = module.inbox(
+            "sys/tree/notify", TreeNotify, limit=4 * LANE.count_max
+        )
         self.asked = 0
         """Number of requests to other trees."""
         self.answered = 0

@@ -5,56 +5,64 @@ from collections.abc import Iterable
 from typing import Final
 
 from swarmware.runtime.backoff import pause_after
+from swarmware.transport.retransmission.flight import Flight, Sent
+from swarmware.transport.retransmission.policy import RetransmissionPolicy
 
-FIRST: Final = 2.0
-GROWTH: Final = 0.5
-"""Growth of the window with each arrived block; the link controls its own rate."""
-LIMIT: Final = 16.0
-"""Maximum blocks in flight: 256 KiB, which fill 50 Mbit/s at 40 ms."""
-
-TIMEOUT_S: Final = 6.0
-"""Time for one block at first, retransmissions included."""
-TIMEOUTS_S: Final = (12.0, 24.0, 48.0)
-"""Time for one block after the first, second, … failure; each attempt sends the whole block."""
+BLOCKS: Final = RetransmissionPolicy(
+    window_first=2,
+    window_min=1,
+    window_max=16,  # 256 KiB, which fill 50 Mbit/s at 40 ms
+    window_growth=1 / 2,
+    keeps_backoff=True,  # a shorter time would send whole blocks of a slow link twice
+)
+"""The window counts blocks; the link controls its own rate."""
+TIMEOUTS_S: Final = (6.0, 12.0, 24.0, 48.0)
+"""Time for one block at first and after each failure, retransmissions of the link included; each attempt
+sends the whole block."""
 
 
 class BlockWindow:
-    """Waiting blocks, and a window of blocks in flight, which answers widen and failures halve."""
+    """Blocks that have not been sent, and the blocks in flight."""
 
-    def __init__(self, ranges: Iterable[tuple[int, int]]) -> None:
+    def __init__(self, ranges: Iterable[tuple[int, int]], now_ns: int) -> None:
         """`ranges`: first and last number of the missing blocks."""
+        self.passed_ns = now_ns
+        """Instant at which a block arrived last, or of the beginning."""
         self._waiting: deque[int] = deque()
         for first, last in ranges:
             self._waiting.extend(range(first, last + 1))
-        self._under_way: set[int] = set()
-        self._size = FIRST
-        self._failures = 0
-        self.timeout_s = TIMEOUT_S
-        """Time after which a block that is sent or requested now has failed."""
+        self._flight: Flight[int, _Block] = Flight(BLOCKS)
 
     @property
     def is_done(self) -> bool:
         """Whether no block waits or is in flight."""
-        return not self._waiting and not self._under_way
+        return not self._waiting and not self._flight
 
-    def take(self) -> int | None:
-        """The next block, or None with a full window or without a waiting block."""
-        if not self._waiting or len(self._under_way) >= int(self._size):
+    @property
+    def timeout_s(self) -> float:
+        """Time after which a block that is sent or requested now has failed."""
+        return pause_after(self._flight.failures + 1, TIMEOUTS_S)
+
+    def take(self, now_ns: int) -> int | None:
+        """The next block, first those that failed, or None with a full window or without a waiting block."""
+        for block in self._flight.repeatable():
+            block.resend(now_ns)
+            return block.number
+        if not self._waiting or not self._flight.has_room():
             return None
         number = self._waiting.popleft()
-        self._under_way.add(number)
+        self._flight.add(number, _Block(number, sent_ns=now_ns))
         return number
 
-    def on_done(self, number: int) -> None:
+    def on_done(self, number: int, now_ns: int) -> None:
         """A block has arrived."""
-        self._under_way.discard(number)
-        self._size = min(self._size + GROWTH, LIMIT)
+        self.passed_ns = now_ns
+        self._flight.acknowledge(number, now_ns)
 
-    def on_failed(self, number: int) -> None:
-        """Put a block without an answer first in the queue."""
-        if number in self._under_way:
-            self._under_way.remove(number)
-            self._waiting.appendleft(number)
-            self._size = max(self._size / 2, 1.0)
-            self._failures += 1
-            self.timeout_s = pause_after(self._failures, TIMEOUTS_S)
+    def on_failed(self, number: int, now_ns: int) -> None:
+        """A block had no answer in time."""
+        self._flight.fail(number, now_ns)
+
+
+class _Block(Sent):
+    number: int

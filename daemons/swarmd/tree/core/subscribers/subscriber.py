@@ -6,12 +6,13 @@ from typing import Final
 from swarmd.tree.core.action import Coding
 from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.feed import Feed
-from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
+from swarmd.tree.core.notification.lane import COALESCE_NS, LANE, LaneNumber, NotificationLane, Parts
 from swarmd.tree.core.structure.subscription import NO_SUBSCRIPTION, Subscription
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
 from swarmware.model.access import Sender
 from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
+from swarmware.transport.retransmission.policy import RetransmissionPolicy
 from swarmware.types.tree import BoardLimit
 
 ITEMS_LIMIT: Final = 64
@@ -35,7 +36,15 @@ class Subscriber:
         "structure_ns", "subscription", "up",
     )  # fmt: skip
 
-    def __init__(self, platform: str, epoch: int, serial: int = 0, *, over_wire: bool = False) -> None:
+    def __init__(
+        self,
+        platform: str,
+        epoch: int,
+        serial: int = 0,
+        *,
+        over_wire: bool = False,
+        policy: RetransmissionPolicy = LANE,
+    ) -> None:
         """`serial`: of the notification before the first one. `over_wire`: another computer of this
         platform."""
         self.platform = platform
@@ -51,7 +60,7 @@ class Subscriber:
         """End of the lease, which begins when the platform was reachable last."""
         self.subscription: Subscription = NO_SUBSCRIPTION
         self.plan = SubscriptionPlan()
-        self.lanes = {number: NotificationLane(number, serial) for number in LaneNumber}
+        self.lanes = {number: NotificationLane(number, serial, policy) for number in LaneNumber}
         self.structure = 0
         """Digest of the structure that the subscriber has."""
         self.structure_ns: int | None = None
@@ -134,7 +143,7 @@ class Subscriber:
         repeat_ns = lane.due_ns()
         if repeat_ns is not None:
             return repeat_ns  # retransmissions first, to keep the order
-        if not lane.has_room or (lane and lane.number is LaneNumber.BACKLOG):
+        if not lane.has_room() or (lane and lane.number is LaneNumber.BACKLOG):
             return None  # former values one after the other: at the next outage few old ones are under way
         dues = [feed.due_ns() for feed in self._feeds_of(lane.number)]
         if self.owes_structure(lane):
@@ -159,7 +168,7 @@ class Subscriber:
 
     def is_behind(self, lane: NotificationLane) -> bool:
         """Whether changes of the structure or of limits can be sent in this lane now."""
-        return lane.has_room and (self.owes_structure(lane) or self.owes_limits(lane))
+        return lane.has_room() and (self.owes_structure(lane) or self.owes_limits(lane))
 
     def take_items(self, lane: NotificationLane, now_ns: int) -> Parts:
         """The items for a notification, of each feed that is due."""
