@@ -34,7 +34,7 @@ class Method(StrEnum):
     H264 = "h264"
     """Streams of images as video, over RTP."""
     AUTO = "auto"
-    """zstd while it pays."""
+    """The method with the least processor time for its reduction."""
 
 
 _LEVELS: Final = {Method.ZLIB: (1, 9, 6), Method.ZSTD: (1, 19, 3), Method.JPEG: (1, 95, 80)}
@@ -72,6 +72,10 @@ class Compression(msgspec.Struct, frozen=True):
 
     def __str__(self) -> str:
         return f"{self.method}:{self.level}" if self.level else str(self.method)
+
+
+AUTO: Final = Compression(Method.ZSTD, 1)
+"""Compression of a channel that is set to `auto` (`tests/bench/compression.py`)."""
 
 
 def needs(compression: Compression, records: Records = NO_RECORDS) -> frozenset[str]:

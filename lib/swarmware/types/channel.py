@@ -261,8 +261,6 @@ class CompressionState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Result of the compression of one resource's values since the start."""
 
     path: str
-    auto: str
-    """State of the method `auto` (trial, on or off), or "" with another method."""
     plain_bytes: int
     """Values before their compression, each once for all subscribers."""
     coded_bytes: int

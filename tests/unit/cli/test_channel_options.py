@@ -150,8 +150,8 @@ def channels_session(**options: str) -> ScriptedSession:
             ChannelState("sensor/lidar", "gcs", WHOLE, 7, 8442, 3, 1234, 62.46, "queue of 84 ms", LIDAR_RATE),
         ),
         (
-            CompressionState("sensor/lidar", "on", 100_000, 28_000, 0.25),
-            CompressionState("camera", "", 0, 0, 0.0, "expected an Image"),
+            CompressionState("sensor/lidar", 100_000, 28_000, 0.25),
+            CompressionState("camera", 0, 0, 0.0, "expected an Image"),
         ),
     )
     board = TreeValue(

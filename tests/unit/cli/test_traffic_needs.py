@@ -84,7 +84,7 @@ def session(output: str = "table", *entries: TreeEntry) -> ScriptedSession:
     def value(path: str, data: bytes) -> TreeValue:
         return TreeValue(f"/uav1/{path}", "Blob", data, 1, 1, 1, 0.1, "live")  # type: ignore[arg-type]
 
-    states = ChannelStates((), (CompressionState(LIDAR, "on", 1000, 250, 0.1),))
+    states = ChannelStates((), (CompressionState(LIDAR, 1000, 250, 0.1),))
     answers = {
         "/uav1/sys/tree/list": TreeListing(entries or tuple(ENTRIES)),
         "sys/broker/traffic": traffic,

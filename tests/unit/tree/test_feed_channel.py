@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.tree.core.notification.feed import Feed
-from swarmd.tree.core.notification.feed_channel import CATCH_UP
+from swarmd.tree.core.notification.feed_channel import CATCH_UP, FeedChannel
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelProtocol, ChannelSettings
@@ -181,3 +181,8 @@ def test_what_waits_obeys_a_new_limit_too() -> None:
     one.set_channel(ChannelSettings(0.0))
     one.offer(item(100, S))
     assert one.waiting == (0, 0)
+
+
+def test_auto_is_zstd_1_and_other_methods_stay() -> None:
+    for text, taken in (("auto", "zstd:1"), ("zstd:3", "zstd:3"), ("none", "none")):
+        assert str(FeedChannel.of(ChannelSettings(compression=text)).compression) == taken

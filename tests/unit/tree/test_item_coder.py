@@ -1,12 +1,12 @@
-"""The coder of notifications: once for all subscribers, measured, switched off by itself, damaged input."""
+"""The coder of notifications: once for all subscribers, measured, damaged input."""
 
 import asyncio
+import random
 from pathlib import Path
 
 import msgspec
 
 from swarmd.tree.core.action import Coding, SendNotify
-from swarmd.tree.core.notification.auto_compression import AutoState
 from swarmd.tree.exchange.boundary import Boundary
 from swarmd.tree.exchange.item_coder import BESIDE_BYTES, ItemCoder
 from swarmware.model.compression import CONTAINER, READABLE, Compression
@@ -19,16 +19,14 @@ from swarmware.types.tree import TreeItem, TreeNotify
 
 RECORDING = (Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin").read_bytes()
 ALL = frozenset(READABLE)
-S = 1_000_000_000
 
 
 class Rig:
-    """A coder with a clock of the test."""
+    """A coder and what it refuses."""
 
     def __init__(self) -> None:
-        self.now_ns = 0
         self.boundary = Boundary()
-        self.coder = ItemCoder(lambda: self.now_ns, self.boundary)
+        self.coder = ItemCoder(self.boundary)
 
     def send(
         self, *items: TreeItem, method: str = "zstd:1", reads: frozenset[str] = ALL, platform: str = "gcs"
@@ -85,20 +83,12 @@ def test_large_values_are_compressed_beside_the_loop() -> None:
     assert rig.coder.plain(sent).items == (large,)
 
 
-def test_auto_sends_plain_values_where_it_does_not_pay_and_tries_again() -> None:
+def test_values_that_do_not_become_smaller_are_sent_plain() -> None:
     rig = Rig()
-    noise = msgspec.structs.replace(packet(1), data=rig.send(packet(1), method="zstd:19").items[0].data)
-    for sequence in range(100):
-        rig.now_ns += S // 10
-        rig.send(msgspec.structs.replace(noise, sequence=sequence), method="auto")
-    state = rig.coder.states()[0]
-    assert state.auto == AutoState.OFF
-    rig.now_ns += 60 * S
-    for sequence in range(200, 240):
-        rig.now_ns += S // 10
-        sent = rig.send(packet(sequence), method="auto")
-    assert rig.coder.states()[0].auto == AutoState.ON
-    assert sent.items[0].codec == CONTAINER
+    noise = packet(1, random.Random(1).randbytes(1200))
+    assert rig.send(noise).items == (noise,)
+    [state] = rig.coder.states()
+    assert state.coded_bytes == state.plain_bytes > 0
 
 
 def test_images_become_jpeg_for_any_receiver() -> None:

@@ -187,7 +187,6 @@ async def list_channels(session: Session, pattern: str = "**") -> None:
     session.out.text("")
     columns = [
         Column("COMPRESSED"),
-        Column("AUTO"),
         Column("BYTES", right=True),
         Column("SENT AS", right=True),
         Column("SAVED %", right=True),
@@ -196,7 +195,6 @@ async def list_channels(session: Session, pattern: str = "**") -> None:
     compressed = [
         (
             one.path,
-            one.auto,
             one.plain_bytes,
             one.coded_bytes,
             f"{100 * (1 - one.coded_bytes / one.plain_bytes):.1f}" if one.plain_bytes else "",

@@ -148,11 +148,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
         local = names.split(entry.path)[1]
         if local not in sizes:
             sizes[local] = float(len((await owned(session, entry.path)).data))
-    ratios = {
-        one.path: one.coded_bytes / one.plain_bytes
-        for one in states.compressions
-        if one.plain_bytes and one.auto != "off"
-    }
+    ratios = {one.path: one.coded_bytes / one.plain_bytes for one in states.compressions if one.plain_bytes}
     limits = registry.decode(ChannelLimits, board.data).limits
     channels = compare(entries, sizes, limits, ratios, link, capacity_bytes_s)
     sent = sum(one.sent_bytes_s for one in channels)

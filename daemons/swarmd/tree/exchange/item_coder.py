@@ -3,14 +3,13 @@
 import asyncio
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from time import thread_time_ns
 from typing import Final
 
 import msgspec
 
 from swarmd.tree.core.action import Coding, SendNotify
-from swarmd.tree.core.notification.auto_compression import AutoCompression
 from swarmd.tree.core.notification.item_coding import code, decode, is_worth, runs
 from swarmd.tree.exchange.boundary import Boundary
 from swarmware.errors import SwarmError, WireError
@@ -34,10 +33,8 @@ _Key = tuple[str, int, int, int, Coding]
 class ItemCoder:
     """Codes what is sent to other trees, and decodes what comes from them."""
 
-    def __init__(self, now_ns: Callable[[], int], boundary: Boundary) -> None:
-        self._now_ns = now_ns
+    def __init__(self, boundary: Boundary) -> None:
         self._boundary = boundary
-        self._autos: dict[str, AutoCompression] = {}
         self._shared: dict[_Key, list[TreeItem]] = {}
         self._plain_bytes: Counter[str] = Counter()
         self._coded_bytes: Counter[str] = Counter()
@@ -50,13 +47,12 @@ class ItemCoder:
         return tuple(
             CompressionState(
                 path,
-                str(self._autos[path].state) if path in self._autos else "",
                 self._plain_bytes[path],
                 self._coded_bytes[path],
                 self._spent_ns[path] / 1e9,
                 self._refused.get(path, ""),
             )
-            for path in sorted(self._plain_bytes.keys() | self._refused.keys() | self._autos.keys())
+            for path in sorted(self._plain_bytes.keys() | self._refused.keys())
         )
 
     async def coded(self, action: SendNotify) -> TreeNotify:
@@ -71,10 +67,6 @@ class ItemCoder:
         return msgspec.structs.replace(notify, items=tuple(items))
 
     async def _coded_run(self, path: str, run: list[TreeItem], coding: Coding) -> list[TreeItem]:
-        auto = None
-        if coding.compression.method is Method.AUTO:
-            auto = self._autos.setdefault(path, AutoCompression())
-            coding = msgspec.structs.replace(coding, compression=auto.compression(self._now_ns()))
         if not is_worth(run, coding):
             return run
         key = (path, run[0].sequence, run[0].stamp_ns, len(run), coding)
@@ -96,8 +88,6 @@ class ItemCoder:
         self._plain_bytes[path] += size
         self._coded_bytes[path] += coded_size
         self._spent_ns[path] += spent_ns
-        if auto is not None:
-            auto.on_coded(size, coded_size, spent_ns, self._now_ns())
         while len(self._shared) >= SHARED:
             del self._shared[next(iter(self._shared))]
         self._shared[key] = coded

@@ -62,7 +62,7 @@ class TreeExchange:
         """Number of requests of other trees."""
         self.notified = 0
         """Number of notifications of other trees."""
-        self.coder = ItemCoder(module.now_ns, boundary)
+        self.coder = ItemCoder(boundary)
         """Compression of notifications."""
         self._meters: list[InputMeter] = []
 

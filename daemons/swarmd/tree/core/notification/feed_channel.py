@@ -4,7 +4,7 @@ from typing import Final, Self
 
 import msgspec
 
-from swarmware.model.compression import Compression, Method
+from swarmware.model.compression import AUTO, Compression, Method
 from swarmware.types.channel import RATE_MAX_HZ, ChannelPriority, ChannelSettings
 
 QUEUE_LIMIT: Final = 4096
@@ -52,12 +52,13 @@ class FeedChannel(msgspec.Struct, frozen=True):
         if settings.is_video:
             max_hz = 0.0 if may_be_video else max_hz
             settings = msgspec.structs.replace(settings, compression=str(Method.NONE))
+        compression = Compression.parse(settings.compression or "none")
         return cls(
             0 if max_hz is None or max_hz >= RATE_MAX_HZ else None if max_hz <= 0 else round(1e9 / max_hz),
             QUEUE_BYTES if size is None else size,
             QUEUE_LIMIT if size is None else max(QUEUE_LIMIT, size // ITEM_BYTES),
             None if settings.buffer_s is None else round(settings.buffer_s * 1e9),
-            Compression.parse(settings.compression or "none"),
+            AUTO if compression.method is Method.AUTO else compression,
             0 if settings.priority is None else _PRIORITIES.get(settings.priority, 0),
             bool(settings.adaptive) and not settings.is_video,
             is_rate_set,
