@@ -8,16 +8,19 @@ import msgspec
 from swarmctl.resources.classes import payload_class
 from swarmctl.resources.entering import json_or_text
 from swarmctl.resources.fields import attitudes
-from swarmctl.resources.listing import check_present, consequence
+from swarmctl.resources.listing import ask_value
 from swarmctl.resources.newest import newest
 from swarmctl.resources.values import brief, decoded, select
 from swarmctl.session.session import Session
 from swarmware.errors import NoAnswer, NotFound, SwarmError
-from swarmware.model import paths
+from swarmware.model import names, paths
 from swarmware.model.clock import utc_ns
 from swarmware.model.names import join, split
 from swarmware.types.tree import (
     Quality,
+    TreeEntry,
+    TreeList,
+    TreeListing,
     TreeReset,
     TreeSet,
     TreeSetDone,
@@ -171,13 +174,11 @@ async def _written(session: Session, done: TreeSetDone) -> Written:
 async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
     """Sets a resource or a field and prints the value in force; `yes`: without a confirmation.
 
-    Raises: as `check_present`, `write` and `confirm`; NoAnswer when an application with the setting has not
+    Raises: as `confirm_change` and `write`; NoAnswer when an application with the setting has not
     taken it.
     """
     full = session.path(path)
-    await check_present(session, full)
-    will = "" if yes else await consequence(session, full)
-    await session.confirm(yes, will and f"set {split(full)[1]}: {will}")
+    await confirm_change(session, full, f"set {split(full)[1]}", yes=yes)
     done = await write(session, full, text, version)
     if session.settings.structured:
         session.out.document(done)
@@ -202,3 +203,79 @@ async def reset(session: Session, path: str) -> Written:
     """
     done = await _ask_owner(session, "reset", path, TreeReset(path))
     return await _written(session, done)
+
+
+async def entry_of(session: Session, path: str) -> TreeEntry:
+    """The resource of any kind at a path.
+
+    Raises: NotFound with similar paths, NoAnswer when the platform is not reachable.
+    """
+    full = names.check_path(session.path(path))
+    entry = await _exact(session, full)
+    if entry is None:
+        # the error of its tree names similar paths
+        await ask_value(session, full)
+        raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
+    return entry
+
+
+async def find_entry(session: Session, path: str) -> TreeEntry | None:
+    """The resource of any kind at a path, or None if none is known now.
+
+    Raises: InvalidInput for a malformed path.
+    """
+    full = names.check_path(session.path(path))
+    platform = names.split(full)[0] or session.here
+    entry = await _listed(session, session.here, full)
+    if entry is not None or platform == session.here:
+        return entry
+    try:
+        return await _listed(session, platform, full)
+    except (NotFound, NoAnswer):
+        return None  # its platform is not known yet, or has no route
+
+
+async def _exact(session: Session, full: str) -> TreeEntry | None:
+    """The resource at a global path, or None if it does not exist.
+
+    Raises: NotFound, NoAnswer for a platform that is unknown or not reachable.
+    """
+    platform = names.split(full)[0] or session.here
+    await session.reach(platform)
+    entry = await _listed(session, session.here, full)
+    if entry is None and platform != session.here:
+        # its own platform knows a new resource first
+        entry = await _listed(session, platform, full)
+    return entry
+
+
+async def _listed(session: Session, platform: str, full: str) -> TreeEntry | None:
+    """The resource as the tree of a platform lists it, or None if that tree has no such resource."""
+    found = await session.ask(join(platform, "sys/tree/list"), TreeList(full, 1), TreeListing)
+    return found.entries[0] if found.entries else None
+
+
+async def consequence(session: Session, path: str) -> str:
+    """Effect of setting the resource or a field, from its template, or "" if it needs no confirmation."""
+    platform, local = names.split(names.check_path(names.split_field(path)[0]))
+    entry = await _exact(session, names.join(platform or session.here, local))
+    return "" if entry is None else entry.confirm
+
+
+async def confirm_change(session: Session, path: str, change: str, *, yes: bool) -> None:
+    """Returns when the operator confirms the effect of a change that its template states; at once if `yes`.
+
+    Raises: where a command runs for several nodes, ResourceAbsent when this one has no such resource;
+    NoAnswer when it is not reachable; as `Session.confirm`.
+    """
+    full = names.check_path(names.split_field(path)[0])
+    will = ""
+    if session.joint or not yes:
+        # one look-up for both: whether the resource is there, and the text of the confirmation
+        entry = await _exact(session, full)
+        if session.joint and entry is None:
+            from swarmctl.session.each_node import ResourceAbsent  # a command for one node needs none of it
+
+            raise ResourceAbsent(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
+        will = "" if yes or entry is None else entry.confirm
+    await session.confirm(yes, will and f"{change}: {will}")

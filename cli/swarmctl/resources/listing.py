@@ -9,7 +9,7 @@ import msgspec
 from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import VALUED, CachedResource
 from swarmctl.session.session import Session, config_dir
-from swarmware.errors import NoAnswer, NotFound, SwarmError
+from swarmware.errors import NotFound, SwarmError
 from swarmware.model import names
 from swarmware.types import registry
 from swarmware.types.field_values import field_values
@@ -119,76 +119,15 @@ async def valued(session: Session, path: str) -> list[TreeEntry]:
     entry = entries[0] if entries else await _at_owner(session, platform, full)
     if entry is None or entry.kind not in VALUED:
         # the error of its tree has the reason: an unknown path, a branch, a command
-        await _ask_value(session, full)
+        await ask_value(session, full)
         raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
     return [entry]
 
 
-async def entry_of(session: Session, path: str) -> TreeEntry:
-    """The resource of any kind at a path.
-
-    Raises: NotFound with similar paths, NoAnswer when the platform is not reachable.
-    """
-    full = names.check_path(session.path(path))
-    entry = await _exact(session, full)
-    if entry is None:
-        # the error of its tree names similar paths
-        await _ask_value(session, full)
-        raise NotFound(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
-    return entry
-
-
-async def find_entry(session: Session, path: str) -> TreeEntry | None:
-    """The resource of any kind at a path, or None if none is known now.
-
-    Raises: InvalidInput for a malformed path.
-    """
-    full = names.check_path(session.path(path))
-    platform = names.split(full)[0] or session.here
-    found = await pages(session, full)
-    if found.entries:
-        return found.entries[0]
-    try:
-        await session.reach(platform)
-        return await _at_owner(session, platform, full)
-    except (NotFound, NoAnswer):
-        return None  # its platform is not known yet, or has no route
-
-
-async def consequence(session: Session, path: str) -> str:
-    """Effect of setting the resource or a field, from its template, or "" if it needs no confirmation."""
-    platform, local = names.split(names.check_path(names.split_field(path)[0]))
-    entry = await _exact(session, names.join(platform or session.here, local))
-    return "" if entry is None else entry.confirm
-
-
-async def check_present(session: Session, path: str) -> None:
-    """Checks, where a command runs for several nodes, that this one has the resource of a path or a field.
-
-    Raises: ResourceAbsent when it has none; NoAnswer when it is not reachable.
-    """
-    full = names.check_path(names.split_field(path)[0])
-    if session.joint and await _exact(session, full) is None:
-        from swarmctl.session.each_node import ResourceAbsent  # a command for one node needs none of it
-
-        raise ResourceAbsent(f"{full}: no such resource; expected a path that `swarmctl tree ls` shows")
-
-
-async def _ask_value(session: Session, full: str) -> None:
+async def ask_value(session: Session, full: str) -> None:
     """Asks the owner for a value to get its error, which names the reason for a missing resource."""
     owner = names.split(full)[0] or session.here
     await session.ask(names.join(owner, "sys/tree/get"), TreeGet(full), TreeValue, about=full)
-
-
-async def _exact(session: Session, full: str) -> TreeEntry | None:
-    """The resource at a global path, or None if it does not exist.
-
-    Raises: NotFound, NoAnswer for a platform that is unknown or not reachable.
-    """
-    platform = names.split(full)[0] or session.here
-    await session.reach(platform)
-    found = await pages(session, full)
-    return found.entries[0] if found.entries else await _at_owner(session, platform, full)
 
 
 async def _at_owner(session: Session, platform: str, full: str) -> TreeEntry | None:

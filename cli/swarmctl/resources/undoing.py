@@ -4,8 +4,7 @@ from typing import Any
 
 import msgspec
 
-from swarmctl.resources.access import read, undo
-from swarmctl.resources.listing import check_present, consequence
+from swarmctl.resources.access import confirm_change, read, undo
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmware.model import names
@@ -23,13 +22,11 @@ class SettingUndone(msgspec.Struct, frozen=True):
 async def undo_resource(session: Session, path: str, *, yes: bool) -> None:
     """Takes back the last change of a setting and prints both values, without a confirmation if `yes`.
 
-    Raises: as `check_present`; NotFound when it was not changed, InvalidInput when it is not a setting;
-    NoAnswer when an application has not taken it; as `confirm`.
+    Raises: as `confirm_change`; NotFound when it was not changed, InvalidInput when it is not a setting;
+    NoAnswer when an application has not taken it.
     """
     full = session.path(path)
-    await check_present(session, full)
-    will = "" if yes else await consequence(session, full)
-    await session.confirm(yes, will and f"undo the last change of {names.split(full)[1]}: {will}")
+    await confirm_change(session, full, f"undo the last change of {names.split(full)[1]}", yes=yes)
     before = await read(session, full, fresh=True)
     done = await undo(session, full)
     if session.settings.structured:

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.log.sources import show
+from swarmctl.commands.log.entries import show
 from swarmctl.main import main as swarmctl
 from swarmctl.resources.fields import block, shown_fields
 from swarmctl.resources.values import brief

@@ -8,7 +8,7 @@ import pytest
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.config.keys import local_keys
 from swarmctl.commands.doctor import checks
-from swarmctl.commands.log import sources
+from swarmctl.commands.log import entries
 from swarmctl.session import labs
 from swarmlab.provision.provisioning import LabSpec, make, remove
 from swarmware.errors import NotFound, Partial
@@ -36,14 +36,14 @@ def test_the_database_of_the_node_is_the_default(
     tmp_path: Path, asked: str, database: str, expected: tuple[str, str]
 ) -> None:
     settings = node(tmp_path, mongodb_uri=URI, mongodb_database="swarm_field")
-    assert sources.database(settings, asked, database) == expected
+    assert entries.database(settings, asked, database) == expected
 
 
 def test_a_node_that_forwards_nowhere_has_no_database_of_its_own(tmp_path: Path) -> None:
     settings = node(tmp_path)
-    assert sources.database(settings, "mongodb://h", "") == ("mongodb://h", "swarm")
+    assert entries.database(settings, "mongodb://h", "") == ("mongodb://h", "swarm")
     with pytest.raises(NotFound, match="the logs are not forwarded"):
-        sources.database(settings, "-", "")
+        entries.database(settings, "-", "")
 
 
 def test_the_database_of_a_lab_is_recorded_and_read_and_its_files_are_closed_to_others(
@@ -53,10 +53,10 @@ def test_the_database_of_a_lab_is_recorded_and_read_and_its_files_are_closed_to_
     lab = make(LabSpec(experiment="formation", nodes=3, seed=1, name="field", mongodb_uri=URI))
     request.addfinalizer(lambda: remove(lab))  # its folders of shared memory are not below tmp_path
     assert labs.load(Path(lab.folder)).mongodb_database == "swarm_field"
-    assert sources.database(CliSettings(lab="field"), "mongodb://h", "") == ("mongodb://h", "swarm_field")
+    assert entries.database(CliSettings(lab="field"), "mongodb://h", "") == ("mongodb://h", "swarm_field")
     files = [Path(lab.folder) / labs.FILE, lab.nodes[0].config_dir / "services" / "logger.toml"]
     assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
-    written = load_service(lab.nodes[0].config_dir, "logger", sources.LoggerAddress)
+    written = load_service(lab.nodes[0].config_dir, "logger", entries.LoggerAddress)
     assert (written.mongodb_uri, written.mongodb_database) == (URI, "swarm_field")
 
 
@@ -88,4 +88,4 @@ def test_what_could_not_be_read_ends_a_query_with_the_code_of_lost_data(tmp_path
     source = FolderSource([tmp_path])
     assert list(source.entries(Query())) == []
     with pytest.raises(Partial, match=r"the log is incomplete: .*00000001\.damaged"):
-        sources.refuse_losses(source)
+        entries.refuse_losses(source)

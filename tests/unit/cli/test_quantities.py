@@ -3,7 +3,7 @@
 import pytest
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.log.sources import absolute, instant_ns
+from swarmctl.commands.log.entries import absolute, instant_ns
 from swarmctl.terminal.quantities import bit_rate_bytes_s, rate_hz, size_bytes, span_s, spoken, utc_text
 from swarmware.errors import InvalidInput
 

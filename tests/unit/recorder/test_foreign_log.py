@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.log.sources import folders
+from swarmctl.commands.log.entries import folders
 from swarmware.errors import InvalidInput, NotFound
 from swarmware.recorder.foreign_log import foreign_log
 from swarmware.recorder.query import FolderSource, Query

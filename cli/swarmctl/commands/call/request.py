@@ -4,10 +4,10 @@ from typing import Any
 
 import msgspec
 
+from swarmctl.resources.access import entry_of
 from swarmctl.resources.classes import known_class
 from swarmctl.resources.entering import entered
 from swarmctl.resources.fields import block, shown_fields
-from swarmctl.resources.listing import entry_of
 from swarmctl.resources.values import single
 from swarmctl.session.session import Session
 from swarmware.errors import Denied, InvalidInput, NoAnswer

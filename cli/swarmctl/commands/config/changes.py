@@ -5,8 +5,8 @@ from typing import Any
 import msgspec
 
 from swarmctl.commands.config.keys import ConfiguredKey, change_command, configured, unpacked
-from swarmctl.resources.access import reset, set_resource
-from swarmctl.resources.listing import consequence, is_pattern
+from swarmctl.resources.access import consequence, reset, set_resource
+from swarmctl.resources.listing import is_pattern
 from swarmctl.resources.undoing import undo_resource
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session

@@ -78,7 +78,7 @@ def tail(ctx: click.Context, pattern: str, count: int | None) -> None:
 
     Example: swarmctl log tail '/uav1/mission/**' --json
     """
-    from swarmctl.commands.log.entries import follow_entries
+    from swarmctl.commands.log.tail import follow_entries
     from swarmctl.terminal.output import Output
 
     follow_entries(pattern, count, Output(settings(ctx)))

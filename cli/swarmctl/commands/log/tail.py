@@ -6,15 +6,17 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AsyncExitStack
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from swarmctl.commandline.settings import CliSettings
+from swarmctl.commands.log.entries import absolute, show
 from swarmctl.commands.log.interleaving import Interleaving
-from swarmctl.commands.log.sources import absolute
 from swarmctl.session import labs
 from swarmctl.session.session import config_dir, local_config_dirs
+from swarmctl.terminal.output import Output
 from swarmware.errors import NotFound
 from swarmware.model import paths
 from swarmware.model.clock import utc_ns
@@ -28,10 +30,18 @@ from swarmware.recorder.segment import SegmentReader
 from swarmware.types.log import LogStats
 
 
+def follow_entries(pattern: str, count: int | None, out: Output) -> None:
+    """Prints new entries that match; ends after `count`, when one is given.
+
+    Raises: as `follow`.
+    """
+    asyncio.run(follow(out.settings, pattern, partial(show, out), count))
+
+
 async def follow(
-    settings: CliSettings, pattern: str, show: Callable[[LogEntry], None], count: int | None
+    settings: CliSettings, pattern: str, take: Callable[[LogEntry], None], count: int | None
 ) -> None:
-    """Shows new entries that match, in the order of the loggers' wall clock; ends after `count`, when given.
+    """Passes on new entries in the order of the loggers' wall clock; ends after `count`, when given.
 
     Raises: NotFound without a node whose log is on this machine.
     """
@@ -42,7 +52,7 @@ async def follow(
         while True:
             for entry in await tail.next():
                 if matcher.matches(entry.topic):
-                    show(entry)
+                    take(entry)
                     left -= 1
                     if left == 0:
                         return

@@ -4,9 +4,9 @@ from typing import Any
 
 import msgspec
 
+from swarmctl.resources.access import find_entry
 from swarmctl.resources.classes import described_anywhere, known_class
 from swarmctl.resources.entering import entered, scalar_type
-from swarmctl.resources.listing import find_entry
 from swarmctl.session.session import NAME, Session
 from swarmware.errors import Conflict, Denied, InvalidInput, TypeMismatch
 from swarmware.model import names

@@ -8,8 +8,8 @@ import msgspec
 import tomli_w
 
 from swarmctl.commandline.completion_cache import VALUED
-from swarmctl.resources.access import read_all
-from swarmctl.resources.listing import consequence, listing
+from swarmctl.resources.access import consequence, read_all
+from swarmctl.resources.listing import listing
 from swarmctl.resources.value_changes import ValueChange, check, set_all
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session

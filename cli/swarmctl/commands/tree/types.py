@@ -5,8 +5,8 @@ from typing import Any, Final
 
 import msgspec
 
+from swarmctl.resources.access import entry_of
 from swarmctl.resources.classes import described, described_anywhere
-from swarmctl.resources.listing import entry_of
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmctl.terminal.wrapping import wrapped

@@ -6,8 +6,8 @@ from typing import Final
 import msgspec
 
 from swarmctl.commands.wait.condition_watch import ConditionWatch, OperandValue
+from swarmctl.resources.access import find_entry
 from swarmctl.resources.classes import known_class
-from swarmctl.resources.listing import find_entry
 from swarmctl.resources.newest import newest
 from swarmctl.session.session import Session
 from swarmware.errors import NoAnswer, NotFound, WireError
