@@ -391,6 +391,8 @@ def telegraphic(path: Path) -> list[tuple[int, str, str, str]]:
 
 def _telegraphic(path: Path) -> Iterator[tuple[int, str, str, str]]:
     source = path.read_text("utf-8")
+    if path.suffix != ".py":
+        source = re.sub(r"`[^`\n]*`", "` `", source)  # quoted code and examples
     for begin, text in prose(source) if path.suffix == ".py" else [(1, source)]:
         if path.is_relative_to(ROOT / "tests") and not text.startswith(('"""', "#")):
             continue  # data of a test
